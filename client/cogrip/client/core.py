@@ -1,0 +1,224 @@
+"""One person's client without I/O: samples and datagrams in, forces and datagrams out.
+
+A tick has two halves. `sense(tick, sample, now_ns)` books what the hand did since the last tick and, at a frame border,
+leaves the frame in `outbox`; `act(now_ns)` applies the wave that has come and gives the force to hold until the next
+tick. Live they follow each other at once; in virtual time the laboratory puts the server's step between them, which is
+the order of theory section 6. A tick that was skipped had its force held: its waves are booked all the same.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from math import dist, hypot
+
+from cogrip.client.coupling import COUPLINGS, Coupling
+from cogrip.client.rest import RestStiffness
+from cogrip.client.safety import Safety
+from cogrip.client.velocity import AlphaBeta
+from cogrip.devices.device import Capability, Sample
+from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.accounts import ClientAccount, Percentiles, TickCount
+from cogrip.protocol.messages import Hello, encode
+from cogrip.protocol.session import ClientSession
+from cogrip.protocol.settings import SeatSettings
+
+
+class ClientCore:
+    """Session, coupling, safety and books of one person."""
+
+    def __init__(self, hello: Hello, capability: Capability) -> None:
+        self.session = ClientSession(hello)
+        self.capability = capability
+        self.seat: SeatSettings | None = None
+        self.rtt = DurationHistogram()
+        self.rtt_ms = float("nan")
+        self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
+        self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
+        self.least_leak_j = 0.0
+        self.peak_force_n = 0.0
+        self.travel_m = 0.0
+        self.tick = -1
+        self.position_m: tuple[float, ...] = ()
+        self.velocity_mps: Sequence[float] = ()
+        self.force_n: tuple[float, ...] = ()
+        self._left_workspace = ""
+
+    @property
+    def outbox(self) -> deque[bytes]:
+        """Datagrams to send, oldest first."""
+        return self.session.outbox
+
+    @property
+    def seated(self) -> bool:
+        return self.seat is not None
+
+    def call(self, now_ns: int) -> None:
+        """Ask the server for a seat."""
+        self.session.call(now_ns)
+
+    def receive(self, datagram: bytes, now_ns: int) -> None:
+        message = self.session.receive(datagram, now_ns)
+        if self.seat is None:
+            if self.session.welcome is not None:
+                self._take_seat(self.session.welcome.settings, self.session.welcome.session)
+            return
+        if message is None:
+            return
+        rtt_ns = self.session.clock.read(message.stamp, now_ns)
+        if rtt_ns is not None:
+            self.rtt.add(rtt_ns)
+            self.rtt_ms = rtt_ns * 1e-6
+        if not self.coupling.receive(message):
+            self.session.drop("unfit")
+
+    def _take_seat(self, seat: SeatSettings, session: int) -> None:
+        axes, rates = seat.object.axes, seat.rates
+        self.seat = seat
+        self.coupling: Coupling = COUPLINGS[seat.coupling.kind](seat)
+        self.safety = Safety(self.capability, rates.tick_s)
+        self._session_id = session
+        self._estimator = None if self.capability.gives_velocity else AlphaBeta(axes, rates.tick_s)
+        self._ticks_per_frame = rates.ticks_per_frame
+        self._rate = float(rates.device_hz)
+        self._rest = RestStiffness(self.capability.resolution_m) if seat.object.kind == "wall" else None
+        self._origin: tuple[float, ...] | None = None
+        self._frame_position: tuple[float, ...] = ()
+        self.force_n = self.velocity_mps = self.position_m = (0.0,) * axes
+        self.safety.event("open")
+        self.safety.event("calibrated")
+        self.safety.event("go")
+
+    def stop(self) -> None:
+        """Let the force go; `safety.quiet` tells when it has."""
+        if self.seat is not None:
+            self.safety.event("stop")
+
+    def rearm(self) -> None:
+        """Leave a latched fault. The caller has seen to its cause."""
+        if self.safety.event("rearm"):
+            self.safety.event("go")
+
+    def poll(self, now_ns: int) -> None:
+        """Session timers; call at least every 100 ms."""
+        self.session.poll(now_ns)
+
+    def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
+        """Book the ticks since the last call with the sample read now."""
+        elapsed = tick - self.tick if self.tick >= 0 else 0
+        self.tick = tick
+        position: tuple[float, ...] | None = None
+        if sample is None:
+            self.safety.absent(elapsed)
+        else:
+            position = sample.position_m
+            if sample.velocity_mps is not None:
+                velocity: Sequence[float] = sample.velocity_mps
+            else:
+                assert self._estimator is not None
+                velocity = self._estimator.update(position, max(1, elapsed))
+            if not self.safety.check(elapsed, position, velocity):
+                position = None
+        if self._origin is None:
+            if position is None:
+                return
+            self._origin = self._frame_position = self.position_m = position
+            self.velocity_mps = velocity
+            return
+        self._book(elapsed, position, now_ns)
+        if position is not None:
+            self.position_m = position
+            self.velocity_mps = velocity
+
+    def _book(self, elapsed: int, position: tuple[float, ...] | None, now_ns: int) -> None:
+        coupling = self.coupling
+        before_j = coupling.port_j
+        if position is None or not elapsed:
+            mean: Sequence[float] = (0.0,) * len(self.position_m)
+        else:
+            rate = self._rate / elapsed
+            work = 0.0
+            mean = []
+            for new, old, force in zip(position, self.position_m, self.force_n, strict=True):
+                step = new - old
+                work += force * step
+                mean.append(step * rate)
+            self.work_j += work
+            self.leak_j += work
+        first = self.tick - elapsed + 1
+        border = False
+        for tick in range(first, self.tick + 1):
+            if border:  # a frame border inside the ticks that were skipped
+                coupling.start_frame()
+            if self.safety.state == "fault":
+                coupling.elapse_absent()
+            else:
+                coupling.elapse(mean, self.velocity_mps)
+            border = tick % self._ticks_per_frame == 0
+            if border:
+                coupling.end_frame()
+                self._frame(position)
+        self.leak_j -= coupling.port_j - before_j
+        if self.leak_j < self.least_leak_j:
+            self.least_leak_j = self.leak_j
+        if border or elapsed >= self._ticks_per_frame:
+            self._send(position or self.position_m, now_ns)
+
+    def _frame(self, position: tuple[float, ...] | None) -> None:
+        if position is None:
+            return
+        self.travel_m += dist(position, self._frame_position)
+        self._frame_position = position
+        if self._rest is not None:
+            assert self.seat is not None
+            side = self.seat.side_sign
+            self._rest.add(side * position[0], side * self.force_n[0])
+
+    def _send(self, position: tuple[float, ...], now_ns: int) -> None:
+        if self.session.state != "seated":
+            return
+        assert self._origin is not None
+        message = self.coupling.message(
+            self._session_id, self.session.clock.stamp(now_ns), self._origin, position, self.velocity_mps
+        )
+        self.outbox.append(encode(message))
+
+    def act(self, now_ns: int) -> tuple[float, ...]:
+        """The force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
+        if self.tick % self._ticks_per_frame == 0:
+            self.coupling.start_frame()
+        if self.session.stale(now_ns):
+            self.safety.event("stale", "no datagram from the server")
+        elif self.safety.state == "degraded":
+            self.safety.event("fresh")
+        wish = self.coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
+        force = self.safety.limit(wish)
+        self.force_n = force
+        size = abs(force[0]) if len(force) == 1 else hypot(*force)
+        if size > self.peak_force_n:
+            self.peak_force_n = size
+        return force
+
+    @property
+    def diverged(self) -> str:
+        """Why this end has diverged, "" if it has not."""
+        return self.safety.diverged if self.seat is not None else ""
+
+    def account(self, ticks: TickCount) -> ClientAccount:
+        """Everything this end knows, for the summary and for the server."""
+        assert self.seat is not None
+        loop = self.coupling.loop_frames()
+        return ClientAccount(
+            position_m=self.position_m,
+            force_n=self.force_n,
+            peak_force_n=self.peak_force_n,
+            travel_m=self.travel_m,
+            felt_stiffness_npm=self._rest.stiffness_npm() if self._rest else None,
+            predicted_stiffness_npm=None if loop is None else self.seat.predicted_stiffness(loop),
+            down_margin_j=self.coupling.down_margin_j,
+            device_leak_j=self.least_leak_j,
+            down=self.coupling.count(),
+            rtt_ms=Percentiles.of(self.rtt, 1e6),
+            ticks=ticks,
+            diverged=bool(self.diverged),
+            state=self.safety.state,
+            reason=(self.session.failed or self.diverged or self.safety.reason)[:300],
+        )

@@ -1,0 +1,28 @@
+"""Force over displacement once a hand has come to rest."""
+
+from collections import deque
+
+SAMPLES = 64  # frames that must agree: half a second at 128 Hz
+
+
+class RestStiffness:
+    """Fed once a frame with the depth pressed in [m] and the force along it [N]."""
+
+    def __init__(self, resolution_m: float) -> None:
+        self._samples: deque[tuple[float, float]] = deque(maxlen=SAMPLES)
+        self._resolution_m = resolution_m
+
+    def add(self, depth_m: float, force_n: float) -> None:
+        self._samples.append((depth_m, force_n))
+
+    def stiffness_npm(self) -> float | None:
+        """None while the hand moves, or where nothing pushes back."""
+        if len(self._samples) < SAMPLES:
+            return None
+        depths = [depth for depth, _ in self._samples]
+        depth = sum(depths) / SAMPLES
+        force = sum(force for _, force in self._samples) / SAMPLES
+        moved = max(depths) - min(depths)
+        if depth <= 0.0 or force <= 0.0 or moved > max(2.0 * self._resolution_m, 1e-3 * depth):
+            return None
+        return force / depth

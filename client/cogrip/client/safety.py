@@ -1,0 +1,149 @@
+"""Between the force law and the motors: nothing the law says reaches a hand unlimited.
+
+    idle --open--> calibrating --calibrated--> armed --go--> live <--stale / fresh--> degraded
+    any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
+
+Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
+RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, and its change to the device's slope.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import hypot, isfinite, sqrt
+
+from cogrip.devices.device import Capability
+
+RAMP_IN_S = 0.3
+RAMP_OUT_S = 0.1
+FAULT_OUT_S = 0.02
+STALL_S = 0.02  # no sample for so long: the device has stalled
+WATCHDOG_S = 0.1  # the loop was away for so long: the hand held an old force
+AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
+
+TRANSITIONS: Mapping[tuple[str, str], str] = {
+    ("idle", "open"): "calibrating",
+    ("calibrating", "calibrated"): "armed",
+    ("armed", "go"): "live",
+    ("live", "stale"): "degraded",
+    ("degraded", "fresh"): "live",
+    ("fault", "rearm"): "armed",
+    **{(state, "fail"): "fault" for state in ("calibrating", "armed", "live", "degraded")},
+    **{(state, "stop"): "idle" for state in ("calibrating", "armed", "live", "degraded", "fault")},
+}
+STATES = ("idle", "calibrating", "armed", "live", "degraded", "fault")
+
+
+class Safety:
+    """One device's limits and state. `limit` once a tick; forces are shape (axes,) [N]."""
+
+    def __init__(self, capability: Capability, tick_s: float) -> None:
+        self._peak_n = capability.peak_force_n
+        self._slope_n = capability.slew_nps * tick_s
+        self._speed_mps = capability.speed_mps
+        self._workspace_m = capability.workspace_m
+        self._rise = tick_s / RAMP_IN_S
+        self._fall = tick_s / RAMP_OUT_S
+        self._drop = tick_s / FAULT_OUT_S
+        self._stall_ticks = max(1, round(STALL_S / tick_s))
+        self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
+        self._limit_ticks = round(AT_LIMIT_S / tick_s)
+        self._gain = 0.0
+        self._good: Sequence[float] = (0.0,) * capability.axes
+        self._out: tuple[float, ...] = (0.0,) * capability.axes
+        self._absent = 0
+        self._at_limit = 0
+        self.state = "idle"
+        self.reason = ""
+        self.diverged = ""
+        self.counts: dict[str, int] = {}
+
+    def _count(self, name: str) -> None:
+        self.counts[name] = self.counts.get(name, 0) + 1
+
+    def event(self, name: str, reason: str = "") -> bool:
+        """Take a step of TRANSITIONS; False if there is none from here."""
+        after = TRANSITIONS.get((self.state, name))
+        if after is None:
+            return False
+        self.state = after
+        if reason or after == "armed":
+            self.reason = reason
+        if name == "rearm":
+            self._gain = 0.0
+            self._absent = 0
+        return True
+
+    def fail(self, reason: str) -> None:
+        """Latch a fault; the first reason is kept."""
+        if self.event("fail", reason):
+            self._count("fault")
+
+    @property
+    def quiet(self) -> bool:
+        """True once no force is left on the hand."""
+        return self._gain == 0.0
+
+    def absent(self, ticks: int) -> None:
+        """The device gave no sample for another `ticks` ticks."""
+        self._absent += ticks
+        self._count("absent sample")
+        if self._absent >= self._stall_ticks:
+            self.fail(f"device stall: no sample for {STALL_S * 1e3:g} ms; check its cable and power, then re-arm")
+
+    def check(self, ticks: int, position_m: Sequence[float], velocity_mps: Sequence[float]) -> bool:
+        """Judge a sample that came `ticks` ticks after the last one. False: it must not be used."""
+        self._absent = 0
+        square = 0.0
+        for position, speed in zip(position_m, velocity_mps, strict=True):
+            square += speed * speed
+            if not isfinite(position):
+                square = position
+                break
+        if not isfinite(square):
+            self._count("non-finite sample")
+            self.fail("the device gave a number that is not finite; re-arm once it is well")
+            return False
+        if ticks >= self._watchdog_ticks:
+            self.fail(f"watchdog: the loop was away for {ticks} ticks; see `cogrip doctor`, then re-arm")
+        if square > self._speed_mps * self._speed_mps:
+            self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
+        for position, (low, high) in zip(position_m, self._workspace_m, strict=False):
+            if not low <= position <= high:
+                self.diverged = self.diverged or f"the hand left the workspace at {position:.4g} m"
+        return True
+
+    def limit(self, force_n: Sequence[float] | None) -> tuple[float, ...]:
+        """The force that may go to the motors, for the law's wish (None: it has none)."""
+        gain = self._gain
+        if self.state == "live" and force_n is not None:
+            gain = min(1.0, gain + self._rise)
+        else:
+            gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
+        self._gain = gain
+        if force_n is not None:
+            size = hypot(*force_n)
+            if isfinite(size):
+                if size > self._peak_n:
+                    scale = self._peak_n / size
+                    force_n = [value * scale for value in force_n]
+                    self._clipped(gain)
+                else:
+                    self._at_limit = 0
+                self._good = force_n
+            else:
+                self._count("non-finite force")
+                self.fail("the force law gave a number that is not finite; re-arm")
+        out = tuple(self._good) if gain == 1.0 else tuple([gain * value for value in self._good])
+        step = [new - old for new, old in zip(out, self._out, strict=True)]
+        change = hypot(*step)
+        if change > self._slope_n:
+            self._count("slew limited")
+            share = self._slope_n / change
+            out = tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
+        self._out = out
+        return out
+
+    def _clipped(self, gain: float) -> None:
+        self._count("force clipped")
+        self._at_limit += 1
+        if gain == 1.0 and self._at_limit > self._limit_ticks:
+            self.diverged = self.diverged or f"the force sat at its limit of {self._peak_n:g} N for {AT_LIMIT_S:g} s"

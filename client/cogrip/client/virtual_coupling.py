@@ -1,0 +1,77 @@
+"""The client's end of the baseline: virtual coupling, no waves (theory section 5; P Fig. 6).
+
+F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object state received.
+"""
+
+from collections.abc import Sequence
+
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.latest_state import StateReceiver
+from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.settings import SeatSettings
+
+
+class VirtualCoupling:
+    """Same calls as WaveCoupling. `forward` and `returning` stay zero: there are no waves."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        axes = seat.object.axes
+        self._stiffness = seat.coupling.stiffness_npm
+        self._damping = seat.coupling.damping_nspm
+        self._push = seat.side_sign if seat.one_sided else 0.0
+        self._tick_s = seat.rates.tick_s
+        self._receiver = StateReceiver()
+        self._last_force: Sequence[float] = (0.0,) * axes
+        self._number = -1
+        self.forward = self.returning = (0.0,) * axes
+        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
+        self.made_j = self.used_j = self.port_j = 0.0
+        self.down_margin_j: float | None = None
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float]) -> None:
+        power = 0.0
+        for force, speed in zip(self._last_force, mean_velocity_mps, strict=True):
+            power += force * speed
+        self.port_j += power * self._tick_s
+
+    def elapse_absent(self) -> None:
+        """One tick has passed without a hand."""
+
+    def end_frame(self) -> None:
+        self._number += 1
+
+    def start_frame(self) -> None:
+        if self._receiver.take() and self._receiver.latest:
+            self.object_state = self._receiver.latest.position_m + self._receiver.latest.velocity_mps
+
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
+        axes = len(position_m)
+        if self._receiver.latest is None:
+            return self._last_force
+        state, stiffness, damping = self.object_state, self._stiffness, self._damping
+        force = [
+            stiffness * (position_m[axis] - state[axis]) + damping * (velocity_mps[axis] - state[axes + axis])
+            for axis in range(axes)
+        ]
+        if self._push:
+            inside = self._push * (position_m[0] - state[0]) > 0.0
+            force = [self._push * max(0.0, self._push * force[0]) if inside else 0.0] + [0.0] * (axes - 1)
+        self._last_force = force
+        return force
+
+    def message(
+        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
+        velocity_mps: Sequence[float],
+    ) -> State:  # fmt: skip
+        return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.heard, stamp)
+
+    def receive(self, message: Waves | State) -> bool:
+        if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):
+            return False
+        return self._receiver.receive(message)
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+    def loop_frames(self) -> float | None:
+        return None

@@ -1,0 +1,119 @@
+"""The client's end of the wave scheme (theory sections 1, 3.2, 3.6).
+
+Symbols, per axis: b impedance [N s/m], y mean velocity of a tick [m/s], v returning wave held over a frame [sqrt(W)],
+u = sqrt(2b) y - v forward wave of a tick [sqrt(W)], T_c tick [s]. Energies in J.
+"""
+
+from collections.abc import Sequence
+from math import sqrt
+
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.decimation import make_decimator
+from cogrip.protocol.line import LineReceiver, LineSender
+from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.settings import SeatSettings
+
+
+class WaveCoupling:
+    """`elapse` books the tick that has passed, `end_frame` and `start_frame` stand at frame borders, `force` is the law."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        axes, rates, coupling = seat.object.axes, seat.rates, seat.coupling
+        self._b = coupling.impedance_nspm
+        self._root = sqrt(2.0 * self._b)
+        self._half_tick_s = 0.5 * rates.tick_s
+        self._from_displacement = coupling.encoder == "displacement"
+        self._decimator = make_decimator(
+            coupling.decimator, axes, rates.ticks_per_frame, rates.tick_s, coupling.lowpass_rad_s
+        )
+        self._sender = LineSender(axes, seat.playout.redundancy)
+        self._receiver = LineReceiver(axes, seat.playout.frames, rates.frame_s, seat.playout.tank_mj * 1e-3)
+        self._loops: dict[int, int] = {}
+        self._frame = 0
+        self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
+        self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
+        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
+        self.made_j = 0.0
+        self.used_j = 0.0
+        self.down_margin_j: float | None = 0.0
+
+    @property
+    def port_j(self) -> float:
+        """Energy that went into the line here."""
+        return self.made_j - self.used_j
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float]) -> None:
+        """One tick has passed, with its displacement / T_c and the velocity sample it began with."""
+        root = self._root
+        forward = []
+        made = used = 0.0
+        velocity = mean_velocity_mps if self._from_displacement else velocity_mps
+        for y, v in zip(velocity, self.returning, strict=True):
+            u = root * y - v
+            forward.append(u)
+            made += u * u
+            used += v * v
+        self._decimator.push(forward)
+        self.forward = forward
+        self.made_j += made * self._half_tick_s
+        self.used_j += used * self._half_tick_s
+
+    def elapse_absent(self) -> None:
+        """One tick has passed without a hand: send 0, absorb what comes (a matched termination)."""
+        self.forward = (0.0,) * len(self.returning)
+        self._decimator.push(self.forward)
+        for v in self.returning:
+            self.used_j += v * v * self._half_tick_s
+
+    def end_frame(self) -> None:
+        self._sender.push(self._decimator.take())
+
+    def start_frame(self) -> None:
+        """The returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
+        self._frame += 1
+        receiver = self._receiver
+        self.returning = receiver.take()
+        if receiver.mark is not None:
+            made_j, _, heard = receiver.mark
+            margin = made_j - receiver.played_j
+            if self.down_margin_j is None or margin < self.down_margin_j:
+                self.down_margin_j = margin
+            if heard:
+                loop = self._frame - heard
+                self._loops[loop] = self._loops.get(loop, 0) + 1
+
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
+        """F = b xdot - sqrt(2b) v [N] (P eq. 16), with the velocity estimated now."""
+        b, root = self._b, self._root
+        return [b * speed - root * wave for speed, wave in zip(velocity_mps, self.returning, strict=True)]
+
+    def message(
+        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
+        velocity_mps: Sequence[float],
+    ) -> Waves:  # fmt: skip
+        first, waves, total, squares = self._sender.contents()
+        return Waves(
+            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.heard, stamp,
+            origin_m + position_m,
+        )  # fmt: skip
+
+    def receive(self, message: Waves | State) -> bool:
+        if not isinstance(message, Waves) or len(message.state) != len(self.object_state):
+            return False
+        mark = (message.made_j, message.port_j, message.heard)
+        taken = self._receiver.receive(message.first, message.waves, message.total, message.squares, mark)
+        if taken:
+            self.object_state = message.state
+        return taken
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+    def loop_frames(self) -> float | None:
+        """Median of the measured loop: frames from a forward wave to the frame its answer is applied in."""
+        half = sum(self._loops.values()) / 2
+        for loop in sorted(self._loops):
+            half -= self._loops[loop]
+            if half <= 0:
+                return float(loop)
+        return None

@@ -1,0 +1,183 @@
+"""Build and use this checkout's own environment, `.venv`. Needs Python 3.11 or newer, and its pip.
+
+usage: python3 dev.py COMMAND [ARGS...]
+
+  setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable
+  demo       set up, then `cogrip demo ARGS`
+  test       set up, then `pytest ARGS`; without ARGS the whole suite, on two processes
+  lint       set up, then check format, style, types and import contracts
+  run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
+  lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
+"""
+
+from __future__ import annotations  # lets an older Python read this file as far as the message in main()
+
+import hashlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import venv
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+LOCK = ROOT / "requirements.lock"
+PROJECT = ROOT / "pyproject.toml"
+STAMP = VENV / "cogrip-setup.json"
+BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
+
+LINTERS = (
+    ("ruff", "format", "--check"),
+    ("ruff", "check"),
+    ("mypy",),
+    ("lint-imports",),
+)
+
+
+def setup(*args: str) -> int:
+    """Bring `.venv` up to date with the lock, the project file, this Python and this folder; at once if it is."""
+    if args:
+        raise SystemExit(f"dev.py: setup takes no arguments, got {' '.join(args)!r}")
+    # A virtual environment holds absolute paths: a checkout that was moved or copied needs a new one.
+    packages = [sys.version, sys.base_prefix, str(VENV), _digest(LOCK)]
+    wanted = {"packages": packages, "project": _digest(PROJECT)}
+    found = json.loads(STAMP.read_text()) if STAMP.exists() else {}
+    if found == wanted:
+        return 0
+    _need_pip()
+    if found.get("packages") != packages:
+        print("dev.py: making .venv; the first time this can take a minute", file=sys.stderr)
+        # Some Linux distributions leave ensurepip out, so .venv is made without pip and filled from outside.
+        venv.create(VENV, clear=True, with_pip=False, symlinks=os.name != "nt")
+        _pip("install", "--require-hashes", "--only-binary", ":all:", "--requirement", LOCK)
+    # The lock already holds the build backend: nothing is fetched here.
+    _pip("install", "--no-deps", "--no-build-isolation", "--no-index", "--editable", ROOT)
+    STAMP.write_text(json.dumps(wanted))
+    return 0
+
+
+def demo(*args: str) -> int:
+    return setup() or _become("cogrip", "demo", *args)
+
+
+def test(*args: str) -> int:
+    os.chdir(ROOT)
+    return setup() or _become("pytest", *(args or ("-n", "2")))
+
+
+def lint(*args: str) -> int:
+    """Run every linter, also after one has failed, and name the ones that did."""
+    if args:
+        raise SystemExit(f"dev.py: lint takes no arguments, got {' '.join(args)!r}; use `dev.py run ruff ...`")
+    setup()
+    failed = []
+    for command in LINTERS:
+        print(f"--- {' '.join(command)}", flush=True)
+        if _call(_tool(command[0]), *command[1:]):
+            failed.append(command)
+    for command in failed:
+        print(f"dev.py: failed: {' '.join(command)}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def run(*args: str) -> int:
+    if not args:
+        raise SystemExit("dev.py: run needs a command of the environment, such as `run cogrip --help`")
+    return setup() or _become(*args)
+
+
+def lock(*args: str) -> int:
+    """One set of versions for every supported Python and system, with hashes and without the address of any index."""
+    _need_pip()
+    with tempfile.TemporaryDirectory() as folder:
+        # uv is only needed here, so it is no dependency of the project.
+        if code := _call(sys.executable, "-m", "pip", "install", "--quiet", "--target", folder, "uv"):
+            return code
+        return _call(
+            Path(folder) / "bin" / "uv",
+            *("pip", "compile", PROJECT.name, "--output-file", LOCK.name),
+            *("--group", "build", "--group", "dev"),
+            *("--universal", "--python-version", "3.11", "--fork-strategy", "fewest"),
+            *("--generate-hashes", "--no-emit-index-url", "--no-emit-find-links", "--quiet"),
+            *("--custom-compile-command", "python3 dev.py lock"),
+            *args,
+        )
+
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    "setup": setup,
+    "demo": demo,
+    "test": test,
+    "lint": lint,
+    "run": run,
+    "lock": lock,
+}
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _need_pip() -> None:
+    if importlib.util.find_spec("pip") is None:
+        raise SystemExit(
+            f"dev.py: {sys.executable} has no pip, which fills .venv.\n"
+            "Install it (Debian, Ubuntu: `apt install python3-pip`; elsewhere: `python3 -m ensurepip`),\n"
+            "or start dev.py with another Python 3.11 or newer that has it."
+        )
+
+
+def _pip(*args: str | Path) -> None:
+    pip = (sys.executable, "-m", "pip", "--python", _tool("python"), "--disable-pip-version-check", "--quiet")
+    if code := _call(*pip, *args):
+        raise SystemExit(f"dev.py: pip could not fill .venv (exit code {code}, its reason is above); try again")
+
+
+def _tool(name: str) -> Path:
+    path = BIN / (f"{name}.exe" if os.name == "nt" else name)
+    if not path.exists():
+        raise SystemExit(f"dev.py: .venv has no command {name!r}, see {BIN}; if it should, delete .venv and try again")
+    return path
+
+
+def _call(*command: str | Path) -> int:
+    return subprocess.call([str(part) for part in command], cwd=ROOT)
+
+
+def _become(name: str, *args: str) -> int:
+    """Hand this process over to a command of the environment: its signals and exit code are then its own."""
+    command = [str(_tool(name)), *args]
+    if os.name != "nt":
+        sys.stdout.flush()
+        os.execv(command[0], command)
+    # Windows has no exec: wait through Ctrl-C, which reaches the child as well.
+    with subprocess.Popen(command) as child:
+        while True:
+            try:
+                return child.wait()
+            except KeyboardInterrupt:
+                continue
+
+
+def main(argv: list[str]) -> int:
+    if sys.version_info < (3, 11):  # noqa: UP036 - the message is for whoever starts it with less
+        found = ".".join(map(str, sys.version_info[:3]))
+        raise SystemExit(f"dev.py: cogrip needs Python 3.11 or newer, {sys.executable} is {found}")
+    if not argv or argv[0] in ("-h", "--help", "help"):
+        print(__doc__.strip() if __doc__ else "")
+        return 0
+    name, *args = argv
+    if name not in COMMANDS:
+        raise SystemExit(f"dev.py: no command {name!r}; there are {', '.join(COMMANDS)}")
+    try:
+        return COMMANDS[name](*args)
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

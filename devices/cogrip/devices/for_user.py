@@ -1,0 +1,21 @@
+"""The device a user's settings ask for."""
+
+from cogrip.devices.device import Device
+from cogrip.devices.registry import make
+from cogrip.protocol.settings import User
+
+
+def address_of(user: User) -> str:
+    """The user's device address; a simulated one that names no hand gets the user's `hand` (which may carry its own keys)."""
+    address = user.device
+    if not address.startswith("sim:") or "hand=" in address:
+        return address
+    return f"{address}{'&' if '?' in address else '?'}hand={user.hand}"
+
+
+def make_for(user: User, axes: int) -> Device:
+    """Made, not opened. Raises DeviceError."""
+    address = address_of(user)
+    if address.startswith("sim:"):
+        return make(address, axes=axes, mass_kg=user.device_mass_kg, damping_nspm=user.device_damping_nspm)
+    return make(address, axes=axes)

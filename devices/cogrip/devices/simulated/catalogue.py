@@ -1,0 +1,89 @@
+"""The family `sim:`: a table of machines and a table of hands, and how query keys are shared out between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from cogrip.devices.device import Capability, Device, DeviceError
+from cogrip.devices.registry import Family
+from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.simulated import hands, ideal, phantom, recorded_hand
+from cogrip.devices.simulated.device import Plant, SimulatedDevice
+
+MAX_AXES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A simulated machine: its query keys, its record, its plant."""
+
+    settings: type[msgspec.Struct]
+    capability: Callable[[Any, int], Capability]
+    plant: Callable[[Any, int], Plant]
+
+
+@dataclass(frozen=True, slots=True)
+class HandKind:
+    """A kind of hand: its query keys and its maker, called (settings, axes), and the argument where it `takes` one."""
+
+    settings: type[msgspec.Struct]
+    make: Callable[..., hands.Hand]
+    takes: str = ""
+
+
+MACHINES: dict[str, Machine] = {
+    "ideal": Machine(ideal.IdealSettings, ideal.capability, ideal.IdealPlant),
+    "phantom": Machine(phantom.PhantomSettings, phantom.capability, phantom.PhantomPlant),
+}
+
+HANDS: dict[str, HandKind] = {
+    "hold": HandKind(hands.ImpedanceSettings, hands.make_hold),
+    "push": HandKind(hands.PushSettings, hands.PushHand),
+    "reach": HandKind(hands.ReachSettings, hands.make_reach),
+    "tremor": HandKind(hands.TremorSettings, hands.make_tremor),
+    "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.make_recorded, takes="FILE"),
+}
+
+
+def family() -> Family:
+    """The family `sim:`, for the registry."""
+    return Family("simulated machines in simulated hands", make, tuple(f"sim:{name}" for name in MACHINES))
+
+
+def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+    """A simulated device; key `hand` is one of HANDS (default hold), `csv:FILE` for a recorded one.
+
+    Raises DeviceError for an unknown machine, hand or key, a value out of bounds, or a number of axes not 1 to 3.
+    """
+    where = repr(address.text)
+    machine = MACHINES.get(address.name)
+    if machine is None:
+        raise unknown("simulated device", address.name, MACHINES, where)
+    if not 1 <= axes <= MAX_AXES:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    query: dict[str, Setting] = {**defaults, **address.query}
+    kind, argument = _hand_kind(str(query.pop("hand", "hold")), where)
+    machine_keys, hand_keys = keys_of(machine.settings), keys_of(kind.settings)
+    for key in query:
+        if key not in machine_keys and key not in hand_keys:
+            raise unknown("key", key, ("hand", *machine_keys, *hand_keys), where)
+    machine_settings: Any = read_settings(machine.settings, {k: query[k] for k in query if k in machine_keys}, where)
+    hand_settings = read_settings(kind.settings, {k: query[k] for k in query if k in hand_keys}, where)
+    hand = kind.make(hand_settings, axes, *argument)
+    plant = machine.plant(machine_settings, axes)
+    return SimulatedDevice(machine.capability(machine_settings, axes), plant, hand, machine_settings.x0_m)
+
+
+def _hand_kind(text: str, where: str) -> tuple[HandKind, tuple[str, ...]]:
+    name, colon, argument = text.partition(":")
+    kind = HANDS.get(name)
+    if kind is None:
+        raise unknown("hand", name, HANDS, where)
+    if bool(argument) != bool(kind.takes) or (colon and not argument):
+        cure = f"write hand={name}:{kind.takes}" if kind.takes else f"{name} takes no argument: write hand={name}"
+        raise DeviceError(f"{where}: hand={text!r}: {cure}")
+    return kind, (argument,) if argument else ()

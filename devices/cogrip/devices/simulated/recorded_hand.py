@@ -1,0 +1,224 @@
+"""A recorded hand as the intended motion: `hand=csv:FILE&time=t_s&x=theta_m_rad&scale=0.075&where=run:spring`.
+
+Between samples the motion is the monotone cubic through them (PCHIP, Fritsch and Carlson 1980): it passes through
+every sample and overshoots none, whatever the gaps. Positions, velocities and the drive are computed for every tick at
+`open`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.settings import Finite, NotNegative, Positive, unknown
+from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+
+Array: TypeAlias = NDArray[np.float64]
+
+RETURN_S = 1.0
+"""With loop=1: the time from the last position back to the first, by minimum jerk, so that no seam kicks."""
+
+
+class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
+    """Query keys of `csv`.
+
+    time, x, y, z   column names; axes without a column do not move
+    scale           metres per unit of the position columns
+    time_scale      seconds per unit of the time column
+    where           column:value, keep only the rows whose cell is that text
+    origin          start: home plus the motion relative to its first sample; keep: positions as recorded
+    start_s         the recording's first sample is played then (to the nearest tick); before, the hand rests there
+    loop            0: rest at the last sample after the end; 1: return to the first in RETURN_S and play again
+    """
+
+    time: str
+    x: str
+    y: str | None = None
+    z: str | None = None
+    scale: Finite = 1.0
+    time_scale: Positive = 1.0
+    where: str | None = None
+    origin: Literal["start", "keep"] = "start"
+    start_s: NotNegative = 0.0
+    loop: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """time_s [s], shape (n,), from 0, strictly rising; position_m [m], shape (n, axes), as recorded."""
+
+    time_s: Array
+    position_m: Array
+
+    def at(self, time_s: Array) -> tuple[Array, Array]:
+        """Position [m] and velocity [m/s] at `time_s` (k,), each (k, axes); held, at rest, outside the recording."""
+        curve: Any = PchipInterpolator(self.time_s, self.position_m, axis=0)
+        inside = np.clip(time_s, 0.0, self.time_s[-1])
+        velocity = np.where((inside == time_s)[:, None], curve(inside, 1), 0.0)
+        return curve(inside), velocity
+
+
+class RecordedHand:
+    """An impedance whose intended motion is a recording."""
+
+    def __init__(self, settings: RecordedSettings, path: str, axes: int) -> None:
+        """Raises DeviceError when a column is given for an axis that the device has not."""
+        self.stiffness_npm = settings.hand_stiffness_npm
+        self.damping_nspm = settings.hand_damping_nspm
+        self._settings = settings
+        self._path = path
+        self._axes = axes
+        for axis, column in enumerate((settings.x, settings.y, settings.z)):
+            if column is not None and axis >= axes:
+                raise DeviceError(f"csv hand: {'xyz'[axis]}={column!r} needs {axis + 1} axes, the device has {axes}")
+
+    def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
+        """See `Hand.open`. Reads the file; raises DeviceError as `read_recording`."""
+        s = self._settings
+        recording = read_recording(self._path, s, self._axes)
+        ticks = int(np.ceil(recording.time_s[-1] * rate_hz - 1e-9)) + 1
+        position, velocity = recording.at(np.arange(ticks) / rate_hz)
+        velocity[-1] = 0.0
+        if s.origin == "start":
+            position += np.asarray(home_m or (0.0,) * self._axes) - position[0]
+        if s.loop:
+            back = _minimum_jerk(position[-1], position[0], rate_hz)
+            position, velocity = np.vstack((position, back[0])), np.vstack((velocity, back[1]))
+        self._position, self._velocity = position, velocity
+        self._drive = self.stiffness_npm * position + self.damping_nspm * velocity
+        self._rest = self.stiffness_npm * position[0]
+        self._start = round(s.start_s * rate_hz)
+        self._last = len(position) - 1
+        return home_m or tuple(position[0].tolist())
+
+    def intended(self, tick: int) -> tuple[Vector, Vector]:
+        """See `Hand.intended`."""
+        row = self._row(tick)
+        velocity = self._velocity[row] if tick >= self._start else np.zeros(self._axes)
+        return tuple(self._position[row].tolist()), tuple(velocity.tolist())
+
+    def drive(self, tick: int) -> Sequence[float]:
+        """See `Hand.drive`."""
+        drive: list[float] = (self._drive[self._row(tick)] if tick >= self._start else self._rest).tolist()
+        return drive
+
+    def _row(self, tick: int) -> int:
+        k = tick - self._start
+        if k < 0:
+            return 0
+        if k <= self._last:
+            return k
+        return k % (self._last + 1) if self._settings.loop else self._last
+
+
+def make_recorded(settings: RecordedSettings, axes: int, path: str) -> RecordedHand:
+    """The hand recorded in the CSV file `path`, which is read when the device is opened."""
+    return RecordedHand(settings, path, axes)
+
+
+def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recording:
+    """Read the columns `settings` names; rows are counted as lines of the file, the header being line 1.
+
+    Raises DeviceError: file cannot be read, column missing (with the nearest name and the list), cell not a finite
+    number, time not rising, no row left by `where`, fewer than two rows.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            lines, times, columns = _read_rows(csv.reader(file), settings, path)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DeviceError(
+            f"csv hand: cannot read {path!r}: {error}; give the path of a comma-separated text file"
+        ) from error
+    if len(lines) < 2:
+        raise DeviceError(f"csv hand: {path!r} has {len(lines)} usable row; a motion needs at least 2")
+    time = np.asarray(times)
+    falls = np.flatnonzero(np.diff(time) <= 0.0)
+    if falls.size:
+        k = int(falls[0])
+        raise DeviceError(
+            f"csv hand: {path!r} line {lines[k + 1]}: {settings.time}={times[k + 1]!r} is not after {times[k]!r};"
+            " if the file holds several recordings, keep one by a row filter, where=column:value"
+        )
+    position = np.zeros((len(time), axes))
+    for axis, column in columns.items():
+        position[:, axis] = settings.scale * np.asarray(column)
+    return Recording(settings.time_scale * (time - time[0]), position)
+
+
+def _read_rows(
+    rows: Any, settings: RecordedSettings, path: str
+) -> tuple[list[int], list[float], dict[int, list[float]]]:
+    """Line numbers, times and axis -> positions, as they stand in the file."""
+    names = [name.strip() for name in next(rows, [])]
+    wanted = {axis: name for axis, name in enumerate((settings.x, settings.y, settings.z)) if name is not None}
+    find = _finder(names, path)
+    time = find(settings.time, "time")
+    columns = {axis: find(name, "xyz"[axis]) for axis, name in wanted.items()}
+    lines, chosen = _choose(rows, settings.where, find, path)
+    positions = {axis: _numbers(chosen, lines, at, names[at], path) for axis, at in columns.items()}
+    return lines, _numbers(chosen, lines, time, names[time], path), positions
+
+
+def _finder(names: list[str], path: str) -> Callable[[str, str], int]:
+    def find(name: str, key: str) -> int:
+        if name not in names:
+            raise unknown("column", name, names, f"csv hand: {path!r}: {key}={name}")
+        return names.index(name)
+
+    return find
+
+
+def _choose(
+    rows: Any, where: str | None, find: Callable[[str, str], int], path: str
+) -> tuple[list[int], list[list[str]]]:
+    """Line numbers and rows that `where` keeps; empty lines are no rows."""
+    numbered: Iterator[tuple[int, list[str]]] = ((rows.line_num, row) for row in rows if row)
+    if where is None:
+        kept = list(numbered)
+    else:
+        column, colon, value = where.partition(":")
+        if not colon:
+            raise DeviceError(f"csv hand: where={where!r} is not column:value")
+        at = find(column, "where")
+        every = list(numbered)
+        kept = [(line, row) for line, row in every if len(row) > at and row[at].strip() == value]
+        if not kept:
+            there = sorted({row[at].strip() for _, row in every if len(row) > at})
+            raise unknown(
+                f"value of column {column!r}", value, there[:20], f"csv hand: {path!r}: where={where} keeps no row"
+            )
+    return [line for line, _ in kept], [row for _, row in kept]
+
+
+def _numbers(rows: list[list[str]], lines: list[int], at: int, name: str, path: str) -> list[float]:
+    """Column `at` as finite numbers."""
+    found: list[float] = []
+    for line, row in zip(lines, rows, strict=True):
+        cell = row[at] if at < len(row) else ""
+        try:
+            number = float(cell)
+        except ValueError:
+            number = float("nan")
+        if not isfinite(number):
+            raise DeviceError(
+                f"csv hand: {path!r} line {line}: {name}={cell!r} is not a finite number; mend or filter the row"
+            )
+        found.append(number)
+    return found
+
+
+def _minimum_jerk(start: Array, end: Array, rate_hz: int) -> tuple[Array, Array]:
+    """Positions and velocities of the ticks strictly between `start` and `end`, RETURN_S apart."""
+    ticks = max(1, round(RETURN_S * rate_hz))
+    z = (np.arange(1, ticks) / ticks)[:, None]
+    position = start + (end - start) * z**3 * (10.0 - 15.0 * z + 6.0 * z * z)
+    velocity = (end - start) * (30.0 * rate_hz / ticks) * z * z * (1.0 - z) ** 2
+    return position, velocity

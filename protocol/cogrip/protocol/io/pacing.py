@@ -1,0 +1,127 @@
+"""Ticks at absolute deadlines: tick k is due at t0 + k * 10**9 // rate_hz, whatever happened before.
+
+Waiting sleeps to shortly before the deadline and spins the rest: the kernel wakes a sleeper tens of microseconds late.
+Overrun policy: a tick up to one period late still runs, and the next follows at once. Later than that, the pacer
+skips to the newest tick that is due and counts what it skipped. due = run + skipped, always.
+
+`lateness` counts from the deadline the pacer was waiting for, before any skip: counted from the tick it skips to, no
+lateness could ever exceed a period. `late_ns` is the last tick's own.
+"""
+
+import time
+from collections.abc import Callable
+
+from cogrip.protocol.histogram import DurationHistogram
+
+SPIN_NS = 60_000
+"""Spinning before a deadline: about what an ordinary thread with 1 ns of timer slack oversleeps."""
+
+
+class Pacer:
+    """Deadlines of one loop or room at rate_hz, counted from t0_ns on `clock` (ns); `sleep` takes seconds.
+
+    Either call `wait()`, or, with several pacers in one thread, sleep to the smallest `next_due_ns` and `take(now)`.
+    """
+
+    __slots__ = (
+        "_clock",
+        "_deadline_ns",
+        "_next",
+        "_sleep",
+        "_started_ns",
+        "late_ns",
+        "lateness",
+        "rate_hz",
+        "run",
+        "skipped",
+        "spin_ns",
+        "t0_ns",
+        "work",
+    )
+
+    def __init__(
+        self,
+        rate_hz: int,
+        t0_ns: int,
+        *,
+        first: int = 0,
+        spin_ns: int = SPIN_NS,
+        clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        """`first` is the first tick to run: tick_at(now) + 1 joins a timeline already under way without skips."""
+        if rate_hz < 1:
+            raise ValueError(f"rate_hz {rate_hz} is below 1: give whole ticks a second")
+        if spin_ns < 0:
+            raise ValueError(f"spin_ns {spin_ns} is negative: give 0 to sleep only")
+        self.rate_hz = rate_hz
+        self.t0_ns = t0_ns
+        self.spin_ns = spin_ns
+        self.run = 0
+        self.skipped = 0
+        self.late_ns = 0
+        self.lateness = DurationHistogram()
+        self.work = DurationHistogram()
+        self._clock = clock
+        self._sleep = sleep
+        self._next = first
+        self._deadline_ns = self.due_ns(first)
+        self._started_ns: int | None = None
+
+    def due_ns(self, tick: int) -> int:
+        """When tick is due, in ns of the clock."""
+        return self.t0_ns + tick * 1_000_000_000 // self.rate_hz
+
+    def tick_at(self, now_ns: int) -> int:
+        """The newest tick due at now_ns: the largest k with due_ns(k) <= now_ns; negative before t0."""
+        return ((now_ns - self.t0_ns + 1) * self.rate_hz - 1) // 1_000_000_000
+
+    @property
+    def next_due_ns(self) -> int:
+        """When the next tick is due, in ns of the clock."""
+        return self._deadline_ns
+
+    @property
+    def due(self) -> int:
+        """Ticks that were due so far: run + skipped."""
+        return self.run + self.skipped
+
+    def take(self, now_ns: int) -> int | None:
+        """The tick to run at now_ns, or None when none is due yet. Applies the overrun policy, starts `work`."""
+        if now_ns < self._deadline_ns:
+            return None
+        tick = self._next
+        following_ns = self.due_ns(tick + 1)
+        self.lateness.add(now_ns - self._deadline_ns)
+        if now_ns > following_ns:  # more than one period late
+            newest = self.tick_at(now_ns)
+            self.skipped += newest - tick
+            tick = newest
+            self._deadline_ns = self.due_ns(tick)
+            following_ns = self.due_ns(tick + 1)
+        self.late_ns = now_ns - self._deadline_ns
+        self.run += 1
+        self._next = tick + 1
+        self._deadline_ns = following_ns
+        self._started_ns = now_ns
+        return tick
+
+    def wait(self) -> int:
+        """Sleeps, then spins, to the next deadline and returns its tick; returns at once when it is late already."""
+        clock = self._clock
+        deadline_ns = self._deadline_ns
+        now_ns = clock()
+        while now_ns < deadline_ns:
+            remaining_ns = deadline_ns - self.spin_ns - now_ns
+            if remaining_ns > 0:
+                self._sleep(remaining_ns * 1e-9)
+            now_ns = clock()
+        tick = self.take(now_ns)
+        assert tick is not None
+        return tick
+
+    def done(self) -> None:
+        """Marks the end of the tick's work; time since the tick started goes into `work`. A second call adds none."""
+        if self._started_ns is not None:
+            self.work.add(self._clock() - self._started_ns)
+            self._started_ns = None

@@ -1,0 +1,304 @@
+"""How punctual this machine is: timer lateness with and without each real-time measure, permissions, advice.
+
+Every lateness is measured in a fresh child process, so that no measure leaks into the next and the caller stays
+ordinary. The child's tick does a stand-in for work: some floats, and short-lived objects for the garbage collector.
+"""
+
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.io import realtime
+from cogrip.protocol.io.pacing import SPIN_NS, Pacer
+
+_MODULE = "cogrip.protocol.io.punctuality"  # not __name__: that may be __main__
+
+RATES_HZ = (1024, 4096, 8192)
+PLAIN, ALL = "plain sleep", "all together"
+SETUPS: dict[str, tuple[tuple[str, ...], int]] = {
+    PLAIN: ((), 0),
+    "+ timer slack 1 ns": (("timer-slack",), 0),
+    f"+ spin {SPIN_NS // 1000} us": ((), SPIN_NS),
+    "+ gc frozen": (("gc-frozen",), 0),
+    "+ memory locked": (("memory-locked",), 0),
+    "+ SCHED_FIFO": (("fifo",), 0),
+    ALL: (realtime.NAMES, SPIN_NS),
+}
+"""Name -> (real-time measures, spin in ns)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Punctuality:
+    """Ticks of one child process: durations in us by percentile, refusals by measure."""
+
+    rate_hz: int
+    setup: str
+    due: int
+    skipped: int
+    lateness_us: dict[str, float]
+    work_us: dict[str, float]
+    refused: dict[str, str]
+
+    @property
+    def skipped_share(self) -> float:
+        """Skipped ticks / due ticks."""
+        return self.skipped / self.due if self.due else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What the machine allows and how it is set; None where it cannot be read."""
+
+    kernel: str
+    preemption: str | None
+    cpus: int
+    usable_cpus: int
+    virtual: bool | None
+    governor: str | None
+    clock_source: str | None
+    clock_resolution_ns: float
+    clock_read_ns: float
+    load_1min: float | None
+    fifo_permission: str  # "yes, ..." or "no, ..." and by what
+    lock_permission: str
+    loopback_us: dict[str, float] | None
+
+
+def _tick_work(kept: list[object], tick: int) -> None:
+    """Stands in for a client's tick: some float arithmetic and some objects, of which the last 256 ticks' survive."""
+    x = float(tick)
+    for _ in range(24):
+        x = 0.5 * x + 1.0
+    kept[tick & 255] = [x, [x, [x]]]
+
+
+def observe(rate_hz: int, names: Sequence[str], seconds: float, spin_ns: int, setup: str = "") -> Punctuality:
+    """Engages the named measures, runs ticks for `seconds` in this thread, releases them, reports."""
+    measures = realtime.engage(names)
+    kept: list[object] = [None] * 256
+    try:
+        pacer = Pacer(rate_hz, time.monotonic_ns() + 2_000_000, spin_ns=spin_ns)
+        last = int(seconds * rate_hz) - 1
+        while True:
+            tick = pacer.wait()
+            _tick_work(kept, tick)
+            pacer.done()
+            if tick >= last:
+                break
+    finally:
+        realtime.release(measures)
+    return Punctuality(
+        rate_hz,
+        setup,
+        pacer.due,
+        pacer.skipped,
+        pacer.lateness.summary_us(),
+        pacer.work.summary_us(),
+        {measure.name: measure.detail for measure in measures if not measure.granted},
+    )
+
+
+def measure(rate_hz: int, setup: str, seconds: float) -> Punctuality:
+    """`observe` for a setup of SETUPS in a fresh child process. Raises RuntimeError with its words when it fails."""
+    names, spin_ns = SETUPS[setup]
+    command = [sys.executable, "-m", _MODULE]
+    command += [str(rate_hz), ",".join(names), str(seconds), str(spin_ns), setup]
+    child = subprocess.run(command, capture_output=True, text=True, timeout=60.0 + 4.0 * seconds, check=False)
+    if child.returncode:
+        raise RuntimeError(f"measuring {setup!r} at {rate_hz} Hz ended with {child.returncode}: {child.stderr.strip()}")
+    return Punctuality(**json.loads(child.stdout))
+
+
+def survey(seconds: float, rates_hz: Sequence[int] = RATES_HZ) -> Iterator[Punctuality]:
+    """Every rate with every setup, one `measure` at a time."""
+    for rate_hz in rates_hz:
+        for setup in SETUPS:
+            yield measure(rate_hz, setup, seconds)
+
+
+def loopback_us(rounds: int = 2000) -> dict[str, float] | None:
+    """UDP round trips over 127.0.0.1 in us, both ends in this thread; None where the network refuses.
+
+    A trip is four system calls and the kernel's path twice.
+    """
+    trips = DurationHistogram()
+    try:
+        _round_trips(trips, rounds)
+    except OSError:
+        return None
+    return trips.summary_us()
+
+
+def _round_trips(trips: DurationHistogram, rounds: int) -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as near,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
+    ):
+        for end in (near, far):
+            end.bind(("127.0.0.1", 0))
+            end.settimeout(1.0)
+        near.connect(far.getsockname())
+        far.connect(near.getsockname())
+        payload = bytes(200)
+        for _ in range(rounds):
+            start_ns = time.monotonic_ns()
+            near.send(payload)
+            far.send(far.recv(2048))
+            near.recv(2048)
+            trips.add(time.monotonic_ns() - start_ns)
+
+
+def _read(path: str) -> str | None:
+    """A one-line file's text; None when it is missing, refused or empty."""
+    try:
+        return Path(path).read_text(encoding="utf-8", errors="replace").strip() or None
+    except OSError:
+        return None
+
+
+def _preemption(version: str) -> str | None:
+    """The kernel's preemption model, from uname's version and, where readable, the scheduler's switch."""
+    if _read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
+        return "PREEMPT_RT"
+    chosen = _read("/sys/kernel/debug/sched/preempt")  # "none voluntary (full)"
+    if chosen and "(" in chosen:
+        return f"dynamic, now {chosen[chosen.index('(') + 1 : chosen.index(')')]}"
+    for model in ("PREEMPT_DYNAMIC", "PREEMPT"):
+        if model in version:
+            return model
+    return None
+
+
+def _virtual() -> bool | None:
+    """Whether the processor says it is a virtual machine's; None where that cannot be read."""
+    text = _read("/proc/cpuinfo")
+    if text is None or "flags" not in text:
+        return None
+    return any("hypervisor" in line.split() for line in text.splitlines() if line.startswith("flags"))
+
+
+def _clock_read_ns() -> float:
+    """Mean cost of reading the clock in ns."""
+    start_ns = time.monotonic_ns()
+    for _ in range(10_000):
+        time.monotonic_ns()
+    return (time.monotonic_ns() - start_ns) / 10_000
+
+
+def _permissions() -> tuple[str, str]:
+    """Whether SCHED_FIFO and locked memory are allowed, and by what, without trying either."""
+    if sys.platform != "linux":
+        return ("no, only used on Linux",) * 2
+    import resource
+
+    rtprio = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    memlock = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+    if realtime.has_capability(realtime.CAP_SYS_NICE):
+        fifo = "yes, by capability"
+    elif rtprio == resource.RLIM_INFINITY:
+        fifo = "yes, rtprio limit unlimited"
+    else:
+        fifo = f"{'yes' if rtprio >= realtime.PRIORITY else 'no'}, rtprio limit {rtprio}"
+    if realtime.has_capability(realtime.CAP_IPC_LOCK):
+        lock = "yes, by capability"
+    elif memlock == resource.RLIM_INFINITY:
+        lock = "yes, memlock limit unlimited"
+    else:
+        lock = f"no, memlock limit {memlock // 1024} KiB"
+    return fifo, lock
+
+
+def examine() -> Machine:
+    """Reads the machine's settings and this user's permissions; changes nothing."""
+    system = os.uname() if hasattr(os, "uname") else None
+    fifo, lock = _permissions()
+    return Machine(
+        kernel=f"{system.sysname} {system.release} {system.machine}" if system else sys.platform,
+        preemption=_preemption(system.version) if system else None,
+        cpus=os.cpu_count() or 1,
+        usable_cpus=len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1,
+        virtual=_virtual(),
+        governor=_read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        clock_source=_read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        clock_resolution_ns=time.get_clock_info("monotonic").resolution * 1e9,
+        clock_read_ns=_clock_read_ns(),
+        load_1min=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        fifo_permission=fifo,
+        lock_permission=lock,
+        loopback_us=loopback_us(),
+    )
+
+
+def verdict(found: Punctuality) -> str:
+    """`in reach`: p99 within a quarter period and at most 0.1 % skipped; `marginal`: within one period and 1 %."""
+    period_us = 1e6 / found.rate_hz
+    p99_us = found.lateness_us["p99"]
+    if p99_us <= period_us / 4 and found.skipped_share <= 0.001:
+        return "in reach"
+    if p99_us <= period_us and found.skipped_share <= 0.01:
+        return "marginal"
+    return "out of reach"
+
+
+def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
+    """What to do about it, in plain words; the most useful first."""
+    advice: list[str] = []
+    refused = {name: why for each in found for name, why in each.refused.items()}
+    if any(why.startswith("refused") for why in refused.values()):
+        advice.append(
+            f"Grant real time to yourself: as root write two lines into {realtime.LIMITS_FILE}: "
+            f"'<user> - rtprio {realtime.PRIORITY}' and '<user> - memlock unlimited'; then log out and in again."
+        )
+    advice += [f"{name} is {why}." for name, why in refused.items() if why.startswith("not available")]
+    together = {each.rate_hz: each for each in found if each.setup == ALL}
+    plain = {each.rate_hz: each for each in found if each.setup == PLAIN}
+    for rate_hz, each in sorted(together.items()):
+        word = verdict(each)
+        late = f"p99 {each.lateness_us['p99']:.0f} us, period {1e6 / rate_hz:.0f} us, {each.skipped_share:.2%} skipped"
+        if word == "in reach":
+            bare = plain.get(rate_hz)
+            also = "" if bare is None or verdict(bare) == word else "; plain sleep is not enough"
+            advice.append(f"{rate_hz} Hz is in reach with every measure granted here ({late}){also}.")
+        elif word == "marginal":
+            advice.append(f"{rate_hz} Hz is marginal ({late}): expect late ticks, and stay below this device rate.")
+        else:
+            advice.append(f"{rate_hz} Hz is out of reach here ({late}): choose a lower device rate.")
+    if machine.usable_cpus < 2:
+        advice.append("Only one processor is usable: a spinning loop starves everything else; use spin_ns = 0.")
+    if machine.governor not in (None, "performance"):
+        advice.append(
+            f"The processor's governor is {machine.governor!r}: 'cpupower frequency-set -g performance' as root "
+            "removes the slow start of every tick."
+        )
+    if machine.virtual:
+        advice.append(
+            "This is a virtual machine: its host adds lateness that nothing here removes; use bare metal for force."
+        )
+    if machine.preemption != "PREEMPT_RT" and any(verdict(each) != "in reach" for each in together.values()):
+        advice.append("A PREEMPT_RT kernel (Debian: linux-image-rt-amd64) shortens the longest latenesses.")
+    if machine.load_1min is not None and machine.load_1min > machine.usable_cpus / 2:
+        advice.append(f"The machine is busy (load {machine.load_1min:.1f}): measure again when it is quiet.")
+    return advice
+
+
+def _main(arguments: Sequence[str]) -> int:
+    """The child process: prints one Punctuality as JSON."""
+    rate_hz, names, seconds, spin_ns, setup = arguments
+    try:
+        found = observe(int(rate_hz), [n for n in names.split(",") if n], float(seconds), int(spin_ns), setup)
+    except KeyboardInterrupt:
+        return 130
+    print(json.dumps({name: getattr(found, name) for name in Punctuality.__slots__}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(sys.argv[1:]))

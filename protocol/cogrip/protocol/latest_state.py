@@ -1,0 +1,57 @@
+"""One direction of virtual coupling: the newest state wins (theory section 5)."""
+
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.messages import State
+
+
+class StateReceiver:
+    """Keeps the newest state. A state that comes after a newer one, or is overtaken before it is taken, is late."""
+
+    def __init__(self) -> None:
+        self._newest = -1
+        self._waiting: State | None = None
+        self._received = self._applied = self._late = self._duplicate = 0
+        self._seen = [-1] * 256
+        self.latest: State | None = None
+
+    @property
+    def heard(self) -> int:
+        """Number after the state that was taken last; 0 before the first."""
+        return self.latest.number + 1 if self.latest else 0
+
+    def receive(self, state: State) -> bool:
+        slot = state.number & 255
+        if self._seen[slot] == state.number:
+            self._duplicate += 1
+            return True
+        self._seen[slot] = state.number
+        self._received += 1
+        if state.number < self._newest:
+            self._late += 1
+            return True
+        if self._waiting is not None:
+            self._late += 1
+        self._newest = state.number
+        self._waiting = state
+        return True
+
+    def take(self) -> bool:
+        """Make the newest state the one in `latest`. True if there was a new one."""
+        if self._waiting is None:
+            return False
+        self._applied += 1
+        self.latest, self._waiting = self._waiting, None
+        return True
+
+    def count(self) -> LinkCount:
+        waiting = self._waiting is not None
+        sent = self._newest + 1 - waiting
+        return LinkCount(
+            sent=sent,
+            received=self._received,
+            applied=self._applied,
+            lost=sent - self._applied - self._late,
+            late=self._late,
+            duplicate=self._duplicate,
+            pending=int(waiting),
+        )

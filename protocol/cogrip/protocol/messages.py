@@ -1,0 +1,168 @@
+"""The datagrams: MessagePack arrays, coded and checked by msgspec (`SPEC.md` section 3).
+
+One datagram is one message. Every number that decoding lets through is finite and bounded, every list has a
+bounded length; anything else raises MalformedError and nothing but it.
+"""
+
+from typing import Annotated
+
+import msgspec
+
+from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
+from cogrip.protocol.settings import SeatSettings
+
+PROTOCOL_VERSION = 1
+MAGIC = "cogrip"
+MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
+HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
+
+Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
+Ns = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+WaveValue = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]  # sqrt(W)
+Total = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
+Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
+MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+Axes = msgspec.Meta(min_length=1, max_length=3)
+Text = Annotated[str, msgspec.Meta(max_length=300)]
+ShortText = Annotated[str, msgspec.Meta(max_length=40)]
+
+
+class MalformedError(ValueError):
+    """The datagram is not a message of this protocol."""
+
+
+class Message(msgspec.Struct, frozen=True, array_like=True, gc=False, forbid_unknown_fields=True):
+    """What all messages share: an array whose first element is the tag."""
+
+
+class Stamp(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Clock readings for the round trip: rtt = now - echo_ns - held_ns at the end that gets its own echo back."""
+
+    sent_ns: Ns  # sender's clock when this was sent
+    echo_ns: Ns = 0  # newest sent_ns heard from the other end, 0 when none
+    held_ns: Ns = 0  # how long that one was held here
+
+
+class Hello(Message, frozen=True, tag=1):
+    """Client asks for a seat. The first three elements have this place and meaning in every protocol version."""
+
+    magic: ShortText
+    version: Counter
+    software: ShortText
+    nonce: Ns
+    room: ShortText  # "" any
+    name: ShortText  # "" any free seat
+    digest: ShortText  # "" accept the server's settings
+    device: ShortText
+    device_axes: Annotated[int, msgspec.Meta(ge=1, le=6)]
+    device_rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e6)]
+    padding: Annotated[bytes, msgspec.Meta(max_length=HELLO_BYTES)] = b""
+
+
+class Welcome(Message, frozen=True, tag=2):
+    version: Counter
+    nonce: Ns
+    session: Session
+    digest: ShortText
+    software: ShortText
+    settings: SeatSettings
+
+
+class Refuse(Message, frozen=True, tag=3):
+    """The layout of this message is the same in every protocol version."""
+
+    version: Counter
+    nonce: Ns
+    code: ShortText
+    reason: Text
+
+
+class Waves(Message, frozen=True, tag=4):
+    """The newest frames of one direction with the running totals before the oldest of them (theory section 3.5)."""
+
+    session: Session
+    first: Counter  # number of the oldest frame in `waves`
+    waves: Annotated[tuple[WaveValue, ...], msgspec.Meta(min_length=1, max_length=96)]  # frame by frame, axis by axis
+    total: Annotated[tuple[Total, ...], Axes]  # sum of all waves before `first`, per axis [sqrt(W)]
+    squares: Annotated[tuple[Total, ...], Axes]  # sum of their squares, per axis [W]
+    made_j: Total  # energy of this direction's waves where they are made, up to the newest frame
+    port_j: Total  # energy that went into the line at the sender's port, up to the newest frame
+    heard: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
+    stamp: Stamp
+    state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
+    # client: hand's position before frame 0, then after the newest frame [m]; server: object's position [m], velocity [m/s]
+
+
+class State(Message, frozen=True, tag=5):
+    """Virtual coupling (theory section 5): the sender's position and velocity."""
+
+    session: Session
+    number: Counter
+    position_m: Annotated[tuple[Metres, ...], Axes]
+    velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
+    port_j: Total
+    heard: Counter
+    stamp: Stamp
+
+
+class Heartbeat(Message, frozen=True, tag=6):
+    """Keeps a seat while there are no waves to send."""
+
+    session: Session
+    stamp: Stamp
+
+
+class Leave(Message, frozen=True, tag=7):
+    session: Session
+    reason: Text
+    account: ClientAccount | None = None
+
+
+class Farewell(Message, frozen=True, tag=8):
+    session: Session
+    reason: Text
+    seat: SeatAccount | None = None
+    room: RoomAccount | None = None
+
+
+AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell
+_encoder = msgspec.msgpack.Encoder()
+_decoder = msgspec.msgpack.Decoder(AnyMessage)
+_raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])
+
+encode = _encoder.encode
+
+
+def decode(datagram: bytes) -> AnyMessage:
+    """The message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
+    if len(datagram) > MAX_DATAGRAM_BYTES:
+        raise MalformedError(f"{len(datagram)} bytes, more than {MAX_DATAGRAM_BYTES}")
+    try:
+        message: AnyMessage = _decoder.decode(datagram)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise MalformedError(str(error)) from None
+    return message
+
+
+def foreign_version(datagram: bytes) -> int | None:
+    """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one."""
+    try:
+        elements = _raw_decoder.decode(datagram[:MAX_DATAGRAM_BYTES])
+        if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
+            return None
+        if msgspec.msgpack.decode(elements[1], type=str) != MAGIC:
+            return None
+        version = msgspec.msgpack.decode(elements[2], type=int)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
+    return version if version != PROTOCOL_VERSION else None
+
+
+def padded(hello: Hello) -> bytes:
+    """A hello at its full length of HELLO_BYTES."""
+    bare = len(encode(hello))
+    # bin 8 has a header of 2 bytes, bin 16 of 3; the empty one counted in `bare` has 2
+    return encode(msgspec.structs.replace(hello, padding=bytes(max(0, HELLO_BYTES - bare - 1))))
+
+

@@ -1,0 +1,225 @@
+"""The session's two state machines, without I/O: who may say what when (`SPEC.md` section 4).
+
+    client   idle --call--> calling --welcome--> seated --leave--> leaving --farewell--> closed
+             calling: a hello every HELLO_EVERY; refused, or no answer in GIVE_UP_NS: closed
+             seated: silence of LOST_NS: closed; farewell (server stops): closed
+    seat     free --hello--> seated --leave | silence of LOST_NS | server stops--> free
+
+Both tables below are the only place that changes a state. A step that is not in the table leaves the state as it is.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+
+import msgspec
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import (
+    MAGIC,
+    PROTOCOL_VERSION,
+    ClientAccount,
+    Farewell,
+    Heartbeat,
+    Hello,
+    Leave,
+    Refuse,
+    Stamp,
+    Welcome,
+)
+
+HELLO_EVERY_NS = 250_000_000
+GIVE_UP_NS = 3_000_000_000
+HEARTBEAT_EVERY_NS = 250_000_000
+STALE_NS = 100_000_000  # no datagram for so long: the hand's force goes to zero, the seat is kept
+LOST_NS = 2_000_000_000  # no datagram for so long: the other end is gone
+LEAVE_EVERY_NS = 100_000_000
+LEAVE_GIVE_UP_NS = 600_000_000
+
+Table = Mapping[tuple[str, str], str]
+
+CLIENT: Table = {
+    ("idle", "call"): "calling",
+    ("calling", "welcome"): "seated",
+    ("calling", "refuse"): "closed",
+    ("calling", "silence"): "closed",
+    ("calling", "leave"): "closed",
+    ("seated", "leave"): "leaving",
+    ("seated", "farewell"): "closed",
+    ("seated", "silence"): "closed",
+    ("leaving", "farewell"): "closed",
+    ("leaving", "silence"): "closed",
+}
+SEAT: Table = {
+    ("free", "hello"): "seated",
+    ("seated", "leave"): "free",
+    ("seated", "silence"): "free",
+    ("seated", "stop"): "free",
+}
+
+
+class Clock:
+    """Stamps outgoing messages and reads the round trip off incoming ones."""
+
+    __slots__ = ("_heard_at_ns", "_heard_sent_ns")
+
+    def __init__(self) -> None:
+        self._heard_sent_ns = 0
+        self._heard_at_ns = 0
+
+    def stamp(self, now_ns: int) -> Stamp:
+        held = now_ns - self._heard_at_ns if self._heard_sent_ns else 0
+        return Stamp(now_ns, self._heard_sent_ns, held)
+
+    def read(self, stamp: Stamp, now_ns: int) -> int | None:
+        """Round-trip time [ns], None before an echo of our own came back."""
+        if stamp.sent_ns > self._heard_sent_ns:
+            self._heard_sent_ns, self._heard_at_ns = stamp.sent_ns, now_ns
+        if not stamp.echo_ns:
+            return None
+        rtt_ns = now_ns - stamp.echo_ns - stamp.held_ns
+        return rtt_ns if 0 <= rtt_ns < 60_000_000_000 else None
+
+
+class ClientSession:
+    """The client's half. `outbox` is what to send; `failed` says why it ended badly, "" if it did not."""
+
+    def __init__(self, hello: Hello) -> None:
+        self._hello = messages.padded(hello)
+        self._nonce = hello.nonce
+        self._since_ns = 0
+        self._next_ns = 0
+        self._leave: Leave | None = None
+        self.state = "idle"
+        self.outbox: deque[bytes] = deque()
+        self.clock = Clock()
+        self.welcome: Welcome | None = None
+        self.farewell: Farewell | None = None
+        self.last_heard_ns = 0
+        self.failed = ""
+        self.dropped: dict[str, int] = {}
+
+    def _step(self, event: str) -> bool:
+        after = CLIENT.get((self.state, event))
+        if after is None:
+            return False
+        self.state = after
+        return True
+
+    def call(self, now_ns: int) -> None:
+        self._step("call")
+        self._since_ns = self._next_ns = now_ns
+        self.poll(now_ns)
+
+    def leave(self, reason: str, account: ClientAccount | None, now_ns: int) -> None:
+        """Say goodbye, repeated until the farewell comes or LEAVE_GIVE_UP_NS have passed."""
+        if self._step("leave") and self.welcome:
+            self._leave = Leave(self.welcome.session, reason, account)
+            self._since_ns = self._next_ns = now_ns
+            self.poll(now_ns)
+
+    def drop(self, reason: str) -> None:
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+
+    def receive(self, datagram: bytes, now_ns: int) -> messages.Waves | messages.State | None:
+        """Take in a datagram; what belongs to the coupling is handed back. Anything unfit is counted by name."""
+        try:
+            message = messages.decode(datagram)
+        except messages.MalformedError:
+            self.drop("malformed")
+            return None
+        if isinstance(message, Welcome | Refuse):
+            self._answer(message, now_ns)
+            return None
+        if isinstance(message, Hello | Leave) or self.welcome is None:
+            self.drop("unexpected")
+            return None
+        if message.session != self.welcome.session:
+            self.drop("other session")
+            return None
+        self.last_heard_ns = now_ns
+        if isinstance(message, Farewell):
+            asked = self.state == "leaving"
+            if self._step("farewell"):
+                self.farewell = message
+                self.failed = self.failed if asked else f"the server said goodbye: {message.reason}"
+            return None
+        if isinstance(message, Heartbeat):
+            self.clock.read(message.stamp, now_ns)
+            return None
+        return message
+
+    def _answer(self, message: Welcome | Refuse, now_ns: int) -> None:
+        if message.nonce != self._nonce:
+            self.drop("other nonce")
+        elif isinstance(message, Refuse):
+            if self._step("refuse"):
+                self.failed = f"the server refused: {message.reason} [{message.code}]"
+        elif self._step("welcome"):
+            self.welcome = message
+            self.last_heard_ns = now_ns
+
+    def stale(self, now_ns: int) -> bool:
+        return now_ns - self.last_heard_ns > STALE_NS
+
+    def poll(self, now_ns: int) -> None:
+        """Time passes: repeat what is unanswered, give up what has been silent too long."""
+        if self.state == "calling":
+            if now_ns - self._since_ns >= GIVE_UP_NS and self._step("silence"):
+                self.failed = f"no server answered within {GIVE_UP_NS / 1e9:g} s"
+            elif now_ns >= self._next_ns:
+                self._next_ns += HELLO_EVERY_NS
+                self.outbox.append(self._hello)
+        elif self.state == "seated":
+            if now_ns - self.last_heard_ns > LOST_NS and self._step("silence"):
+                self.failed = f"the server has been silent for {LOST_NS / 1e9:g} s"
+        elif self.state == "leaving":
+            if now_ns - self._since_ns >= LEAVE_GIVE_UP_NS:
+                self._step("silence")
+            elif now_ns >= self._next_ns and self._leave:
+                self._next_ns += LEAVE_EVERY_NS
+                self.outbox.append(messages.encode(self._leave))
+
+    def heartbeat(self, now_ns: int) -> None:
+        """In place of waves while there are none to send."""
+        if self.welcome and now_ns >= self._next_ns:
+            self._next_ns = now_ns + HEARTBEAT_EVERY_NS
+            self.outbox.append(messages.encode(Heartbeat(self.welcome.session, self.clock.stamp(now_ns))))
+
+
+def make_hello(
+    *, software: str, nonce: int, room: str, name: str, digest: str, device: str, axes: int, rate_hz: float
+) -> Hello:
+    return Hello(MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, device[:40], axes, rate_hz)
+
+
+def unfit(hello: Hello, *, digest: str, axes: int, device_hz: int) -> tuple[str, str] | None:
+    """(code, reason) why a hello cannot be served, None if it can. The texts are what both sides print."""
+    if hello.magic != MAGIC or hello.version != PROTOCOL_VERSION:
+        return version_mismatch(hello.version)
+    if hello.digest and hello.digest != digest:
+        return "settings", f"your settings ({hello.digest}) are not the server's ({digest}): use the same file, or none"
+    if hello.device_axes < axes:
+        return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room"
+    if hello.device_rate_hz < device_hz:
+        return (
+            "rate",
+            f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, this room at rates.device_hz = {device_hz}",
+        )
+    return None
+
+
+def version_mismatch(theirs: int) -> tuple[str, str]:
+    return "version", f"the client speaks protocol {theirs}, the server {PROTOCOL_VERSION}: install the same cogrip on both"
+
+
+def refusal(hello_nonce: int, code: str, reason: str) -> bytes:
+    return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, reason))
+
+
+def nonce_of(datagram: bytes) -> int:
+    """The nonce of a hello of another version, 0 if it cannot be read."""
+    try:
+        elements = msgspec.msgpack.decode(datagram, type=list[msgspec.Raw])
+        return msgspec.msgpack.decode(elements[4], type=int)
+    except (msgspec.DecodeError, IndexError, UnicodeDecodeError):
+        return 0

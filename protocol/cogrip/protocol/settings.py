@@ -1,0 +1,335 @@
+"""The one TOML schema of every command: types, bounds, defaults (README, section Settings).
+
+Units are in the names. `resolve` turns the raw table into `Settings` or raises SettingsError, which names the setting,
+its value, the bound and the cure. `seat_settings` is what one user's client and seat must agree on.
+"""
+
+import difflib
+import hashlib
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from cogrip.protocol import decimation
+from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
+from cogrip.protocol.rates import Rates, RatesError
+
+Decimator = Literal["boxcar", "lowpass", "none"]
+Encoder = Literal["displacement", "velocity"]
+Side = Literal["left", "right"]
+Kind = Literal["wave", "coupling"]
+ServerStep = Literal["passive", "paper"]
+ObjectKind = Literal["cube", "faces", "wall"]
+
+Hz = Annotated[int, msgspec.Meta(ge=1, le=20_000)]
+Impedance = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
+Stiffness = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
+Damping = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+Mass = Annotated[float, msgspec.Meta(gt=0.0, le=1e3)]
+Milliseconds = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
+Probability = Annotated[float, msgspec.Meta(ge=0.0, le=0.99)]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")]
+
+
+class SettingsError(ValueError):
+    """A setting is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
+
+
+class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    device_hz: Hz = 1024
+    network_hz: Hz = 128
+
+
+class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    kind: Kind = "wave"
+    impedance_nspm: Impedance = 20.0
+    stiffness_npm: Stiffness = 1000.0
+    damping_nspm: Damping = 10.0
+    compensate: bool = False
+    decimator: Decimator = "boxcar"
+    lowpass_rad_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e5)] = 50.0
+    server_step: ServerStep = "passive"
+    encoder: Encoder = "displacement"
+
+
+class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    kind: ObjectKind = "cube"
+    mass_kg: Mass = 0.2
+    damping_nspm: Damping = 0.0
+    axes: Annotated[int, msgspec.Meta(ge=1, le=3)] = 1
+
+
+class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One direction's own values; what is None is taken from [link]."""
+
+    delay_ms: Milliseconds | None = None
+    jitter_ms: Milliseconds | None = None
+    loss: Probability | None = None
+    burst_frames: Annotated[float, msgspec.Meta(ge=1.0, le=1e4)] | None = None
+    duplicate: Probability | None = None
+    reorder: Probability | None = None
+    rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] | None = None
+
+
+class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):
+    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap."""
+
+    delay_ms: Milliseconds = 0.0
+    jitter_ms: Milliseconds = 0.0
+    loss: Probability = 0.0
+    burst_frames: Annotated[float, msgspec.Meta(ge=1.0, le=1e4)] = 1.0
+    duplicate: Probability = 0.0
+    reorder: Probability = 0.0
+    rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] = 0.0
+
+
+class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """[link] holds for both directions; [link.up] (client to server) and [link.down] override it."""
+
+    up: LinkDirection = LinkDirection()
+    down: LinkDirection = LinkDirection()
+
+    def direction(self, own: LinkDirection) -> LinkProfile:
+        values: dict[str, float] = {}
+        for name in LinkDirection.__struct_fields__:
+            value = getattr(own, name)
+            value = getattr(self, name) if value is None else value
+            if value is not None:
+                values[name] = value
+        return LinkProfile(**values)
+
+
+class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    frames: Annotated[int, msgspec.Meta(ge=0, le=256)] = 0
+    redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
+    tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+
+
+class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One seat. The fields that are None are [coupling]'s."""
+
+    name: Name = ""
+    device: str = "sim:phantom"
+    hand: str = "reach"
+    side: Side = "left"
+    device_mass_kg: Mass = 0.1
+    device_damping_nspm: Damping = 0.0
+    impedance_nspm: Impedance | None = None
+    stiffness_npm: Stiffness | None = None
+    damping_nspm: Damping | None = None
+    decimator: Decimator | None = None
+    encoder: Encoder | None = None
+    compensate: bool | None = None
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: Name = "session"
+    seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 1
+    seconds: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 10.0
+    rates: RatesSection = RatesSection()
+    coupling: Coupling = Coupling()
+    object: Object = Object()
+    link: Link = Link()
+    playout: Playout = Playout()
+    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=256)] = (User(name="anna"),)
+
+
+class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
+    """What a seat's two ends share: sent in the welcome, bound by its digest."""
+
+    room: str
+    user: str
+    seat: int
+    seed: int
+    seconds: float
+    rates: Rates
+    coupling: Coupling
+    rendered_npm: float  # K of the spring the server integrates: [coupling]'s, or the compensated K'
+    object: Object
+    side: Side
+    playout: Playout
+    up: LinkProfile
+    down: LinkProfile
+
+    @property
+    def side_sign(self) -> float:
+        """Direction in which this person pushes along the first axis: +1 from the left, -1 from the right."""
+        return 1.0 if self.side == "left" else -1.0
+
+    @property
+    def one_sided(self) -> bool:
+        """True where the contact can only push (theory section 3.4)."""
+        return self.object.kind != "cube"
+
+    def predicted_stiffness(self, loop_frames: float) -> float | None:
+        """K_hand [N/m] of theory section 4 for a measured loop of `loop_frames` network frames; None without waves.
+
+        The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied:
+        2d + 1 for d frames of delay each way.
+        """
+        if self.coupling.kind != "wave":
+            return None
+        round_trip_s = (loop_frames - 1.0) * self.rates.frame_s
+        return felt_stiffness(self.rendered_npm, _compliance(self.coupling, self.rates, round_trip_s))
+
+
+def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
+    """Settings from a TOML table and `--set` overrides ({"coupling.stiffness_npm": 500.0}). Raises SettingsError."""
+    merged = _copy(table)
+    for key, value in (overrides or {}).items():
+        _override(merged, key, value)
+    _refuse_unknown(merged, Settings, "")
+    for index, user in enumerate(merged.get("users", ())):
+        if isinstance(user, dict):
+            user.setdefault("name", f"user{index + 1}")
+    try:
+        settings = msgspec.convert(merged, Settings)
+    except msgspec.ValidationError as error:
+        raise SettingsError(_readable(str(error), merged)) from None
+    _check_fit(settings)
+    return settings
+
+
+def parse_override(text: str) -> tuple[str, str]:
+    """Split `section.key=value`. Raises SettingsError."""
+    key, separator, value = text.partition("=")
+    if not separator or not key.strip():
+        raise SettingsError(f"--set {text!r}: write it as section.key=value, for instance coupling.stiffness_npm=500")
+    return key.strip(), value.strip()
+
+
+def coupling_of(settings: Settings, user: User) -> Coupling:
+    """[coupling] with this user's own values in place."""
+    own = {
+        name: getattr(user, name)
+        for name in ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate")
+        if getattr(user, name) is not None
+    }
+    return msgspec.structs.replace(settings.coupling, **own)
+
+
+def seat_settings(settings: Settings, seat: int) -> SeatSettings:
+    """What user number `seat` and the server share. Raises SettingsError when compensation is out of reach."""
+    user = settings.users[seat]
+    coupling = coupling_of(settings, user)
+    rates = Rates(settings.rates.device_hz, settings.rates.network_hz)
+    up, down = settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)
+    rendered = coupling.stiffness_npm
+    if coupling.compensate and coupling.kind == "wave":
+        round_trip_s = (up.delay_ms + down.delay_ms) * 1e-3 + 2 * settings.playout.frames * rates.frame_s
+        compliance = _compliance(coupling, rates, round_trip_s)
+        try:
+            rendered = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
+        except OutOfReachError as error:
+            raise SettingsError(f"users.{seat} ({user.name}): {error}") from None
+    return SeatSettings(
+        settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
+        settings.object, user.side, settings.playout, up, down,
+    )  # fmt: skip
+
+
+def digest(settings: Settings) -> str:
+    """Fingerprint of everything the ends must agree on (not: whose hand, how long, what link is emulated)."""
+    shared = [
+        settings.rates,
+        settings.object,
+        settings.playout,
+        [(user.name, user.side, coupling_of(settings, user)) for user in settings.users],
+    ]
+    return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
+
+
+def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
+    lag = decimation.lag_s(coupling.decimator, rates.frame_s, coupling.lowpass_rad_s)
+    if coupling.server_step == "paper":
+        lag -= 2.0 * rates.frame_s  # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
+    return line_compliance(coupling.impedance_nspm, round_trip_s, lag)
+
+
+def _check_fit(settings: Settings) -> None:
+    try:
+        Rates(settings.rates.device_hz, settings.rates.network_hz).ticks_per_frame  # noqa: B018 (raises)
+    except RatesError as error:
+        raise SettingsError(str(error)) from None
+    names = [user.name for user in settings.users]
+    for name in names:
+        if names.count(name) > 1:
+            raise SettingsError(f"users: the name {name!r} stands twice; give every user a name of their own")
+    if settings.coupling.kind == "coupling" and settings.coupling.server_step == "paper":
+        raise SettingsError(
+            'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "coupling" leave it "passive"'
+        )
+    for profile in (settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)):
+        least = 1.0 / (1.0 - profile.loss)
+        if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:
+            raise SettingsError(
+                f"link.burst_frames = {profile.burst_frames:g} is too short for link.loss = {profile.loss:g}: "
+                f"bursts of at least {least:.3g} datagrams are needed"
+            )
+    for seat in range(len(settings.users)):
+        seat_settings(settings, seat)
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _copy(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_copy(item) for item in value]
+    return value
+
+
+def _override(table: dict[str, Any], key: str, value: Any) -> None:
+    *path, last = key.split(".")
+    here: Any = table
+    for depth, part in enumerate(path):
+        if isinstance(here, list):
+            here = _item(here, part, key)
+        else:
+            here = here.setdefault(part, [] if part == "users" else {})
+        if not isinstance(here, (dict, list)):
+            raise SettingsError(f"--set {key}: {'.'.join(path[: depth + 1])} is a value, not a section")
+    if isinstance(here, list):
+        raise SettingsError(f"--set {key}: name a user's number and key, for instance users.0.stiffness_npm")
+    here[last] = value
+
+
+def _item(items: list[Any], part: str, key: str) -> Any:
+    if not part.isdigit() or int(part) >= len(items):
+        raise SettingsError(f"--set {key}: there is no user number {part} (users are numbered 0 to {len(items) - 1})")
+    return items[int(part)]
+
+
+def _refuse_unknown(table: Any, struct: type[msgspec.Struct], where: str) -> None:
+    if not isinstance(table, dict):
+        return
+    fields = {field.name: field.type for field in msgspec.structs.fields(struct)}
+    for key, value in table.items():
+        path = f"{where}{key}"
+        if key not in fields:
+            near = difflib.get_close_matches(str(key), fields, n=1, cutoff=0.5)
+            cure = f"did you mean {where}{near[0]}?" if near else f"known here: {', '.join(fields)}"
+            raise SettingsError(f"{path}: there is no such setting; {cure}")
+        kind = fields[key]
+        if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+            _refuse_unknown(value, kind, f"{path}.")
+        elif key == "users" and isinstance(value, list):
+            for index, item in enumerate(value):
+                _refuse_unknown(item, User, f"users.{index}.")
+
+
+def _readable(message: str, table: Any) -> str:
+    """msgspec's message with the setting's path first and its value beside it."""
+    text, _, where = message.partition(" - at `$")
+    path = where.rstrip("`").replace("[", ".").replace("]", "").lstrip(".")
+    if not path:
+        return text
+    value: Any = table
+    for part in path.split("."):
+        try:
+            value = value[int(part)] if isinstance(value, list) else value[part]
+        except (KeyError, IndexError, ValueError, TypeError):
+            return f"{path}: {text}"
+    return f"{path} = {value!r}: {text.replace('`', '')}"
+
+

@@ -1,0 +1,117 @@
+"""The server's end of each person's line: what comes in before a step, what goes out after it."""
+
+from collections.abc import Callable
+
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.latest_state import StateReceiver
+from cogrip.protocol.line import LineReceiver, LineSender
+from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.settings import SeatSettings
+
+Row = tuple[float, ...]
+
+
+class WavePort:
+    """Plays forward waves to the world and sends its answers back."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        axes, playout, frame_s = seat.object.axes, seat.playout, seat.rates.frame_s
+        self._half_frame_s = 0.5 * frame_s
+        self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3)
+        self._sender = LineSender(axes, playout.redundancy)
+        self._axes = axes
+        self._port_j: float | None = None
+        self.origin: Row | None = None  # the hand before its first frame [m]
+        self.hand: Row | None = None  # the hand after its newest frame [m]
+        self.made_j = 0.0
+        self.up_margin_j: float | None = 0.0
+
+    def receive(self, message: Waves | State) -> bool:
+        if not isinstance(message, Waves) or len(message.state) != 2 * self._axes:
+            return False
+        mark = (message.made_j, message.port_j, message.heard)
+        if not self._receiver.receive(message.first, message.waves, message.total, message.squares, mark):
+            return False
+        self.hand = message.state[self._axes :]
+        if self.origin is None:
+            self.origin = message.state[: self._axes]
+        return True
+
+    def take(self, frames: int) -> Row:
+        """The row to step with; `frames` > 1 if the loop missed frames - 1 steps."""
+        receiver = self._receiver
+        wave = receiver.take(frames)
+        self._port_j = None
+        if receiver.mark is not None:
+            made_j, self._port_j, _ = receiver.mark
+            margin = made_j - receiver.played_j
+            if self.up_margin_j is None or margin < self.up_margin_j:
+                self.up_margin_j = margin
+        for _ in range(frames - 1):
+            self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
+        return wave
+
+    def put(self, row: Row) -> None:
+        self._sender.push(row)
+        for value in row:
+            self.made_j += value * value * self._half_frame_s
+
+    def port_in_j(self) -> float | None:
+        """Energy that had gone in at the client's port up to the frame just taken, where that is known."""
+        return self._port_j
+
+    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
+        first, waves, total, squares = self._sender.contents()
+        heard = self._receiver.heard
+        return Waves(session, first, waves, total, squares, self.made_j, port_j, heard, stamp, object_state)
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+
+class StatePort:
+    """Virtual coupling: the newest device state in, the object's state out."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        self._axes = seat.object.axes
+        self._receiver = StateReceiver()
+        self._number = -1
+        self._row: Row = (0.0,) * (2 * self._axes)
+        self._fresh = False
+        self.origin: Row | None = None
+        self.hand: Row | None = None
+        self.made_j = 0.0
+        self.up_margin_j: float | None = None
+
+    def receive(self, message: Waves | State) -> bool:
+        if not isinstance(message, State) or len(message.position_m) != self._axes:
+            return False
+        self.hand = message.position_m
+        if self.origin is None:
+            self.origin = message.position_m
+        return self._receiver.receive(message)
+
+    def take(self, frames: int) -> Row:
+        self._fresh = self._receiver.take()
+        if self._receiver.latest:
+            return self._receiver.latest.position_m + self._receiver.latest.velocity_mps
+        return (0.0,) * (2 * self._axes)
+
+    def put(self, row: Row) -> None:
+        self._row = row
+        self._number += 1
+
+    def port_in_j(self) -> float | None:
+        return self._receiver.latest.port_j if self._fresh and self._receiver.latest else None
+
+    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
+        row, axes = self._row, self._axes
+        return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.heard, stamp)
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+
+Port = WavePort | StatePort
+
+PORTS: dict[str, Callable[[SeatSettings], Port]] = {"wave": WavePort, "coupling": StatePort}

@@ -1,0 +1,86 @@
+"""A free object that people grip from all sides: implicit midpoint with the wave ports solved in the same step.
+
+Passive for any K, B, b, m_o, n (theory section 3.3); the balance there holds to machine precision at every step.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.world import Array, World
+
+RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
+
+
+class GripWorld(World):
+    """`stretch` is e, shape (n, a)."""
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        self.stretch = np.zeros_like(self.force)
+        self._ledger = np.zeros(len(seats))  # what each user's spring may spend on growing stiffer [J]
+        self._growing = False
+
+    def join(self, user: int, position_m: Array) -> None:
+        self.offset[user] = position_m - self.position
+        self.stretch[user] = 0.0
+        self.stiffness[user] = 0.0
+        self.damping[user] = self.target_damping[user]
+        self._ledger[user] = 0.0
+        self.present[user] = True
+        self._growing = True
+
+    def leave(self, user: int) -> None:
+        self.present[user] = False
+        self.stretch[user] = self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
+
+    def proxy(self, user: int) -> Array:
+        return self.position + self.stretch[user] + self.offset[user]
+
+    def step(self, inputs: Array) -> Array:
+        period, b, c = self.frame_s, self.impedance, self.wave_gain
+        K, B, e, u = self.stiffness, self.damping, self.stretch, inputs  # noqa: N806 (theory's symbols)
+        inertia = 2.0 * self.mass_kg / period
+        G = K * (0.5 * period) + B  # noqa: N806
+        share = 1.0 / (1.0 + G / b)
+        alpha = (K * e + G * c * u) * share
+        beta = G * share
+        mid = (inertia * self.velocity + alpha.sum(axis=0) + self.external_force) / (
+            inertia + self.object_damping + beta.sum()
+        )
+        force = alpha - beta * mid
+        proxy_velocity = c * u - force / b
+        back = u - c * force
+        relative = proxy_velocity - mid
+        grown = e + period * relative
+        velocity = 2.0 * mid - self.velocity
+
+        stored_before = 0.5 * ((K * e * e).sum() + self.mass_kg * (self.velocity @ self.velocity))
+        stored = 0.5 * ((K * grown * grown).sum() + self.mass_kg * (velocity @ velocity))
+        port = (0.5 * period) * (u * u - back * back).sum(axis=1)
+        lost = period * ((B * relative * relative).sum() + self.object_damping * (mid @ mid))
+        supplied = port.sum() + period * (self.external_force @ mid)
+        self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
+
+        self.port_work += port
+        self.force = force
+        self.stretch = grown
+        self.position = self.position + period * mid
+        self.velocity = velocity
+        if self._growing:
+            self._ledger += period * (B * relative * relative).sum(axis=1)
+            self._grow()
+        return back
+
+    def _grow(self) -> None:
+        """Raise K towards its target; dK e^2 / 2 is paid from what the user's own damper has taken (theory section 3.7)."""
+        square = (self.stretch * self.stretch).sum(axis=1)
+        wanted = np.minimum(
+            self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), self.target_stiffness[:, 0] - self.stiffness[:, 0]
+        )
+        affordable = np.divide(2.0 * self._ledger, square, out=np.full_like(square, np.inf), where=square > 0.0)
+        step = np.where(self.present, np.minimum(wanted, affordable), 0.0)
+        self._ledger -= 0.5 * step * square
+        self.stiffness[:, 0] += step
+        self._growing = bool(np.any(self.present & (self.stiffness[:, 0] < self.target_stiffness[:, 0])))

@@ -1,0 +1,117 @@
+"""The schemes to compare with: an object moved by forces computed from the frame before, held over the frame.
+
+`PaperWorld` is P eq. 17 and 18 (their slips mended, theory section 1): the wave is decoded with the force of the step
+before. `CoupledWorld` is virtual coupling: forces from the device states last received (theory section 5). Neither is
+passive; both are kept to be beaten.
+"""
+
+from collections.abc import Sequence
+from math import exp
+
+import numpy as np
+
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.world import Array, World
+
+
+class LaggedWorld(World):
+    """`hand` is x_s, shape (n, a), in the object's frame."""
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        self.hand = np.zeros_like(self.force)
+        kind = seats[0].object.kind
+        self._fixed = kind == "wall"
+        self._one_sided = kind != "cube"
+        period, mass, damping = self.frame_s, self.mass_kg, self.object_damping
+        if damping > 0.0:  # exact zero-order hold of m v' + b v = F over T
+            self._decay = exp(-damping * period / mass)
+            self._gain = (1.0 - self._decay) / damping
+            self._glide = mass / damping * (1.0 - self._decay)
+            self._reach = (period - self._glide) / damping
+        else:
+            self._decay, self._gain = 1.0, period / mass
+            self._glide, self._reach = period, 0.5 * period * period / mass
+
+    def join(self, user: int, position_m: Array) -> None:
+        self.present[user] = True
+        if self._one_sided:
+            inside = max(0.0, self.side[user] * (position_m[0] - self.position[0]))
+            self.hand[user] = position_m
+            self.hand[user, 0] -= self.side[user] * inside
+        else:
+            self.hand[user] = self.position
+        self.offset[user] = position_m - self.hand[user]
+        self.force[user] = 0.0
+        self.stiffness[user] = self.target_stiffness[user]
+        self.damping[user] = self.target_damping[user]
+
+    def leave(self, user: int) -> None:
+        self.present[user] = False
+        self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
+
+    def proxy(self, user: int) -> Array:
+        return self.hand[user] + self.offset[user]
+
+    def contact(self, hand_velocity: Array) -> Array:
+        """F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with the usual depth test."""
+        stretch = self.hand - self.position
+        force = self.stiffness * stretch + self.damping * (hand_velocity - self.velocity)
+        if self._one_sided:
+            push = np.where(self.side * stretch[:, 0] > 0.0, np.maximum(0.0, self.side * force[:, 0]), 0.0)
+            force[:, 0] = self.side * push
+            force[:, 1:] = 0.0
+        return force
+
+    def move_object(self) -> Array:
+        """The object under the held forces for one frame, exactly. Returns its displacement, shape (a,)."""
+        if self._fixed:
+            return np.zeros_like(self.position)
+        total = self.force.sum(axis=0) + self.external_force
+        moved: Array = self._glide * self.velocity + self._reach * total
+        self.velocity = self._decay * self.velocity + self._gain * total
+        self.position = self.position + moved
+        return moved
+
+
+class PaperWorld(LaggedWorld):
+    """P's own server step on wave ports."""
+
+    def step(self, inputs: Array) -> Array:
+        period, b, c, u = self.frame_s, self.impedance, self.wave_gain, inputs
+        stored_before = self._stored()
+        proxy_velocity = c * u - self.force / b  # the force is one step old: T_VE of P eq. 17
+        self.hand = self.hand + period * proxy_velocity
+        self.force = self.contact(proxy_velocity)
+        back = u - c * self.force
+        relative = proxy_velocity - self.velocity
+        lost = period * (self.damping * relative * relative).sum()
+        moved = self.move_object()
+        lost += self.object_damping * (moved @ moved) / period
+        port = (0.5 * period) * (u * u - back * back).sum(axis=1)
+        error = port.sum() + self.external_force @ moved - (self._stored() - stored_before) - lost
+        self.balance_error_j = max(self.balance_error_j, abs(float(error)))
+        self.port_work += port
+        return back
+
+    def _stored(self) -> float:
+        stretch = self.hand - self.position
+        if self._one_sided:
+            stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
+        return float(0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * (self.velocity @ self.velocity)))
+
+
+class CoupledWorld(LaggedWorld):
+    """Inputs are device position and velocity, shape (n, 2a); so is what goes back, in each user's own frame."""
+
+    inputs_per_axis = 2
+
+    def step(self, inputs: Array) -> Array:
+        axes = self.axes
+        hands = inputs[:, :axes] - self.offset
+        self.hand = np.where(self.present[:, None], hands, self.hand)
+        self.force = self.contact(inputs[:, axes:])
+        moved = self.move_object()
+        self.port_work += self.force @ moved
+        seen = self.position + self.offset
+        return np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)

@@ -1,0 +1,98 @@
+"""Contact that only pushes: the faces of a free object, or a fixed wall. Implicit Euler in closed form (theory 3.4).
+
+Contact is along the first axis, with no friction on the others. Whether there is contact is decided by the sign of the
+force alone: the usual extra test `depth > 0` creates energy. Passive for any K, B, b, m_o, n.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.world import Array, World
+
+
+class PushWorld(World):
+    """`hand` is x_s, shape (n, a), in the object's frame; depth d = s (x_s - x_o) on the first axis."""
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        self.hand = np.zeros_like(self.force)
+        self._fixed = seats[0].object.kind == "wall"
+
+    def join(self, user: int, position_m: Array) -> None:
+        self.hand[user] = position_m
+        # a hand that starts inside is taken to be on the surface: pressing in before joining stored no energy
+        inside = max(0.0, self.side[user] * (position_m[0] - self.position[0]))
+        self.hand[user, 0] -= self.side[user] * inside
+        self.offset[user] = position_m - self.hand[user]
+        self.present[user] = True
+        self.stiffness[user] = self.target_stiffness[user]  # costs nothing at depth 0
+        self.damping[user] = self.target_damping[user]
+
+    def leave(self, user: int) -> None:
+        self.present[user] = False
+        self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
+
+    def proxy(self, user: int) -> Array:
+        return self.hand[user] + self.offset[user]
+
+    def step(self, inputs: Array) -> Array:
+        period, b, c = self.frame_s, self.impedance, self.wave_gain
+        u, side = inputs, self.side
+        K, b1 = self.stiffness[:, 0], b[:, 0]  # noqa: N806
+        free_velocity = c * u
+        depth = side * (self.hand[:, 0] - self.position[0])
+        G = self.damping[:, 0] + K * period  # noqa: N806
+        share = 1.0 / (1.0 + G / b1)
+        rest = (K * depth + G * side * free_velocity[:, 0]) * share  # F at v = 0
+        slope = G * share  # dF / d(s v)
+        v = 0.0 if self._fixed else self._object_velocity(rest, slope)
+        push = np.maximum(0.0, rest - slope * side * v)
+        force = np.zeros_like(self.force)
+        force[:, 0] = side * push
+        proxy_velocity = free_velocity - force / b
+        back = u - c * force
+
+        velocity = np.zeros_like(self.velocity) if self._fixed else self._free_velocity(v)
+        hand = self.hand + period * proxy_velocity
+        position = self.position + period * velocity
+        grown = side * (hand[:, 0] - position[0])
+        stored_before = 0.5 * ((K * np.maximum(depth, 0.0) ** 2).sum() + self.mass_kg * (self.velocity @ self.velocity))
+        stored = 0.5 * ((K * np.maximum(grown, 0.0) ** 2).sum() + self.mass_kg * (velocity @ velocity))
+        port = (0.5 * period) * (u * u - back * back).sum(axis=1)
+        lost = period * self.object_damping * (velocity @ velocity)
+        supplied = port.sum() + period * (self.external_force @ velocity)
+        self.balance_error_j = max(self.balance_error_j, (stored - stored_before) + lost - supplied)
+
+        self.port_work += port
+        self.force, self.hand, self.position, self.velocity = force, hand, position, velocity
+        return back
+
+    def _free_velocity(self, first: float) -> Array:
+        period = self.frame_s
+        velocity = (self.mass_kg / period * self.velocity + self.external_force) / (
+            self.mass_kg / period + self.object_damping
+        )
+        velocity[0] = first
+        return velocity
+
+    def _object_velocity(self, rest: Array, slope: Array) -> float:
+        """v with m_o (v - v_o)/T + b_o v = sum s_i max(0, rest_i - slope_i s_i v) + F_ext.
+
+        The right side falls with v and is piecewise linear: walk its break points in order until the sign changes.
+        """
+        inertia = self.mass_kg / self.frame_s
+        impulse = inertia * self.velocity[0] + self.external_force[0]
+        users = np.flatnonzero(slope > 0.0)
+        side, rest, slope = self.side[users], rest[users], slope[users]
+        breaks = side * rest / slope
+        order = np.argsort(breaks)
+        breaks, side, rest, slope = breaks[order], side[order], rest[order], slope[order]
+        # below all break points those who push to the right are in contact, above all those who push to the left
+        right = side > 0.0
+        pushes = np.concatenate(([0.0], -np.cumsum(rest))) + rest[right].sum()
+        slopes = np.concatenate(([0.0], -np.cumsum(side * slope))) + slope[right].sum()
+        velocities = (impulse + pushes) / (inertia + self.object_damping + slopes)
+        below = velocities[:-1] <= breaks
+        return float(velocities[int(below.argmax()) if below.any() else -1])

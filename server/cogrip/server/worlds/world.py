@@ -1,0 +1,65 @@
+"""What every world has: the object's state, a proxy for each person, and the books."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cogrip.protocol.settings import SeatSettings
+
+Array = NDArray[np.float64]
+
+WORKSPACE_M = 0.5  # the object has left the room beyond this
+
+
+class World(ABC):
+    """One object and its users. `step` takes one row of inputs a user, shape (n, inputs), and returns rows to send back.
+
+    Positions of a user (proxy, device) are in that user's own frame: `offset` is what joining put between it and the
+    object's (theory section 3.7: the proxy starts on the object, wherever the hand is).
+    """
+
+    inputs_per_axis = 1  # waves
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        first = seats[0]
+        self.axes = axes = first.object.axes
+        self.frame_s = first.rates.frame_s
+        self.mass_kg = first.object.mass_kg
+        self.object_damping = first.object.damping_nspm
+        self.impedance = np.array([[seat.coupling.impedance_nspm] for seat in seats])
+        self.wave_gain = np.sqrt(2.0 / self.impedance)  # c
+        self.side = np.array([seat.side_sign for seat in seats])
+        self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
+        self.target_damping = np.array([[seat.coupling.damping_nspm] for seat in seats])
+        self.stiffness = np.zeros((len(seats), 1))
+        self.damping = np.zeros((len(seats), 1))
+        self.present = np.zeros(len(seats), dtype=bool)
+        self.position = np.zeros(axes)
+        self.velocity = np.zeros(axes)
+        self.offset = np.zeros((len(seats), axes))
+        self.force = np.zeros((len(seats), axes))
+        self.port_work = np.zeros(len(seats))  # energy that came out of each user's line so far [J]
+        self.external_force = np.zeros(axes)  # F_ext [N]
+        self.balance_error_j = 0.0
+
+    @abstractmethod
+    def join(self, user: int, position_m: Array) -> None:
+        """A person takes a seat with the hand at position_m [m], shape (a,), in its own frame."""
+
+    @abstractmethod
+    def leave(self, user: int) -> None:
+        """A person is gone: the spring's energy is discarded, never returned as a kick."""
+
+    @abstractmethod
+    def step(self, inputs: Array) -> Array:
+        """Advance the object by one frame."""
+
+    @abstractmethod
+    def proxy(self, user: int) -> Array:
+        """The person's hand as the server knows it [m], shape (a,), in the person's own frame."""
+
+    @property
+    def left_workspace(self) -> bool:
+        return not bool(np.all(np.abs(self.position) <= WORKSPACE_M))

@@ -1,0 +1,124 @@
+"""`summary.json`: one run in the keys that the README fixes, from what the ends know of it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.settings import Settings
+from cogrip.sim.laboratory import Laboratory
+
+TOLERANCE_J = 1e-12
+
+
+class UserRecord(msgspec.Struct, frozen=True):
+    """One user's two ends; None where an end was never heard."""
+
+    name: str
+    client: ClientAccount | None
+    seat: SeatAccount | None
+
+
+def summarise(
+    *,
+    name: str,
+    seed: int,
+    seconds: float,
+    tank_mj: float,
+    users: Sequence[UserRecord],
+    room: RoomAccount | None,
+    dropped: Mapping[str, int],
+) -> dict[str, Any]:
+    """The summary of a run. What an end that was not heard alone knew is null."""
+    rows = [_user(user) for user in users]
+    allowance = tank_mj * 1e-3 + TOLERANCE_J
+    margins = [
+        row["energy"][key] for row in rows for key in ("up_margin_j", "down_margin_j", "line_margin_j")
+    ]  # fmt: skip
+    diverged = any(user.client.diverged for user in users if user.client) or bool(room and room.diverged)
+    return {
+        "name": name,
+        "seed": seed,
+        "seconds": seconds,
+        "passive": all(margin >= -allowance for margin in margins if margin is not None),
+        "diverged": diverged,
+        "object": {
+            "position_m": list(room.position_m) if room else None,
+            "velocity_mps": list(room.velocity_mps) if room else None,
+            "travel_m": room.travel_m if room else None,
+        },
+        "users": rows,
+        "server": {
+            "ticks": _ticks(room.ticks if room else None),
+            "energy_balance_error_j": room.energy_balance_error_j if room else None,
+            "dropped": dict(dropped),
+        },
+    }
+
+
+def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
+    """The summary of a session in virtual time."""
+    settings: Settings = laboratory.settings
+    ticks = laboratory.ticks()
+    dropped: dict[str, int] = dict(laboratory.server.dropped)
+    return summarise(
+        name=settings.name,
+        seed=settings.seed,
+        seconds=laboratory.seconds,
+        tank_mj=settings.playout.tank_mj,
+        users=[
+            UserRecord(person.name, person.core.account(ticks), laboratory.room.seat_account(number))
+            for number, person in enumerate(laboratory.people)
+        ],
+        room=laboratory.room.account(),
+        dropped=dropped,
+    )
+
+
+def _user(user: UserRecord) -> dict[str, Any]:
+    client, seat = user.client, user.seat
+    return {
+        "name": user.name,
+        "position_m": list(client.position_m) if client else None,
+        "proxy_m": list(seat.proxy_m) if seat else None,
+        "force_n": list(client.force_n) if client else None,
+        "peak_force_n": client.peak_force_n if client else None,
+        "travel_m": client.travel_m if client else None,
+        "felt_stiffness_npm": client.felt_stiffness_npm if client else None,
+        "predicted_stiffness_npm": client.predicted_stiffness_npm if client else None,
+        "energy": {
+            "up_margin_j": seat.up_margin_j if seat else None,
+            "down_margin_j": client.down_margin_j if client else None,
+            "line_margin_j": seat.line_margin_j if seat else None,
+            "device_leak_j": client.device_leak_j if client else None,
+        },
+        "link": _link(seat.up if seat else None, client.down if client else None, client.rtt_ms if client else None),
+        "ticks": _ticks(client.ticks if client else None),
+        "state": client.state if client else None,
+        "reason": client.reason if client else None,
+    }
+
+
+def _link(up: LinkCount | None, down: LinkCount | None, rtt_ms: Percentiles | None) -> dict[str, Any]:
+    """Both directions together in the flat keys, each beside them."""
+    fields = LinkCount.__struct_fields__
+    both = {name: sum(getattr(one, name) for one in (up, down) if one) for name in fields}
+    rtt = rtt_ms or Percentiles()
+    return {
+        **both,
+        "up": msgspec.structs.asdict(up) if up else None,
+        "down": msgspec.structs.asdict(down) if down else None,
+        "rtt_ms": {"p50": rtt.p50, "p99": rtt.p99},
+    }
+
+
+def _ticks(ticks: TickCount | None) -> dict[str, Any]:
+    ticks = ticks or TickCount()
+    late, work = ticks.late_us, ticks.work_us
+    return {
+        "due": ticks.due,
+        "run": ticks.run,
+        "late_us": {"p50": late.p50, "p99": late.p99, "p999": late.p999, "max": late.max},
+        "work_us": {"p50": work.p50, "p99": work.p99},
+    }

@@ -1,0 +1,100 @@
+"""Addresses: what is understood, and what is said about what is not."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.devices import DeviceError, describe, families, make
+from cogrip.devices.settings import parse_address
+
+
+def test_address_falls_into_its_parts() -> None:
+    text = "sim:phantom?hand=csv:/a b/c?d=e:#%41.csv&time=t_s&where=run:spring"
+    parsed = parse_address(text)
+    assert (parsed.text, parsed.scheme, parsed.name) == (text, "sim", "phantom")
+    assert parsed.query == {"hand": "csv:/a b/c?d=e:#%41.csv", "time": "t_s", "where": "run:spring"}
+    assert parse_address("serial:/dev/ttyACM0").name == "/dev/ttyACM0"
+
+
+@given(st.text(alphabet=st.characters(exclude_characters="&"), min_size=1))
+def test_a_value_may_hold_anything_but_an_ampersand(value: str) -> None:
+    assert parse_address(f"sim:ideal?hand=csv:{value}&x=a").query == {"hand": f"csv:{value}", "x": "a"}
+
+
+@given(st.text())
+def test_any_text_is_a_device_or_a_device_error(text: str) -> None:
+    for address in (text, f"sim:{text}", f"sim:ideal?{text}", f"sim:ideal?hand={text}"):
+        with suppress(DeviceError):
+            make(address)
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("phantom", ["no scheme"]),
+        ("", ["no scheme"]),
+        ("sym:ideal", ["'sym'", "did you mean 'sim'"]),
+        ("sim:fantom", ["'fantom'", "did you mean 'phantom'", "ideal, phantom"]),
+        ("sim:", ["ideal, phantom"]),
+        ("sim:ideal?hand=rech", ["'rech'", "did you mean 'reach'", "hold, push, reach, tremor, csv"]),
+        ("sim:ideal?hand=hold:3", ["hold takes no argument"]),
+        ("sim:ideal?hand=csv", ["hand=csv:FILE"]),
+        ("sim:ideal?hand=csv:f.csv&x=a", ["'time'"]),
+        ("sim:ideal?mas_kg=1", ["'mas_kg'", "did you mean 'mass_kg'", "damping_nspm"]),
+        ("sim:ideal?hand=push&hand_stiffness_npm=3", ["hand_stiffness_npm", "force_n"]),
+        ("sim:ideal?friction_n=1", ["friction_n"]),
+        ("sim:ideal?mass_kg=0", ["mass_kg='0'", ">="]),
+        ("sim:ideal?mass_kg=nan", ["mass_kg='nan'"]),
+        ("sim:ideal?mass_kg=light", ["mass_kg='light'", "float"]),
+        ("sim:ideal?mass_kg", ["'mass_kg' is not key=value"]),
+        ("sim:ideal?mass_kg=1&mass_kg=2", ["given twice"]),
+        ("sim:ideal?hand=csv:f&time=t&x=x&origin=stat", ["origin='stat'", "start, keep"]),
+        ("sim:ideal?x0_m=0,0", ["x0_m", "2 numbers", "1 axes"]),
+        ("sim:ideal?hand=reach&direction=1,1", ["direction", "1 axes"]),
+        ("sim:ideal?hand=csv:f&time=t&x=x&y=y", ["y='y'", "needs 2 axes"]),
+    ],
+)
+def test_error_names_the_thing_and_the_cure(address: str, said: list[str]) -> None:
+    with pytest.raises(DeviceError) as caught:
+        make(address)
+    for words in said:
+        assert words in str(caught.value)
+
+
+def test_unknown_default_is_an_error_too() -> None:
+    with pytest.raises(DeviceError, match="mass_kg"):
+        make("sim:ideal", mas_kg=0.2)
+    with pytest.raises(DeviceError, match="axes=4"):
+        make("sim:ideal", axes=4)
+
+
+def test_address_wins_over_defaults() -> None:
+    assert make("sim:ideal?mass_kg=0.3", mass_kg=0.2).capability.apparent_mass_kg == 0.3
+    assert make("sim:ideal", mass_kg=0.2).capability.apparent_mass_kg == 0.2
+    device = make("sim:ideal", axes=2, hand="reach", direction=(1.0, 0.5), x0_m=(0.1, 0.2))
+    device.open(1000)
+    sample = device.read(0)
+    assert sample is not None
+    assert sample.position_m == (0.1, 0.2)
+
+
+def test_start_outside_the_workspace_is_refused() -> None:
+    with pytest.raises(DeviceError, match="outside its workspace"):
+        make("sim:phantom?x0_m=0.2").open(1024)
+
+
+def test_listing_names_every_device_unopened() -> None:
+    assert [listing.address for listing in describe(axes=3)] == ["sim:ideal", "sim:phantom"]
+    assert all(listing.capability.axes == 3 for listing in describe(axes=3))
+    assert list(families()) == ["sim"]
+
+
+def test_families_are_imported_when_asked_for() -> None:
+    code = "import sys, cogrip.devices; assert not any('simulated' in m or 'scipy' in m for m in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,155 @@
+"""The pacer on a fake clock: exact deadlines, the sleep and the spin, both sides of the overrun boundary."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.io.pacing import Pacer
+
+T0_NS = 5_000_000_000
+READ_NS = 10  # what one reading of the fake clock costs
+
+
+class FakeClock:
+    """Time that passes by reading it and by sleeping on it; a sleep ends `oversleep_ns` late, lasts half at least."""
+
+    def __init__(self, now_ns: int = T0_NS) -> None:
+        self.now_ns = now_ns
+        self.oversleep_ns = 0
+        self.slept_ns: list[int] = []
+
+    def __call__(self) -> int:
+        self.now_ns += READ_NS
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        asked_ns = round(seconds * 1e9)
+        self.slept_ns.append(asked_ns)
+        self.now_ns += max(asked_ns // 2, asked_ns + self.oversleep_ns)
+
+
+def paced(clock: FakeClock, rate_hz: int = 1000, spin_ns: int = 50_000, first: int = 0) -> Pacer:
+    return Pacer(rate_hz, T0_NS, first=first, spin_ns=spin_ns, clock=clock, sleep=clock.sleep)
+
+
+@given(st.sampled_from([1, 7, 128, 1000, 1024, 4096, 8192]), st.integers(0, 10**10), st.integers(-3, 3))
+def test_tick_at_inverts_due(rate_hz: int, tick: int, offset_ns: int) -> None:
+    pacer = Pacer(rate_hz, T0_NS)
+    now_ns = pacer.due_ns(tick) + offset_ns
+    newest = pacer.tick_at(now_ns)
+    assert pacer.due_ns(newest) <= now_ns < pacer.due_ns(newest + 1)
+
+
+def test_deadlines_do_not_drift() -> None:
+    pacer = Pacer(1024, T0_NS)
+    assert pacer.due_ns(1024 * 86_400 * 365) == T0_NS + 86_400 * 365 * 10**9
+    assert pacer.due_ns(8 * 12_345) == Pacer(128, T0_NS).due_ns(12_345)
+
+
+def test_every_tick_runs_in_order_within_a_clock_reading() -> None:
+    clock = FakeClock(T0_NS - 3_000_000)
+    pacer = paced(clock, 1024, spin_ns=1_000)
+    for tick in range(3000):
+        assert pacer.wait() == tick
+        assert 0 <= pacer.late_ns <= READ_NS
+        assert pacer.next_due_ns == pacer.due_ns(tick + 1)
+    assert (pacer.due, pacer.run, pacer.skipped) == (3000, 3000, 0)
+    assert pacer.lateness.count == 3000
+    assert pacer.lateness.max_ns <= READ_NS
+
+
+def test_sleeps_to_the_spin_and_spins_the_rest() -> None:
+    clock = FakeClock(T0_NS)
+    pacer = paced(clock, first=1)
+    pacer.wait()
+    assert clock.slept_ns == [1_000_000 - READ_NS - 50_000]
+    assert clock.now_ns == T0_NS + 1_000_000
+
+
+def test_an_early_wake_sleeps_again() -> None:
+    clock = FakeClock(T0_NS)
+    clock.oversleep_ns = -200_000
+    pacer = paced(clock, first=1)
+    pacer.wait()
+    assert len(clock.slept_ns) > 1
+    assert 0 <= pacer.late_ns <= READ_NS
+
+
+def test_an_oversleep_within_the_spin_costs_nothing_and_beyond_it_is_lateness() -> None:
+    clock = FakeClock(T0_NS)
+    pacer = paced(clock, first=1)
+    clock.oversleep_ns = 40_000
+    pacer.wait()
+    assert pacer.late_ns <= READ_NS
+    clock.oversleep_ns = 80_000
+    pacer.wait()
+    assert 30_000 <= pacer.late_ns <= 30_000 + READ_NS
+
+
+def test_exactly_one_period_late_runs_both_ticks() -> None:
+    clock = FakeClock()
+    pacer = paced(clock)
+    clock.now_ns = pacer.due_ns(1) - READ_NS
+    assert pacer.wait() == 0
+    assert pacer.late_ns == 1_000_000
+    assert pacer.wait() == 1
+    assert pacer.late_ns == READ_NS
+    assert (pacer.due, pacer.run, pacer.skipped) == (2, 2, 0)
+    assert clock.slept_ns == []
+
+
+def test_one_nanosecond_more_skips_to_the_newest() -> None:
+    clock = FakeClock()
+    pacer = paced(clock)
+    clock.now_ns = pacer.due_ns(1) - READ_NS + 1
+    assert pacer.wait() == 1
+    assert pacer.late_ns == 1
+    assert pacer.lateness.max_ns == 1_000_001, "lateness counts from the deadline that was missed"
+    assert (pacer.due, pacer.run, pacer.skipped) == (2, 1, 1)
+
+
+@given(st.sampled_from([128, 1024, 8192]), st.lists(st.integers(0, 30_000_000), max_size=60), st.integers(0, 100_000))
+def test_ticks_rise_and_none_is_lost_from_the_count(rate_hz: int, works_ns: list[int], spin_ns: int) -> None:
+    clock = FakeClock()
+    pacer = paced(clock, rate_hz, max(spin_ns - spin_ns % READ_NS, 0) // 100, first=3)
+    ticks = []
+    for work_ns in works_ns:
+        ticks.append(pacer.wait())
+        assert pacer.due_ns(ticks[-1]) <= clock.now_ns
+        assert pacer.late_ns <= 1_000_000_000 // rate_hz + 1
+        clock.now_ns += work_ns
+        pacer.done()
+    assert ticks == sorted(set(ticks))
+    assert pacer.due == (ticks[-1] - 3 + 1 if ticks else 0)
+    assert pacer.run == len(ticks) == pacer.work.count
+
+
+def test_work_is_from_the_ticks_start_to_the_first_done() -> None:
+    clock = FakeClock()
+    pacer = paced(clock)
+    pacer.done()
+    pacer.wait()
+    clock.now_ns += 123_000
+    pacer.done()
+    pacer.done()
+    assert pacer.work.count == 1
+    assert pacer.work.max_ns == 123_000 + READ_NS
+
+
+def test_two_rooms_take_turns_in_one_thread() -> None:
+    rooms = [Pacer(128, T0_NS), Pacer(100, T0_NS + 1_000_000)]
+    assert rooms[0].take(T0_NS - 1) is None
+    now_ns, ran = T0_NS, [0, 0]
+    while now_ns < T0_NS + 10**9:
+        for index, room in enumerate(rooms):
+            if room.take(now_ns) is not None:
+                ran[index] += 1
+        now_ns = min(room.next_due_ns for room in rooms)
+    assert ran == [128, 100]
+    assert all(room.skipped == 0 and room.lateness.max_ns == 0 for room in rooms)
+
+
+@pytest.mark.parametrize(("rate_hz", "spin_ns"), [(0, 0), (-1, 0), (1000, -1)])
+def test_impossible_settings_are_refused(rate_hz: int, spin_ns: int) -> None:
+    with pytest.raises(ValueError, match=r"rate_hz|spin_ns"):
+        Pacer(rate_hz, T0_NS, spin_ns=spin_ns)

@@ -1,0 +1,114 @@
+"""Real-time measures: granted or refused with words, undone afterwards, degrading where the system lacks them.
+
+No test here leaves this process real-time: locked memory and SCHED_FIFO are only tried with the system call replaced.
+"""
+
+import gc
+import os
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+import pytest
+
+from cogrip.protocol.io import realtime
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux system calls")
+
+
+def raising(error: Exception) -> Callable[..., NoReturn]:
+    def call(*_: object) -> NoReturn:
+        raise error
+
+    return call
+
+
+def test_gc_freezes_and_thaws() -> None:
+    assert gc.isenabled()
+    measures = realtime.engage(["gc-frozen"])
+    try:
+        assert [measure.granted for measure in measures] == [True]
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 0
+    finally:
+        realtime.release(measures)
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+@linux
+def test_timer_slack_is_one_nanosecond_until_released() -> None:
+    before_ns = realtime._libc_call("prctl", 30, 0, 0, 0, 0)
+    (measure,) = realtime.engage(["timer-slack"])
+    if measure.granted and before_ns:
+        assert realtime._libc_call("prctl", 30, 0, 0, 0, 0) == 1
+    realtime.release([measure])
+    assert realtime._libc_call("prctl", 30, 0, 0, 0, 0) == before_ns
+
+
+@linux
+def test_refused_fifo_names_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_setscheduler", raising(PermissionError(1, "Operation not permitted")))
+    (measure,) = realtime.engage(["fifo"])
+    assert not measure.granted
+    assert "rtprio 40" in measure.detail
+    assert realtime.LIMITS_FILE in measure.detail
+    measure.undo()
+
+
+@linux
+def test_fifo_is_asked_for_without_inheritance_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    before = os.sched_getscheduler(0)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda _pid, policy, _param: asked.append(policy))
+    measures = realtime.engage(["fifo"], priority=7)
+    realtime.release(measures)
+    assert measures[0].detail == "priority 7"
+    assert asked == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, before]
+
+
+@linux
+def test_a_finite_memory_limit_is_refused_rather_than_met_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    import resource
+
+    monkeypatch.setattr(realtime, "has_capability", lambda _bit: False)
+    monkeypatch.setattr(resource, "getrlimit", lambda _which: (65536, 65536))
+    monkeypatch.setattr(realtime, "_libc_call", raising(AssertionError("must not lock")))
+    (measure,) = realtime.engage(["memory-locked"])
+    assert not measure.granted
+    assert "64 KiB" in measure.detail
+    assert "memlock unlimited" in measure.detail
+
+
+@linux
+def test_memory_is_locked_and_unlocked(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[object, ...]] = []
+    monkeypatch.setattr(realtime, "has_capability", lambda _bit: True)
+    monkeypatch.setattr(realtime, "_libc_call", lambda *call: calls.append(call))
+    realtime.release(realtime.engage(["memory-locked"]))
+    assert calls == [("mlockall", 3), ("munlockall",)]
+
+
+@linux
+@pytest.mark.parametrize("error", [OSError(38, "Function not implemented"), AttributeError("undefined symbol: prctl")])
+def test_a_missing_system_call_is_reported(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    monkeypatch.setattr(realtime, "_libc_call", raising(error))
+    monkeypatch.setattr(realtime, "has_capability", lambda _bit: True)
+    for measure in realtime.engage(["timer-slack", "memory-locked"]):
+        assert not measure.granted
+        assert measure.detail.startswith("not available: ")
+
+
+def test_another_system_gets_reasons_not_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "plan9")
+    measures = realtime.engage(["timer-slack", "memory-locked", "fifo"])
+    assert [measure.granted for measure in measures] == [False, False, False]
+    assert all("not available" in measure.detail and "plan9" in measure.detail for measure in measures)
+    realtime.release(measures)
+
+
+def test_measures_come_in_the_stated_order_and_unknown_ones_are_named() -> None:
+    assert realtime.NAMES[-1] == "fifo"
+    with pytest.raises(ValueError, match=r"'turbo'.*timer-slack"):
+        realtime.engage(["turbo"])
+    assert realtime.engage([]) == []

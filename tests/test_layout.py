@@ -1,0 +1,105 @@
+"""The shape of the source tree, as far as no linter checks it."""
+
+import re
+import subprocess
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
+PACKAGES = [f"cogrip.{folder}" for folder in FOLDERS]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+LONGEST_MODULE_LINES = 500
+
+# Hosts that serve packages. A file that names one ties every user to it. Joined here, so that this file names none.
+PACKAGE_HOSTS = [
+    ".".join(parts)
+    for parts in (
+        ("pypi", "org"),
+        ("pythonhosted", "org"),
+        ("npmjs", "org"),
+        ("npmjs", "com"),
+        ("yarnpkg", "com"),
+        ("deb", "debian", "org"),
+        ("proxy", "golang", "org"),
+        ("crates", "io"),
+        ("conda", "anaconda", "org"),
+    )
+]
+
+
+@cache
+def repository_files() -> list[Path]:
+    """Files that are or could be committed; what `.gitignore` names does not count."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return [path for name in names.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def requirement_names(requirements: list[str]) -> set[str]:
+    return {re.split(r"[^\w.-]", line, maxsplit=1)[0].lower() for line in requirements}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folder_holds_its_portion_of_the_namespace_and_nothing_beside_it(folder: str) -> None:
+    """`cogrip` is a PEP 420 namespace: one `cogrip/__init__.py` would hide the other five folders."""
+    assert [path.name for path in (ROOT / folder).glob("*.py")] == []
+    assert [path.name for path in (ROOT / folder / "cogrip").glob("*.py")] == []
+    portions = {path.parent.name for path in (ROOT / folder / "cogrip").glob("*/__init__.py")}
+    assert portions == {folder}
+
+
+def test_every_package_is_known_to_the_tools() -> None:
+    portions = {f"cogrip.{path.parent.name}" for path in ROOT.glob("*/cogrip/*/__init__.py")}
+    assert portions == set(PACKAGES)
+    tool = PROJECT["tool"]
+    assert set(tool["importlinter"]["root_packages"]) == portions
+    layers = next(contract for contract in tool["importlinter"]["contracts"] if contract["type"] == "layers")
+    assert {name.strip() for layer in layers["layers"] for name in layer.split("|")} == portions
+    assert tool["hatch"]["build"]["dev-mode-dirs"] == list(FOLDERS)
+    assert tool["hatch"]["build"]["targets"]["wheel"]["packages"] == [f"{folder}/cogrip" for folder in FOLDERS]
+    assert tool["mypy"]["mypy_path"] == list(FOLDERS)
+    assert set(FOLDERS) <= set(tool["mypy"]["files"])
+
+
+def test_drivers_are_the_same_in_both_contracts() -> None:
+    """A module that may touch a socket or a clock must also be out of reach for the cores."""
+    contracts = PROJECT["tool"]["importlinter"]["contracts"]
+    excused = next(contract for contract in contracts if "asyncio" in contract.get("forbidden_modules", []))
+    protected = next(contract for contract in contracts if contract["type"] == "protected")
+    drivers = {line.split(" -> ")[0].removesuffix(".**") for line in excused["ignore_imports"]}
+    assert drivers == set(protected["protected_modules"])
+    assert set(protected["allowed_importers"]) <= drivers | {"cogrip.cli"}
+
+
+def test_modules_are_short_enough_to_read() -> None:
+    modules = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
+    lines = {path.relative_to(ROOT).as_posix(): len(path.read_text(encoding="utf-8").splitlines()) for path in modules}
+    assert {name: count for name, count in lines.items() if count > LONGEST_MODULE_LINES} == {}
+
+
+def test_no_file_names_a_package_host() -> None:
+    pattern = re.compile("|".join(map(re.escape, PACKAGE_HOSTS)).encode())
+    named = {
+        path.relative_to(ROOT).as_posix(): match[0].decode()
+        for path in repository_files()
+        if (match := pattern.search(path.read_bytes()))
+    }
+    assert named == {}
+
+
+def test_lock_holds_every_dependency_by_hash_and_no_address() -> None:
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert "://" not in lock
+    assert "--index" not in lock
+    assert "--find-links" not in lock
+    pinned = {match[1] for match in re.finditer(r"^([\w.-]+)==\S+( ;.*)? \\\n +--hash=sha256:", lock, re.MULTILINE)}
+    groups = PROJECT["dependency-groups"]
+    wanted = requirement_names(PROJECT["project"]["dependencies"] + groups["build"] + groups["dev"])
+    assert wanted <= pinned
