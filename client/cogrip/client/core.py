@@ -63,6 +63,9 @@ class ClientCore:
             return
         if message is None:
             return
+        if self.tick < 0:  # the device is still being opened: what comes now must not set the playout
+            self.session.drop("before the first tick")
+            return
         rtt_ns = self.session.clock.read(message.stamp, now_ns)
         if rtt_ns is not None:
             self.rtt.add(rtt_ns)
@@ -73,6 +76,7 @@ class ClientCore:
     def _take_seat(self, seat: SeatSettings, session: int) -> None:
         axes, rates = seat.object.axes, seat.rates
         self.seat = seat
+        self.capability = self.capability.first(axes)
         self.coupling: Coupling = COUPLINGS[seat.coupling.kind](seat)
         self.safety = Safety(self.capability, rates.tick_s)
         self._session_id = session
@@ -104,6 +108,8 @@ class ClientCore:
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Book the ticks since the last call with the sample read now."""
         elapsed = tick - self.tick if self.tick >= 0 else 0
+        if self.tick < 0:
+            self.session.last_heard_ns = now_ns  # silence counts from the first tick: opening the device took its time
         self.tick = tick
         position: tuple[float, ...] | None = None
         if sample is None:

@@ -7,12 +7,14 @@ class AlphaBeta:
     """Critically damped alpha-beta (g-h) filter, one state pair an axis.
 
     `memory` is the pole both errors decay with: alpha = 1 - memory^2, beta = (1 - memory)^2. An encoder step of q metres
-    moves the estimate by beta q / T; that times b is the noise the hand feels.
+    moves the estimate by beta q / T; that times b is the noise the hand feels. The estimate lags by about
+    2 memory / (1 - memory) ticks, and a damper that lags by tau is unstable above b tau / m = pi / 2: at 0.8 an arm of
+    0.075 kg at b = 20 breaks into oscillation, at 0.6 one of 0.045 kg does not (tests/client).
     """
 
     __slots__ = ("_alpha", "_beta_rate", "_position", "_tick_s", "_velocity")
 
-    def __init__(self, axes: int, tick_s: float, memory: float = 0.8) -> None:
+    def __init__(self, axes: int, tick_s: float, memory: float = 0.6) -> None:
         self._alpha = 1.0 - memory * memory
         self._beta_rate = (1.0 - memory) ** 2 / tick_s
         self._tick_s = tick_s

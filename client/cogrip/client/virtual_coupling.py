@@ -70,6 +70,10 @@ class VirtualCoupling:
             return False
         return self._receiver.receive(message)
 
+    def lost(self) -> int:
+        """Frames from the server that were lost so far."""
+        return self._receiver.lost
+
     def count(self) -> LinkCount:
         return self._receiver.count()
 

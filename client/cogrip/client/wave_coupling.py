@@ -106,6 +106,10 @@ class WaveCoupling:
             self.object_state = message.state
         return taken
 
+    def lost(self) -> int:
+        """Frames from the server that were lost so far."""
+        return self._receiver.lost
+
     def count(self) -> LinkCount:
         return self._receiver.count()
 

@@ -11,7 +11,7 @@ Power F v flows from the hand into the line (theory.md section 1).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import msgspec
@@ -54,6 +54,10 @@ class Capability:
     apparent_mass_kg: float
     rate_hz: int
     gives_velocity: bool
+
+    def first(self, axes: int) -> Capability:
+        """The record of the first `axes` axes alone."""
+        return replace(self, axes=axes, workspace_m=self.workspace_m[:axes])
 
 
 class Sample(msgspec.Struct, frozen=True, gc=False):

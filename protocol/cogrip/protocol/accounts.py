@@ -1,10 +1,13 @@
 """What each end knows of a session when it ends; exchanged in the last two messages, joined in `summary.json`."""
 
 import math
+from typing import Annotated
 
 import msgspec
 
 from cogrip.protocol.histogram import DurationHistogram
+
+Row = Annotated[tuple[float, ...], msgspec.Meta(max_length=3)]  # one number an axis
 
 
 class LinkCount(msgspec.Struct, frozen=True, array_like=True):
@@ -47,8 +50,8 @@ class TickCount(msgspec.Struct, frozen=True, array_like=True):
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     """What one person's client knows at the end of a session."""
 
-    position_m: tuple[float, ...]
-    force_n: tuple[float, ...]
+    position_m: Row
+    force_n: Row
     peak_force_n: float
     travel_m: float
     felt_stiffness_npm: float | None
@@ -59,14 +62,14 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     rtt_ms: Percentiles
     ticks: TickCount
     diverged: bool
-    state: str
-    reason: str
+    state: Annotated[str, msgspec.Meta(max_length=40)]
+    reason: Annotated[str, msgspec.Meta(max_length=300)]
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
     """What the server knows of one person at the end of a session."""
 
-    proxy_m: tuple[float, ...]
+    proxy_m: Row
     up_margin_j: float | None
     line_margin_j: float | None
     up: LinkCount
@@ -75,8 +78,8 @@ class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):
     """What the server knows of the object."""
 
-    position_m: tuple[float, ...]
-    velocity_mps: tuple[float, ...]
+    position_m: Row
+    velocity_mps: Row
     travel_m: float
     diverged: bool
     energy_balance_error_j: float

@@ -5,7 +5,7 @@ A decimator is fed once a device tick and asked once a frame. `boxcar` cannot cr
 `none` keeps the last sample, the counter-example that aliasing creates energy.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import exp
 from typing import Protocol
 
@@ -74,7 +74,7 @@ class LastSample:
         return self._last
 
 
-_MAKERS = {
+_MAKERS: dict[str, Callable[[int, int, float, float], Decimator]] = {
     "boxcar": lambda axes, ticks, tick_s, cutoff: Boxcar(axes, ticks),
     "lowpass": lambda axes, ticks, tick_s, cutoff: Lowpass(axes, cutoff, tick_s),
     "none": lambda axes, ticks, tick_s, cutoff: LastSample(axes),
@@ -84,8 +84,7 @@ KINDS = tuple(_MAKERS)
 
 def make_decimator(kind: str, axes: int, ticks_per_frame: int, tick_s: float, lowpass_rad_s: float) -> Decimator:
     """The decimator called `kind`. Raises KeyError for a kind that is not in KINDS (settings refuse it before)."""
-    decimator: Decimator = _MAKERS[kind](axes, ticks_per_frame, tick_s, lowpass_rad_s)
-    return decimator
+    return _MAKERS[kind](axes, ticks_per_frame, tick_s, lowpass_rad_s)
 
 
 def lag_s(kind: str, frame_s: float, lowpass_rad_s: float) -> float:

@@ -23,9 +23,7 @@ def felt_stiffness(stiffness_npm: float, compliance_mpn: float) -> float:
     return 1.0 / (1.0 / stiffness_npm + compliance_mpn) if stiffness_npm > 0.0 else 0.0
 
 
-def compensated_stiffness(
-    stiffness_npm: float, impedance_nspm: float, compliance_mpn: float
-) -> float:
+def compensated_stiffness(stiffness_npm: float, impedance_nspm: float, compliance_mpn: float) -> float:
     """K' [N/m] with 1/K' = 1/K - C_line. Raises OutOfReachError, naming the impedance that would do, when K C_line >= 1."""
     share = stiffness_npm * compliance_mpn
     if share < 1.0:

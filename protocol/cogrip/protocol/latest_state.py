@@ -1,7 +1,10 @@
 """One direction of virtual coupling: the newest state wins (theory section 5)."""
 
 from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.line import FURTHEST_JUMP
 from cogrip.protocol.messages import State
+
+HISTORY = 256  # states for which the receiver still knows which had come
 
 
 class StateReceiver:
@@ -11,7 +14,7 @@ class StateReceiver:
         self._newest = -1
         self._waiting: State | None = None
         self._received = self._applied = self._late = self._duplicate = 0
-        self._seen = [-1] * 256
+        self._seen = [-1] * HISTORY
         self.latest: State | None = None
 
     @property
@@ -20,7 +23,10 @@ class StateReceiver:
         return self.latest.number + 1 if self.latest else 0
 
     def receive(self, state: State) -> bool:
-        slot = state.number & 255
+        """Take in one state. False, and nothing changed, if it is too far ahead or too old to be told from a duplicate."""
+        if not self._newest - HISTORY < state.number <= self._newest + FURTHEST_JUMP:
+            return False
+        slot = state.number % HISTORY
         if self._seen[slot] == state.number:
             self._duplicate += 1
             return True
@@ -43,6 +49,11 @@ class StateReceiver:
         self.latest, self._waiting = self._waiting, None
         return True
 
+    @property
+    def lost(self) -> int:
+        """States that never arrived, as far as is known."""
+        return self._newest + 1 - (self._waiting is not None) - self._applied - self._late
+
     def count(self) -> LinkCount:
         waiting = self._waiting is not None
         sent = self._newest + 1 - waiting
@@ -50,7 +61,7 @@ class StateReceiver:
             sent=sent,
             received=self._received,
             applied=self._applied,
-            lost=sent - self._applied - self._late,
+            lost=self.lost,
             late=self._late,
             duplicate=self._duplicate,
             pending=int(waiting),

@@ -4,7 +4,8 @@
               (sum w, sum w^2) of all frames before the oldest of these
     receiver  plays the frames out at a fixed delay of D frames, each at most once; a frame that is not there in time
               plays as 0, a matched termination; what was lost beyond repair is known from the totals and is paid back
-              slowly, out of the lost frames' own energy
+              slowly, out of the lost frames' own energy (the bank). What the bank or the tank holds also lets the last
+              wave fade out through a gap instead of dropping to 0 (docs/decisions/0003-gaps.md)
 
 Invariant, per axis and at every tick: sum(played^2) <= sum(sent^2 of the frames up to it) + tank.
 
@@ -19,11 +20,10 @@ from cogrip.protocol.accounts import LinkCount
 
 REPAY_SHARE = 1.0 / 16.0  # of the debt, in one frame
 REPAY_LIMIT = 0.02  # sqrt(W) in one frame: faster repayment makes force peaks
-import os
-RESERVE=float(os.environ.get('RES','8'))
-FADE = float(os.environ.get('FADE','0.75'))  # of the last wave, from frame to frame, while the tank lasts
+FADE = 0.85  # of the last wave, from frame to frame, in a gap, while there is energy to lend
+RESERVE = 8.0  # frames like the last one that repayment leaves in the bank for the next gap
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before the playout moves by one frame
-FURTHEST_JUMP = 1 << 16  # frames; a number further ahead than this is no frame of this session
+FURTHEST_JUMP = 1 << 16  # frames; a number further ahead of the playout than this is no frame of this session
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 
 Frame = tuple[float, ...]
@@ -98,25 +98,25 @@ class LineReceiver:
         """Number after the frame that was taken last; 0 before the first."""
         return max(0, self._cursor or 0)
 
-    def receive(
-        self, first: int, waves: Frame, total: Frame, square: Frame, mark: Mark = (0.0, 0.0, 0)
-    ) -> bool:
+    def receive(self, first: int, waves: Frame, total: Frame, square: Frame, mark: Mark = (0.0, 0.0, 0)) -> bool:
         """Take in one datagram's contents. False, and nothing changed, if it cannot be of this line."""
         axes = self._axes
         count, rest = divmod(len(waves), axes)
         newest = first + count - 1
-        if rest or not count or len(total) != axes or len(square) != axes or newest > self._newest + FURTHEST_JUMP:
+        if (
+            rest
+            or not count
+            or len(total) != axes
+            or len(square) != axes
+            or newest > (self._cursor or 0) + FURTHEST_JUMP
+        ):
             return False
         slot = newest & 255
         if self._seen[slot] == newest:
             self._duplicate += 1
             return True
         self._seen[slot] = newest
-        if self._cursor is None:
-            self._cursor = newest - self._delay
-            self._sent = max(0, self._cursor)  # what came before the first datagram has never been heard
-            self._missing.update(range(max(0, self._cursor - HISTORY), self._cursor))
-        cursor = self._cursor
+        cursor = 0 if self._cursor is None else self._cursor
         if newest > self._newest:
             self._newest = newest
             self._fresh = True
@@ -138,13 +138,28 @@ class LineReceiver:
             self._totals[first] = (total, square)
         return True
 
+    def _begin(self) -> None:
+        """Set the playout by the newest frame there is; what came before it is late, or was never heard."""
+        self._cursor = cursor = self._newest - self._delay
+        self._sent = max(0, cursor)
+        for number in range(max(0, cursor - HISTORY), cursor):
+            if self._waiting.pop(number, None) is not None:
+                self._late += 1
+            else:
+                self._missing.add(number)
+        self._waiting = {number: frame for number, frame in self._waiting.items() if number >= cursor}
+        self._marks = {number: mark for number, mark in self._marks.items() if number >= cursor}
+
     def take(self, frames: int = 1) -> Frame:
         """The wave to apply now, shape (axes,). `frames` > 1: the loop missed frames - 1 calls; those frames are not played."""
         self.mark = None
         if self._cursor is None:
-            return self._zero
-        for _ in range(frames - 1):
-            self._pass_over()
+            if self._newest < 0:
+                return self._zero
+            self._begin()
+        else:
+            for _ in range(frames - 1):
+                self._pass_over()
         stall = self._realign() if self._fresh else False
         if stall:
             return self._play(self._zero)
@@ -162,13 +177,17 @@ class LineReceiver:
         self.mark = self._marks.pop(number, None)
         return played
 
+    @property
+    def lost(self) -> int:
+        """Frames whose time has come and that have not arrived."""
+        return self._sent - self._applied - self._late
+
     def count(self) -> LinkCount:
-        lost = self._sent - self._applied - self._late
         return LinkCount(
             sent=self._sent,
             received=self._received,
             applied=self._applied,
-            lost=lost,
+            lost=self.lost,
             late=self._late,
             duplicate=self._duplicate,
             pending=max(0, self._newest + 1 - self._sent),
@@ -219,7 +238,7 @@ class LineReceiver:
         return self._lost_square[axis] - self._spent[axis] + self._tank - unsettled
 
     def _fade(self, fades: Frame) -> tuple[Frame, Frame]:
-        """In place of a frame that is not there: 0, or, on credit from the tank, the last wave fading out."""
+        """In place of a frame that is not there: 0, or, lent by bank and tank, the last wave fading out."""
         if not self._tank and not self._indebted:
             return self._zero, fades
         frame, books = [], []
@@ -248,7 +267,7 @@ class LineReceiver:
         for axis, value in enumerate(frame):
             debt = self._lost[axis] - self._repaid[axis]
             bank = self._lost_square[axis] - self._spent[axis]
-            bank = max(0.0, min(bank, self._allowance(axis, fades)) - RESERVE * self._last[axis] ** 2)
+            bank = max(0.0, min(bank, self._allowance(axis, fades)) - RESERVE * self._last[axis] * self._last[axis])
             reach = sqrt(value * value + bank)  # (value + r)^2 - value^2 <= bank
             pay = max(-REPAY_LIMIT, min(REPAY_LIMIT, REPAY_SHARE * debt))
             pay = max(-value - reach, min(reach - value, pay))
@@ -271,7 +290,7 @@ class LineReceiver:
         self._advance(number, self._zero, self._history[number % HISTORY][2] if number >= 0 else self._zero)
 
     def _realign(self) -> bool:
-        """Follow a drifting clock: when all datagrams of a window came earlier or later than the playout assumes, move one frame.
+        """Follow a drifting clock: when all of a window came earlier, or later, than the playout assumes, move one frame.
 
         True: let this tick pass without playing a frame. Either way nothing is played twice, and what is passed over is
         repaid like any lost frame.

@@ -1,10 +1,11 @@
 """The datagrams: MessagePack arrays, coded and checked by msgspec (`SPEC.md` section 3).
 
-One datagram is one message. Every number that decoding lets through is finite and bounded, every list has a
-bounded length; anything else raises MalformedError and nothing but it.
+One datagram is one message. Every number that decoding lets through is finite and bounded, every list and text has a
+bounded length; anything else raises MalformedError and nothing but it. Only the accounts of the last two messages hold
+free numbers: a session that diverged may report inf or nan, and no force is computed from them.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -12,9 +13,10 @@ from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.settings import SeatSettings
 
 PROTOCOL_VERSION = 1
-MAGIC = "cogrip"
+MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
+TEXT_BYTES = 300  # senders cut a text to this
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
@@ -24,7 +26,7 @@ Total = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 Axes = msgspec.Meta(min_length=1, max_length=3)
-Text = Annotated[str, msgspec.Meta(max_length=300)]
+Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=40)]
 
 
@@ -45,9 +47,9 @@ class Stamp(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Hello(Message, frozen=True, tag=1):
-    """Client asks for a seat. The first three elements have this place and meaning in every protocol version."""
+    """Client asks for a seat. Tag to nonce have this place and meaning, and the whole this length, in every version."""
 
-    magic: ShortText
+    magic: Literal["cogrip"]
     version: Counter
     software: ShortText
     nonce: Ns
@@ -146,7 +148,12 @@ def decode(datagram: bytes) -> AnyMessage:
 
 
 def foreign_version(datagram: bytes) -> int | None:
-    """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one."""
+    """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one.
+
+    A hello shorter than HELLO_BYTES is none: it gets no answer in any version.
+    """
+    if len(datagram) < HELLO_BYTES:
+        return None
     try:
         elements = _raw_decoder.decode(datagram[:MAX_DATAGRAM_BYTES])
         if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
@@ -154,15 +161,18 @@ def foreign_version(datagram: bytes) -> int | None:
         if msgspec.msgpack.decode(elements[1], type=str) != MAGIC:
             return None
         version = msgspec.msgpack.decode(elements[2], type=int)
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     return version if version != PROTOCOL_VERSION else None
 
 
 def padded(hello: Hello) -> bytes:
-    """A hello at its full length of HELLO_BYTES."""
-    bare = len(encode(hello))
-    # bin 8 has a header of 2 bytes, bin 16 of 3; the empty one counted in `bare` has 2
-    return encode(msgspec.structs.replace(hello, padding=bytes(max(0, HELLO_BYTES - bare - 1))))
+    """A hello at its full length of HELLO_BYTES. The padding is a bin 16 whatever its length: so every length can be had."""
+    bare = encode(msgspec.structs.replace(hello, padding=b""))[:-2]
+    zeros = HELLO_BYTES - len(bare) - 3
+    return bare + b"\xc5" + zeros.to_bytes(2, "big") + bytes(zeros)
 
 
+def clipped(text: str) -> str:
+    """`text` cut to what a message may carry: TEXT_BYTES of UTF-8."""
+    return text.encode("utf-8", "replace")[:TEXT_BYTES].decode("utf-8", "ignore")

@@ -1,8 +1,12 @@
 """Rates of the two loops and their absolute deadlines, in integer nanoseconds."""
 
+from typing import Annotated
+
 import msgspec
 
 NS_PER_S = 1_000_000_000
+
+Hz = Annotated[int, msgspec.Meta(ge=1, le=20_000)]
 
 
 class RatesError(ValueError):
@@ -10,10 +14,13 @@ class RatesError(ValueError):
 
 
 class Rates(msgspec.Struct, frozen=True, array_like=True):
-    """Device loop and network/object loop (P section III; theory section 2)."""
+    """Device loop and network/object loop (P section III; theory section 2). Raises RatesError for two that do not fit."""
 
-    device_hz: int
-    network_hz: int
+    device_hz: Hz
+    network_hz: Hz
+
+    def __post_init__(self) -> None:
+        self.ticks_per_frame  # noqa: B018 (raises)
 
     @property
     def ticks_per_frame(self) -> int:

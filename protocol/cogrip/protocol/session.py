@@ -14,10 +14,10 @@ from collections.abc import Mapping
 import msgspec
 
 from cogrip.protocol import messages
+from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.messages import (
     MAGIC,
     PROTOCOL_VERSION,
-    ClientAccount,
     Farewell,
     Heartbeat,
     Hello,
@@ -113,9 +113,14 @@ class ClientSession:
     def leave(self, reason: str, account: ClientAccount | None, now_ns: int) -> None:
         """Say goodbye, repeated until the farewell comes or LEAVE_GIVE_UP_NS have passed."""
         if self._step("leave") and self.welcome:
-            self._leave = Leave(self.welcome.session, reason, account)
+            self._leave = Leave(self.welcome.session, messages.clipped(reason), account)
             self._since_ns = self._next_ns = now_ns
             self.poll(now_ns)
+
+    def answer_farewell(self, account: ClientAccount) -> None:
+        """The server stopped first: tell it, once, what this end knows."""
+        if self.welcome:
+            self.outbox.append(messages.encode(Leave(self.welcome.session, "the server stopped", account)))
 
     def drop(self, reason: str) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
@@ -194,7 +199,7 @@ def make_hello(
 
 def unfit(hello: Hello, *, digest: str, axes: int, device_hz: int) -> tuple[str, str] | None:
     """(code, reason) why a hello cannot be served, None if it can. The texts are what both sides print."""
-    if hello.magic != MAGIC or hello.version != PROTOCOL_VERSION:
+    if hello.version != PROTOCOL_VERSION:
         return version_mismatch(hello.version)
     if hello.digest and hello.digest != digest:
         return "settings", f"your settings ({hello.digest}) are not the server's ({digest}): use the same file, or none"
@@ -209,11 +214,13 @@ def unfit(hello: Hello, *, digest: str, axes: int, device_hz: int) -> tuple[str,
 
 
 def version_mismatch(theirs: int) -> tuple[str, str]:
-    return "version", f"the client speaks protocol {theirs}, the server {PROTOCOL_VERSION}: install the same cogrip on both"
+    text = f"the client speaks protocol {theirs}, the server {PROTOCOL_VERSION}: install the same cogrip on both"
+    return "version", text
 
 
 def refusal(hello_nonce: int, code: str, reason: str) -> bytes:
-    return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, reason))
+    """A refusal as a datagram. Its reason is cut to what every client reads, and to less than the hello's length."""
+    return messages.encode(Refuse(PROTOCOL_VERSION, hello_nonce, code, messages.clipped(reason)))
 
 
 def nonce_of(datagram: bytes) -> int:
@@ -221,5 +228,5 @@ def nonce_of(datagram: bytes) -> int:
     try:
         elements = msgspec.msgpack.decode(datagram, type=list[msgspec.Raw])
         return msgspec.msgpack.decode(elements[4], type=int)
-    except (msgspec.DecodeError, IndexError, UnicodeDecodeError):
+    except (msgspec.DecodeError, IndexError, UnicodeDecodeError, RecursionError):
         return 0

@@ -6,14 +6,14 @@ its value, the bound and the cure. `seat_settings` is what one user's client and
 
 import difflib
 import hashlib
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
 from cogrip.protocol import decimation
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
-from cogrip.protocol.rates import Rates, RatesError
+from cogrip.protocol.rates import Hz, Rates, RatesError
 
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
@@ -22,14 +22,22 @@ Kind = Literal["wave", "coupling"]
 ServerStep = Literal["passive", "paper"]
 ObjectKind = Literal["cube", "faces", "wall"]
 
-Hz = Annotated[int, msgspec.Meta(ge=1, le=20_000)]
 Impedance = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
 Stiffness = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
+MOST_RENDERED_NPM = 1e9
+Rendered = Annotated[float, msgspec.Meta(ge=0.0, le=MOST_RENDERED_NPM)]
 Damping = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 Mass = Annotated[float, msgspec.Meta(gt=0.0, le=1e3)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=0.99)]
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")]
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*\Z"
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=NAME_PATTERN)]
+Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
+
+
+ONLY_USER = "anna"  # where a file names no users
 
 
 class SettingsError(ValueError):
@@ -125,27 +133,27 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: Name = "session"
-    seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 1
-    seconds: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 10.0
+    seed: Seed = 1
+    seconds: Seconds = 10.0
     rates: RatesSection = RatesSection()
     coupling: Coupling = Coupling()
     object: Object = Object()
     link: Link = Link()
     playout: Playout = Playout()
-    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=256)] = (User(name="anna"),)
+    users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=256)] = (User(name=ONLY_USER),)
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
     """What a seat's two ends share: sent in the welcome, bound by its digest."""
 
-    room: str
-    user: str
-    seat: int
-    seed: int
-    seconds: float
+    room: Name
+    user: Name
+    seat: SeatNumber
+    seed: Seed
+    seconds: Seconds
     rates: Rates
     coupling: Coupling
-    rendered_npm: float  # K of the spring the server integrates: [coupling]'s, or the compensated K'
+    rendered_npm: Rendered  # K of the spring the server integrates: [coupling]'s, or the compensated K'
     object: Object
     side: Side
     playout: Playout
@@ -223,6 +231,11 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
             rendered = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
         except OutOfReachError as error:
             raise SettingsError(f"users.{seat} ({user.name}): {error}") from None
+        if rendered > MOST_RENDERED_NPM:
+            raise SettingsError(
+                f"users.{seat} ({user.name}): coupling.compensate would render {rendered:.4g} N/m, more than "
+                f"{MOST_RENDERED_NPM:g}: raise coupling.impedance_nspm, or ask for less stiffness"
+            )
     return SeatSettings(
         settings.name, user.name, seat, settings.seed, settings.seconds, rates, coupling, rendered,
         settings.object, user.side, settings.playout, up, down,
@@ -243,7 +256,8 @@ def digest(settings: Settings) -> str:
 def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
     lag = decimation.lag_s(coupling.decimator, rates.frame_s, coupling.lowpass_rad_s)
     if coupling.server_step == "paper":
-        lag -= 2.0 * rates.frame_s  # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
+        # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
+        lag -= 2.0 * rates.frame_s
     return line_compliance(coupling.impedance_nspm, round_trip_s, lag)
 
 
@@ -286,7 +300,7 @@ def _override(table: dict[str, Any], key: str, value: Any) -> None:
         if isinstance(here, list):
             here = _item(here, part, key)
         else:
-            here = here.setdefault(part, [] if part == "users" else {})
+            here = here.setdefault(part, [{"name": ONLY_USER}] if part == "users" else {})
         if not isinstance(here, (dict, list)):
             raise SettingsError(f"--set {key}: {'.'.join(path[: depth + 1])} is a value, not a section")
     if isinstance(here, list):
@@ -307,8 +321,8 @@ def _refuse_unknown(table: Any, struct: type[msgspec.Struct], where: str) -> Non
     for key, value in table.items():
         path = f"{where}{key}"
         if key not in fields:
-            near = difflib.get_close_matches(str(key), fields, n=1, cutoff=0.5)
-            cure = f"did you mean {where}{near[0]}?" if near else f"known here: {', '.join(fields)}"
+            near = _nearest(str(key), fields, where)
+            cure = f"did you mean {near}?" if near else f"known here: {', '.join(fields)}"
             raise SettingsError(f"{path}: there is no such setting; {cure}")
         kind = fields[key]
         if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
@@ -318,18 +332,49 @@ def _refuse_unknown(table: Any, struct: type[msgspec.Struct], where: str) -> Non
                 _refuse_unknown(item, User, f"users.{index}.")
 
 
+def _nearest(key: str, here: Iterable[str], where: str) -> str:
+    """The path of the setting that was meant by `key`: of those `here` the most alike, else the same name elsewhere."""
+    near = difflib.get_close_matches(key, here, n=1, cutoff=0.5)
+    if near:
+        return f"{where}{near[0]}"
+    sections: dict[str, type[msgspec.Struct]] = {"": Settings}
+    for field in msgspec.structs.fields(Settings):
+        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
+            sections[f"{field.name}."] = field.type
+    sections["users.0."] = User
+    return next((f"{path}{key}" for path, struct in sections.items() if key in struct.__struct_fields__), "")
+
+
 def _readable(message: str, table: Any) -> str:
-    """msgspec's message with the setting's path first and its value beside it."""
+    """msgspec's message with the setting's path first, its value beside it, and what is allowed instead."""
     text, _, where = message.partition(" - at `$")
     path = where.rstrip("`").replace("[", ".").replace("]", "").lstrip(".")
     if not path:
         return text
+    parts = path.split(".")
     value: Any = table
-    for part in path.split("."):
+    for part in parts:
         try:
             value = value[int(part)] if isinstance(value, list) else value[part]
         except (KeyError, IndexError, ValueError, TypeError):
             return f"{path}: {text}"
-    return f"{path} = {value!r}: {text.replace('`', '')}"
+    text = text.replace("`", "").replace("object", "a table").replace(" | null", "")
+    if "Invalid enum value" in text:
+        text = f"Expected {_allowed(parts)}"
+    elif "regex" in text:
+        text = "Expected letters, digits, blanks and . _ - with a letter or digit first"
+    return f"{path} = {value!r}: {text}"
 
 
+def _allowed(parts: Sequence[str]) -> str:
+    """The values that the enumeration at a path takes: "boxcar", "lowpass" or "none"."""
+    kind: Any = Settings
+    for part in parts:
+        if part.isdigit():
+            kind = User
+        else:
+            kind = next(field.type for field in msgspec.structs.fields(kind) if field.name == part)
+    while not (values := [value for value in get_args(kind) if isinstance(value, str)]):
+        kind = get_args(kind)[0]  # inside a union with None
+    *others, last = [f'"{value}"' for value in values]
+    return f"{', '.join(others)} or {last}"

@@ -75,14 +75,18 @@ class ServerCore:
         self.outbox.extend(room.tick(now_ns, frames))
 
     def stop(self, reason: str) -> None:
-        """Tell everyone goodbye."""
+        """Tell everyone goodbye; their accounts may still come (`awaits_accounts`)."""
         for room in self.rooms:
             for number, seat in enumerate(room.seats):
                 account = room.rise(number, "stop")
                 if account is not None:
-                    self._seated.pop(seat.address, None)
                     farewell = Farewell(seat.session, reason, account, room.account())
                     self.outbox.append((seat.address, messages.encode(farewell)))
+
+    @property
+    def awaits_accounts(self) -> bool:
+        """True while someone whose seat was ended by `stop` has not said what they know."""
+        return any(seat.last is not None and seat.account is None for room in self.rooms for seat in room.seats)
 
     def _refuse(self, nonce: int, address: Address, code: str, reason: str) -> None:
         self.drop(f"refused: {code}")
@@ -143,8 +147,9 @@ class ServerCore:
     def _bid_farewell(self, room: Room, number: int, leave: Leave, now_ns: int) -> None:
         seat = room.seats[number]
         account = room.rise(number, "leave")
-        if account is not None:
+        if seat.account is None:
             seat.account = leave.account
+        if account is not None:
             self.events.append(f"{room.name}: {seat.settings.user} left: {leave.reason}")
         # the seat keeps its address until the next hello, so that a repeated leave is answered again
         farewell = Farewell(seat.session, "goodbye", account or seat.last, room.account())

@@ -51,6 +51,11 @@ class WavePort:
             self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
         return wave
 
+    @property
+    def used_j(self) -> float:
+        """Energy of the forward waves applied so far."""
+        return self._receiver.played_j
+
     def put(self, row: Row) -> None:
         self._sender.push(row)
         for value in row:
@@ -80,7 +85,7 @@ class StatePort:
         self._fresh = False
         self.origin: Row | None = None
         self.hand: Row | None = None
-        self.made_j = 0.0
+        self.made_j = self.used_j = 0.0
         self.up_margin_j: float | None = None
 
     def receive(self, message: Waves | State) -> bool:

@@ -98,6 +98,8 @@ class Room:
                 world.join(number, np.array(seat.port.origin))
                 seat.on_object = True
         before = world.position
+        if not any(seat.on_object for seat in seats):
+            world.velocity = np.zeros(world.axes)  # an object that nobody holds is put down
         answers = world.step(np.array(rows)).tolist()
         self.steps += 1
         here = tuple(world.position.tolist())
@@ -134,6 +136,6 @@ class Room:
             velocity_mps=tuple(world.velocity.tolist()),
             travel_m=self.travel_m,
             diverged=bool(self.diverged),
-            energy_balance_error_j=world.balance_error_j,
+            energy_balance_error_j=float(world.balance_error_j),
             ticks=self.ticks(),
         )

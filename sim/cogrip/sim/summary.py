@@ -6,7 +6,9 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.messages import Farewell
+from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.server.room import Room
 from cogrip.sim.laboratory import Laboratory
 
 TOLERANCE_J = 1e-12
@@ -73,6 +75,51 @@ def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
         ],
         room=laboratory.room.account(),
         dropped=dropped,
+    )
+
+
+def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str, Any]:
+    """The summary of a live room: its clients' part as far as they said goodbye."""
+    settings = room.settings
+    return summarise(
+        name=settings.name,
+        seed=settings.seed,
+        seconds=seconds,
+        tank_mj=settings.playout.tank_mj,
+        users=[
+            UserRecord(seat.settings.user, seat.account, room.seat_account(number))
+            for number, seat in enumerate(room.seats)
+        ],
+        room=room.account(),
+        dropped=dropped,
+    )
+
+
+def of_client(
+    seat: SeatSettings, account: ClientAccount, farewell: Farewell | None, seconds: float, dropped: Mapping[str, int]
+) -> dict[str, Any]:
+    """The summary that one live client can give: the server's part as far as it said goodbye."""
+    return summarise(
+        name=seat.room,
+        seed=seat.seed,
+        seconds=seconds,
+        tank_mj=seat.playout.tank_mj,
+        users=[UserRecord(seat.user, account, farewell.seat if farewell else None)],
+        room=farewell.room if farewell else None,
+        dropped=dropped,
+    )
+
+
+def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]) -> dict[str, Any]:
+    """The summary of a live run whose server left nothing: what the clients knew."""
+    return summarise(
+        name=settings.name,
+        seed=settings.seed,
+        seconds=settings.seconds,
+        tank_mj=settings.playout.tank_mj,
+        users=[UserRecord(name, account, None) for name, account in accounts.items()],
+        room=None,
+        dropped={},
     )
 
 

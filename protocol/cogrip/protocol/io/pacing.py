@@ -11,6 +11,7 @@ lateness could ever exceed a period. `late_ns` is the last tick's own.
 import time
 from collections.abc import Callable
 
+from cogrip.protocol.accounts import Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
 
 SPIN_NS = 60_000
@@ -125,3 +126,7 @@ class Pacer:
         if self._started_ns is not None:
             self.work.add(self._clock() - self._started_ns)
             self._started_ns = None
+
+    def count(self) -> TickCount:
+        """How the ticks went so far, in us."""
+        return TickCount(self.due, self.run, Percentiles.of(self.lateness, 1e3), Percentiles.of(self.work, 1e3))

@@ -111,7 +111,8 @@ class CoupledWorld(LaggedWorld):
         hands = inputs[:, :axes] - self.offset
         self.hand = np.where(self.present[:, None], hands, self.hand)
         self.force = self.contact(inputs[:, axes:])
-        moved = self.move_object()
-        self.port_work += self.force @ moved
+        # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
         seen = self.position + self.offset
-        return np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
+        answers: Array = np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
+        self.port_work += self.force @ self.move_object()
+        return answers

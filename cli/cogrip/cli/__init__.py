@@ -1,0 +1,1 @@
+"""The `cogrip` command: a table of names to functions, imported when called."""

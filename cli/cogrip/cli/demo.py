@@ -1,0 +1,179 @@
+"""`cogrip demo`: a server and its clients as processes of this machine, watched until they end."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from cyclopts import Parameter
+from rich.console import Console
+from rich.live import Live
+
+from cogrip.cli.live_table import LiveTable
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.settings_file import load, shipped
+from cogrip.cli.summary_table import terminal_summary
+from cogrip.devices.device import DeviceError
+from cogrip.devices.for_user import make_for
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.settings import Settings
+from cogrip.sim.report import write_report
+from cogrip.sim.run_folder import SETTINGS, SUMMARY, make_run_folder, read_accounts, write_settings, write_summary
+from cogrip.sim.summary import of_accounts
+
+MOVED_M = 0.005  # an object that travelled less has not really moved
+START_LIMIT_S = 30.0
+END_LIMIT_S = 15.0
+WATCH_EVERY_S = 0.1
+
+
+def demo(
+    *,
+    config: Path | None = None,
+    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
+    seconds: float | None = None,
+    runs: Path = Path("runs"),
+) -> int:
+    """Run a session live on this machine: a server, one client a person, UDP on loopback, an emulated link.
+
+    Exit code 0 only if the run was passive, nothing diverged or broke off, and the object really moved.
+
+    Parameters
+    ----------
+    config
+        Settings file; configs/demo.toml if not given.
+    set
+        Override a setting: section.key=value. Repeatable.
+    hands
+        Hand of the first, second ... person in place of the settings' (such as csv:FILE&time=t_s&x=x_m). Repeatable.
+    seconds
+        How long; the settings say if not given.
+    runs
+        Folder in which the run's own folder is made.
+    """
+    path = config or shipped("demo.toml")
+    overrides = [*set, *([f"seconds={seconds}"] if seconds is not None else [])]
+    settings = load(path, overrides)
+    if len(hands) > len(settings.users):
+        raise BadInput(f"--hands is given {len(hands)} times, but {path} has {len(settings.users)} users")
+    users = [
+        msgspec.structs.replace(user, hand=hands[number]) if number < len(hands) else user
+        for number, user in enumerate(settings.users)
+    ]
+    settings = msgspec.structs.replace(settings, users=tuple(users))
+    _try_devices(settings)
+    console = Console(highlight=False, soft_wrap=True)
+    folder = make_run_folder(runs, settings.name, datetime.now())
+    stop = Stop()
+    with on_signals(stop):
+        failed = _watch(settings, folder, stop, console)
+    return _conclude(settings, folder, failed, stop, console)
+
+
+def _try_devices(settings: Settings) -> None:
+    """A hand that cannot be had is told before anything is started."""
+    for user in settings.users:
+        try:
+            device = make_for(user, settings.object.axes)
+            device.open(settings.rates.device_hz)
+            device.close()
+        except DeviceError as error:
+            raise BadInput(f"{user.name}: {error}") from None
+
+
+def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> list[str]:
+    """Start everyone, show them until they end, end the server. Returns what went wrong, by process."""
+    write_settings(folder, settings)
+    file = folder / SETTINGS
+    common = ["--into", str(folder)]
+    server = _start(folder / "server.log", ["serve", str(file), "--port", "0", *common])
+    clients: dict[str, subprocess.Popen[bytes]] = {}
+    failed: list[str] = []
+    try:
+        port = _port(server, folder / "server.log", stop)
+        for user in settings.users:
+            log = folder / f"client-{user.name.replace(' ', '_')}.log"
+            clients[user.name] = _start(
+                log,
+                ["join", f"127.0.0.1:{port}", "--config", str(file), "--name", user.name]
+                + ["--seconds", str(settings.seconds), *common],
+            )
+        table = LiveTable(folder, list(clients))
+        told = False
+        with Live(table.table(), console=console, refresh_per_second=10, transient=False) as live:
+            while any(client.poll() is None for client in clients.values()):
+                if stop.reason and not told:
+                    told = True
+                    for client in clients.values():
+                        client.send_signal(signal.SIGINT)
+                if server.poll() is not None and "server" not in failed:
+                    failed.append("server")
+                time.sleep(WATCH_EVERY_S)
+                live.update(table.table())
+    finally:
+        if server.poll() is None:
+            server.send_signal(signal.SIGTERM)
+        for name, process in {"server": server, **clients}.items():
+            try:
+                code = process.wait(END_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                code = process.wait()
+            if code != 0 and name not in failed:
+                failed.append(name)
+    return failed
+
+
+def _start(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A child of its own session: Ctrl-C reaches it through us, so that its last words are not lost."""
+    with log.open("wb") as out:
+        return subprocess.Popen(
+            [sys.executable, "-m", "cogrip.cli", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+
+def _port(server: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
+    until = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < until and server.poll() is None and not stop.reason:
+        found = re.search(r"listening on \S+:(\d+)", log.read_text())
+        if found:
+            return int(found[1])
+        time.sleep(0.02)
+    if stop.reason:
+        raise Problem(f"{stop.reason} before the server was up")
+    raise Problem(f"the server did not start:\n{log.read_text().strip()}")
+
+
+def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, console: Console) -> int:
+    summary_file = folder / SUMMARY
+    if summary_file.exists():
+        summary = msgspec.json.decode(summary_file.read_bytes())
+    else:  # the server is gone: what the clients know is left
+        summary = of_accounts(settings, read_accounts(folder, [user.name for user in settings.users]))
+        write_summary(folder, summary)
+    with console.status("writing the report"):
+        report = write_report(folder)
+    console.print(terminal_summary(summary))
+    for name in failed:
+        log = folder / ("server.log" if name == "server" else f"client-{name.replace(' ', '_')}.log")
+        words = log.read_text().strip().splitlines()
+        console.print(f"{name} failed: {words[-1] if words else 'it said nothing'} (see {log})")
+    travel = summary["object"]["travel_m"] or 0.0
+    moved = travel > MOVED_M or settings.object.kind == "wall"
+    if not moved:
+        console.print(f"the object did not really move: {travel * 1e3:.2f} mm")
+    console.print(f"report: {report}")
+    if stop.reason:
+        return 130
+    return 0 if summary["passive"] and not summary["diverged"] and moved and not failed else 1

@@ -1,0 +1,142 @@
+"""`cogrip join`: one person, one device, one server."""
+
+import secrets
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.serve import DEFAULT_PORT
+from cogrip.cli.settings_file import load
+from cogrip.client.loop import Ended, JoinError, LiveClient
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.for_user import address_of, make_for
+from cogrip.devices.registry import make
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import SeatSettings, Settings, digest
+from cogrip.protocol.version import VERSION
+from cogrip.sim.link import LinkEmulator
+from cogrip.sim.run_folder import client_trace, make_run_folder, write_account, write_summary
+from cogrip.sim.summary import of_client
+
+DEFAULT_DEVICE = "sim:phantom?hand=reach"
+
+
+def join(
+    server: str,
+    /,
+    *,
+    device: str | None = None,
+    name: str = "",
+    room: str = "",
+    config: Path | None = None,
+    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    axes: int | None = None,
+    seconds: float | None = None,
+    runs: Path = Path("runs"),
+    into: Path | None = None,
+    report: bool = True,
+) -> int:
+    """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
+
+    Exit code 0 when the session ended as it should and was passive; 1 when it was refused, lost or broke off.
+
+    Parameters
+    ----------
+    server
+        HOST:PORT, or HOST for the usual port.
+    device
+        Device address (`cogrip devices`), with its keys: sim:phantom?hand=reach&amplitude_m=0.02.
+    name
+        Which seat to take; the first free one if not given.
+    room
+        Which room to enter; any with a free seat if not given.
+    config
+        Settings file of the session: the join is refused unless the server's settings are the same. The user called
+        --name in it (else the first) says which device and hand.
+    set
+        Override a setting of --config.
+    axes
+        How many axes to move on; else what --config says, else 3 (the room uses the first ones it needs).
+    seconds
+        Leave by yourself after so long.
+    runs
+        Folder in which the run folder is made.
+    into
+        Write into this existing folder instead, and leave its report to its owner.
+    report
+        Write report.html and plots at the end.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    settings = load(config, set) if config else None
+    if set and not config:
+        raise BadInput("--set changes the settings of --config; without one they are the server's")
+    where = _address(server)
+    arm, address = _device(settings, name, device, axes)
+    hello = make_hello(
+        software=VERSION, nonce=secrets.randbelow(2**62) + 1, room=room or (settings.name if settings else ""),
+        name=name, digest=digest(settings) if settings else "", device=address, axes=arm.capability.axes,
+        rate_hz=float(arm.capability.rate_hz),
+    )  # fmt: skip
+    folder: Path | None = into
+
+    def trace_at(seat: SeatSettings) -> Path:
+        nonlocal folder
+        folder = folder or make_run_folder(runs, f"{seat.room}-{seat.user}", datetime.now())
+        console.print(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {address}")
+        return folder / client_trace(seat.user)
+
+    stop = Stop()
+    client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, trace_at, seconds)
+    with on_signals(stop):
+        try:
+            ended = client.run()
+        except (JoinError, DeviceError) as error:
+            raise Problem(str(error)) from None
+        assert folder is not None
+        return _finish(ended, folder, console, alone=into is None, report=report)
+
+
+def _finish(ended: Ended, folder: Path, console: Console, *, alone: bool, report: bool) -> int:
+    write_account(folder, ended.seat.user, ended.account)
+    summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
+    if ended.failed:
+        console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}")
+    if alone:
+        write_summary(folder, summary)
+        if report:
+            from cogrip.cli.summary_table import terminal_summary
+            from cogrip.sim.report import write_report
+
+            console.print(terminal_summary(summary))
+            console.print(f"report: {write_report(folder)}")
+    return 0 if not ended.failed and summary["passive"] and not summary["diverged"] else 1
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not colon:
+        return text, DEFAULT_PORT
+    if not port.isdigit() or not 0 < int(port) < 65536 or not host:
+        raise BadInput(f"server {text!r}: write HOST:PORT with a port from 1 to 65535, such as 127.0.0.1:{DEFAULT_PORT}")
+    return host.strip("[]"), int(port)
+
+
+def _device(settings: Settings | None, name: str, address: str | None, axes: int | None) -> tuple[Device, str]:
+    try:
+        if settings is None:
+            return make(address or DEFAULT_DEVICE, axes=axes or 3), address or DEFAULT_DEVICE
+        users = [user for user in settings.users if name in ("", user.name)]
+        if not users:
+            known = ", ".join(user.name for user in settings.users)
+            raise BadInput(f"--name {name!r}: no such user in the settings; there is: {known}")
+        axes = axes or settings.object.axes
+        if address:
+            return make(address, axes=axes), address
+        return make_for(users[0], axes), address_of(users[0])
+    except DeviceError as error:
+        raise BadInput(str(error)) from None

@@ -1,0 +1,73 @@
+"""`cogrip lab`: a whole session in virtual time."""
+
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cogrip.cli.problem import BadInput
+from cogrip.cli.settings_file import load
+from cogrip.devices.device import DeviceError
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.run_folder import make_run_folder, summary_text
+
+
+def lab(
+    config: Path,
+    /,
+    *,
+    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    runs: Path = Path("runs"),
+) -> int:
+    """Run a session in virtual time with the very cores of the live processes.
+
+    Exit code 0 only if the run was passive and nothing diverged.
+
+    Parameters
+    ----------
+    config
+        Settings file.
+    set
+        Override a setting: section.key=value. Repeatable; a user's are users.0.key.
+    json
+        Write only the summary, as JSON, to this file (- for standard output), and no run folder.
+    runs
+        Folder in which the run's own folder (summary, report, plots, traces) is made.
+    """
+    settings = load(config, set)
+    console = Console(stderr=True)
+    folder = None if json else make_run_folder(runs, settings.name, datetime.now())
+    try:
+        with Progress(
+            TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
+            TimeRemainingColumn(), console=console, transient=True,
+        ) as progress:  # fmt: skip
+            task = progress.add_task(settings.name, total=settings.seconds)
+            outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done))
+    except DeviceError as error:
+        raise BadInput(f"{config}: {error}") from None
+    summary = outcome.summary
+    if json == "-":
+        sys.stdout.write(summary_text(summary))
+    elif json:
+        Path(json).write_text(summary_text(summary))
+    else:
+        from cogrip.cli.summary_table import terminal_summary
+        from cogrip.sim.report import write_report
+
+        assert folder is not None
+        with console.status("writing the report"):
+            report = write_report(folder)
+        Console().print(terminal_summary(summary))
+        Console().print(f"report: {report}", highlight=False)
+    if outcome.diverged:
+        console.print(f"diverged: {outcome.diverged}", highlight=False)
+    if outcome.interrupted:
+        console.print("interrupted: the summary covers what was run", highlight=False)
+        return 130
+    return 0 if summary["passive"] and not summary["diverged"] else 1

@@ -1,0 +1,48 @@
+"""The table of commands, and how their errors reach a person."""
+
+import sys
+
+from cyclopts import App, CycloptsError
+from rich.console import Console
+
+from cogrip.cli.problem import Problem
+from cogrip.protocol.version import VERSION
+
+COMMANDS = {
+    "demo": ("cogrip.cli.demo:demo", "Two simulated people hold one cube over UDP on this machine; ends with a report."),
+    "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
+    "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
+    "lab": ("cogrip.cli.lab:lab", "Run a whole session in virtual time, without sleeping."),
+    "devices": ("cogrip.cli.devices:devices", "List the devices that can be named, with what they can do."),
+    "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
+}
+
+app = App(
+    name="cogrip",
+    version=VERSION,
+    help="Several people hold one virtual object together over a network, and feel it and each other.",
+)
+for _name, (_target, _help) in COMMANDS.items():
+    app.command(_target, name=_name, help=_help)
+
+
+def main() -> int:
+    """Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted."""
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    try:
+        code = app(exit_on_error=False, print_error=True, result_action="return_value")
+    except CycloptsError:
+        return 2  # it has been printed
+    except Problem as problem:
+        errors.print(f"cogrip: {problem}", markup=False)
+        return problem.exit_code
+    except KeyboardInterrupt:
+        errors.print("cogrip: interrupted", markup=False)
+        return 130
+    except BrokenPipeError:
+        return 1
+    return code if isinstance(code, int) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""`cogrip serve`: the shared object, for whoever joins."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.settings_file import load
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.server.loop import LiveServer, ServeError
+from cogrip.sim.run_folder import ROOM_TRACE, make_run_folder, write_settings, write_summary
+from cogrip.sim.summary import of_room
+
+DEFAULT_PORT = 47800
+
+
+def serve(
+    *config: Path,
+    host: str = "127.0.0.1",
+    port: int = DEFAULT_PORT,
+    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    runs: Path = Path("runs"),
+    into: Path | None = None,
+    report: bool = True,
+) -> int:
+    """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder for each room.
+
+    Parameters
+    ----------
+    config
+        Settings files, one for each room; a room is called by its `name`.
+    host
+        Address to listen on. Anything but loopback is open to whoever can reach it: sessions are not sealed yet.
+    port
+        UDP port; 0 takes a free one.
+    set
+        Override a setting in every file: section.key=value. Repeatable.
+    runs
+        Folder in which the run folders are made.
+    into
+        Write into this existing folder instead, and leave its report to its owner (one room only).
+    report
+        Write report.html and plots at the end.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    if not config:
+        raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
+    rooms = [load(path, set) for path in config]
+    names = [room.name for room in rooms]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"serve: two rooms are called {name!r}; give each file a `name` of its own")
+    if into is not None and len(rooms) > 1:
+        raise BadInput("serve: --into takes one room; leave it out to get a folder for each")
+    folders: dict[str, Path] = {}
+    stop = Stop()
+
+    def trace_at(name: str) -> Path:
+        return folders[name] / ROOM_TRACE
+
+    server = LiveServer(rooms, host, port, stop, console.print, trace_at)
+    try:
+        bound = server.listen()
+    except ServeError as error:
+        raise Problem(str(error)) from None
+    now = datetime.now()
+    for settings in rooms:
+        folders[settings.name] = into or make_run_folder(runs, settings.name, now)
+        write_settings(folders[settings.name], settings)
+    with on_signals(stop):
+        console.print(f"listening on {bound[0]}:{bound[1]}; rooms: {', '.join(names)}; Ctrl-C ends")
+        server.run()
+        console.print(f"stopped: {stop.reason}")
+        passive = True
+        for room in server.core.rooms:
+            summary = of_room(room, server.seconds, server.core.dropped)
+            write_summary(folders[room.name], summary)
+            passive = passive and bool(summary["passive"]) and not summary["diverged"]
+            if into is None and report:
+                from cogrip.cli.summary_table import terminal_summary
+                from cogrip.sim.report import write_report
+
+                console.print(terminal_summary(summary))
+                console.print(f"report: {write_report(folders[room.name])}")
+    return 0 if passive else 1

@@ -1,0 +1,49 @@
+"""Reading a settings file (TOML, or the JSON that a run folder keeps) with its `--set` overrides."""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from cogrip.cli.problem import BadInput
+from cogrip.protocol.settings import Settings, SettingsError, parse_override, resolve
+
+
+def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
+    """Raises BadInput, naming the file, for anything wrong in it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except FileNotFoundError:
+        near = [str(found) for found in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        close = difflib.get_close_matches(str(path), near, n=1)
+        cure = f"did you mean {close[0]}?" if close else "give the path of a settings file, such as configs/demo.toml"
+        raise BadInput(f"{path}: there is no such file; {cure}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: cannot be read: {error}") from None
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        raise BadInput(f"{path}: not valid {path.suffix.removeprefix('.').upper() or 'TOML'}: {error}") from None
+    try:
+        return resolve(table, dict(_override(text) for text in overrides))
+    except SettingsError as error:
+        raise BadInput(f"{path}: {error}") from None
+
+
+def shipped(name: str) -> Path:
+    """The settings file `name` of those that come with cogrip: from the checkout, or from the installed package."""
+    checkout = Path(__file__).resolve().parents[3] / "configs" / name
+    return checkout if checkout.exists() else Path(str(files("cogrip.cli") / "configs" / name))
+
+
+def _override(text: str) -> tuple[str, Any]:
+    try:
+        key, value = parse_override(text)
+    except SettingsError as error:
+        raise BadInput(str(error)) from None
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value  # a bare word: text

@@ -1,0 +1,239 @@
+"""The live client: one thread owns the device, the socket and the core (design: Client process).
+
+A tick: read the device, let the core sense it, send what it leaves, drain what has come, let it act, write the force.
+"""
+
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from cogrip.client import trace_row
+from cogrip.client.core import ClientCore
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.first_axes import first_axes
+from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.io.pacing import Pacer
+from cogrip.protocol.io.realtime import Measure, engage, release
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.io.trace import TraceWriter
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Farewell, Hello
+from cogrip.protocol.settings import LinkProfile, SeatSettings
+
+LEAD_NS = 2_000_000  # from the welcome to the first tick
+TRACE_SECONDS = 600.0  # kept of a session without an end
+
+
+class Link(Protocol):
+    """An emulated direction; `cogrip.sim.link.LinkEmulator` is one."""
+
+    @property
+    def next_ns(self) -> int | None: ...
+    def send(self, payload: bytes, now_ns: int) -> None: ...
+    def due(self, now_ns: int) -> list[bytes]: ...
+
+
+class JoinError(Exception):
+    """No seat was had. The text says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a session ended: `failed` is "" when it ended as it should."""
+
+    seat: SeatSettings
+    account: ClientAccount
+    farewell: Farewell | None
+    failed: str
+    seconds: float
+    counts: dict[str, int]
+    measures: list[Measure]
+
+
+@dataclass(slots=True)
+class LiveClient:
+    """One person's session. `run` blocks until it has ended; nothing is opened before."""
+
+    device: Device
+    hello: Hello
+    server: tuple[str, int]
+    stop: Stop
+    say: Callable[[str], None]
+    make_link: Callable[[LinkProfile, str], Link]
+    trace_at: Callable[[SeatSettings], Path | None]
+    seconds: float | None = None
+    _core: ClientCore = field(init=False)
+    _socket: socket.socket = field(init=False)
+    _up: Link | None = field(init=False, default=None)
+    _down: Link | None = field(init=False, default=None)
+    _counts: dict[str, int] = field(init=False, default_factory=dict)
+
+    def run(self) -> Ended:
+        """Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened."""
+        self._core = ClientCore(self.hello, self.device.capability)
+        family = socket.getaddrinfo(*self.server, type=socket.SOCK_DGRAM)[0]
+        self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        with self._socket:
+            self._socket.connect(family[4])
+            self._call()
+            return self._session()
+
+    def _call(self) -> None:
+        core = self._core
+        core.call(time.monotonic_ns())
+        while not core.seated:
+            if self.stop.reason:
+                raise JoinError(f"{self.stop.reason} before a seat was had")
+            if core.session.state == "closed":
+                host, port = self.server
+                refused = self._counts.get("connection refused", 0)
+                hint = f"; nothing listens on {host}:{port}: is the server running there?" if refused else ""
+                raise JoinError(f"{core.session.failed}{hint} (server {host}:{port})")
+            now_ns = time.monotonic_ns()
+            core.poll(now_ns)
+            self._send(now_ns)
+            self._drain(now_ns)
+            time.sleep(0.002)
+
+    def _session(self) -> Ended:
+        core, seat = self._core, self._core.seat
+
+        assert seat is not None
+        for profile, name in ((seat.up, "up"), (seat.down, "down")):
+            if profile != LinkProfile():
+                setattr(self, f"_{name}", self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}"))
+        device = self.device = first_axes(self.device, seat.object.axes)
+        device.open(seat.rates.device_hz)
+        path = self.trace_at(seat)
+        measures = engage()  # last of all preparations: they would starve others at real-time priority
+        trace = None
+        start_ns = time.monotonic_ns() + LEAD_NS
+        if path is not None:
+            trace = TraceWriter(
+                path, trace_row.columns(seat.object.axes), rate_hz=seat.rates.device_hz,
+                seconds=self.seconds or TRACE_SECONDS, who=seat.user, start_ns=start_ns,
+            )  # fmt: skip
+        pacer = Pacer(seat.rates.device_hz, start_ns)
+        try:
+            failed = self._loop(pacer, trace)
+        finally:
+            release(measures)
+            device.close()
+            if trace is not None:
+                trace.close()
+        seconds = pacer.due / seat.rates.device_hz
+        account = core.account(pacer.count())
+        self._leave(failed, account)
+        counts = {**core.session.dropped, **core.safety.counts, **self._counts, "skipped tick": pacer.skipped}
+        return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures)
+
+    def _loop(self, pacer: Pacer, trace: TraceWriter | None) -> str:
+        """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
+        core, device, safety = self._core, self.device, self._core.safety
+        clock = time.monotonic_ns
+        last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
+        said, failed, ending = safety.state, "", False
+        work_us = 0.0
+        while True:
+            tick = pacer.wait()
+            now_ns = clock()
+            try:
+                sample = device.read(tick)
+            except DeviceError as error:
+                sample = None
+                safety.fail(f"device: {error}")
+            core.sense(tick, sample, now_ns)
+            core.poll(now_ns)
+            self._send(now_ns)
+            self._drain(now_ns)
+            force = core.act(now_ns)
+            try:
+                device.write(force)
+            except DeviceError as error:
+                safety.fail(f"device: {error}")
+            if trace is not None:
+                trace.append(trace_row.row(core, tick / pacer.rate_hz, pacer.late_ns * 1e-3, work_us, pacer.skipped))
+            if safety.state != said:
+                self._tell(said, safety.state)
+                said = safety.state
+            if not ending:
+                failed = core.session.failed or (safety.reason if safety.state == "fault" else "")
+                over = last_tick is not None and tick >= last_tick
+                if failed or self.stop.reason or over or core.session.state == "closed":
+                    ending = True
+                    if safety.state != "fault":
+                        core.stop()
+            elif safety.quiet:
+                return failed
+            work_us = (clock() - now_ns) * 1e-3
+            pacer.done()
+
+    def _tell(self, before: str, after: str) -> None:
+        reason = self._core.safety.reason
+        if after == "degraded":
+            self.say(f"force released: {reason}")
+        elif after == "fault":
+            self.say(f"fault, force released: {reason}")
+        elif before == "degraded" and after == "live":
+            self.say("the server is heard again: force ramps in")
+
+    def _leave(self, failed: str, account: ClientAccount) -> None:
+        """Say goodbye and wait a moment for the answer."""
+        session = self._core.session
+        now_ns = time.monotonic_ns()
+        if session.state == "seated":
+            session.leave((failed or self.stop.reason or "the session is over")[:300], account, now_ns)
+            self._up = None  # the goodbye goes straight out
+            while session.state == "leaving":
+                now_ns = time.monotonic_ns()
+                session.poll(now_ns)
+                self._send(now_ns)
+                self._drain(now_ns)
+                time.sleep(0.002)
+        elif session.farewell is not None:  # the server stopped first: it waits for our account
+            session.answer_farewell(account)
+            self._up = None
+            self._send(now_ns)
+
+    def _send(self, now_ns: int) -> None:
+        outbox, up = self._core.outbox, self._up
+        while outbox:
+            datagram = outbox.popleft()
+            if up is None:
+                self._put(datagram)
+            else:
+                up.send(datagram, now_ns)
+        if up is not None and up.next_ns is not None:
+            for datagram in up.due(now_ns):
+                self._put(datagram)
+
+    def _put(self, datagram: bytes) -> None:
+        try:
+            self._socket.send(datagram)
+        except OSError as error:
+            self._note(error)
+
+    def _drain(self, now_ns: int) -> None:
+        down, core = self._down, self._core
+        while True:
+            try:
+                datagram = self._socket.recv(MAX_DATAGRAM_BYTES + 1)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                self._note(error)
+                break
+            if down is None:
+                core.receive(datagram, now_ns)
+            else:
+                down.send(datagram, now_ns)
+        if down is not None and down.next_ns is not None:
+            for datagram in down.due(now_ns):
+                core.receive(datagram, now_ns)
+
+    def _note(self, error: OSError) -> None:
+        name = "connection refused" if isinstance(error, ConnectionRefusedError) else f"socket: {error.strerror}"
+        self._counts[name] = self._counts.get(name, 0) + 1

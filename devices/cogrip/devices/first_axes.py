@@ -1,0 +1,41 @@
+"""A device of many axes in a room of fewer: the first ones are used, the others get no force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cogrip.devices.device import Capability, Device, Sample
+
+
+def first_axes(device: Device, axes: int) -> Device:
+    """`device` itself if it has just `axes` axes, else a view of its first ones."""
+    return device if device.capability.axes == axes else FirstAxes(device, axes)
+
+
+class FirstAxes:
+    """Samples are cut to `axes` values, forces filled up with zeros."""
+
+    def __init__(self, device: Device, axes: int) -> None:
+        self._device = device
+        self._axes = axes
+        self._rest = (0.0,) * (device.capability.axes - axes)
+
+    @property
+    def capability(self) -> Capability:
+        return self._device.capability.first(self._axes)
+
+    def open(self, rate_hz: int) -> None:
+        self._device.open(rate_hz)
+
+    def read(self, tick: int) -> Sample | None:
+        sample = self._device.read(tick)
+        if sample is None:
+            return None
+        axes, velocity = self._axes, sample.velocity_mps
+        return Sample(sample.position_m[:axes], None if velocity is None else velocity[:axes])
+
+    def write(self, force_n: Sequence[float]) -> None:
+        self._device.write((*force_n, *self._rest))
+
+    def close(self) -> None:
+        self._device.close()

@@ -1,0 +1,64 @@
+"""The folder a run leaves: `runs/<time>-<name>/` with settings, traces, summary, report and plots."""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.settings import Settings
+
+SUMMARY = "summary.json"
+SETTINGS = "settings.json"
+ROOM_TRACE = "room.trace"
+
+
+def client_trace(name: str) -> str:
+    """File name of one person's trace."""
+    return f"client-{name.replace(' ', '_')}.trace"
+
+
+def make_run_folder(base: Path, name: str, now: datetime) -> Path:
+    """A new folder below `base`, never one that exists."""
+    stem = f"{now:%Y%m%d-%H%M%S}-{name.replace(' ', '_')}"
+    for suffix in ("", *(f"-{number}" for number in range(2, 1000))):
+        folder = base / f"{stem}{suffix}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"{base / stem}: a thousand runs of that name in one second; give another --runs folder")
+
+
+def write_settings(folder: Path, settings: Settings) -> None:
+    (folder / SETTINGS).write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
+
+
+def write_account(folder: Path, name: str, account: ClientAccount) -> None:
+    """What one client knows, for whoever joins the parts."""
+    (folder / client_trace(name)).with_suffix(".json").write_bytes(msgspec.json.encode(account))
+
+
+def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount | None]:
+    """What the clients of these names left by `write_account`; None for one that left nothing."""
+    found: dict[str, ClientAccount | None] = {}
+    for name in names:
+        path = (folder / client_trace(name)).with_suffix(".json")
+        try:
+            found[name] = msgspec.json.decode(path.read_bytes(), type=ClientAccount)
+        except (OSError, msgspec.MsgspecError):
+            found[name] = None
+    return found
+
+
+def summary_text(summary: dict[str, Any]) -> str:
+    """The summary as JSON text: no NaN, sorted as written, one trailing newline."""
+    return json.dumps(summary, indent=1, allow_nan=False) + "\n"
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    (folder / SUMMARY).write_text(summary_text(summary))
