@@ -17,10 +17,8 @@ from rich.live import Live
 
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.settings_file import load, shipped
+from cogrip.cli.settings_file import load, shipped, try_hands
 from cogrip.cli.summary_table import terminal_summary
-from cogrip.devices.device import DeviceError
-from cogrip.devices.for_user import make_for
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.report import write_report
@@ -68,7 +66,7 @@ def demo(
         for number, user in enumerate(settings.users)
     ]
     settings = msgspec.structs.replace(settings, users=tuple(users))
-    _try_devices(settings)
+    try_hands(settings)
     console = Console(highlight=False, soft_wrap=True)
     folder = make_run_folder(runs, settings.name, datetime.now())
     stop = Stop()
@@ -77,23 +75,13 @@ def demo(
     return _conclude(settings, folder, failed, stop, console)
 
 
-def _try_devices(settings: Settings) -> None:
-    """A hand that cannot be had is told before anything is started."""
-    for user in settings.users:
-        try:
-            device = make_for(user, settings.object.axes)
-            device.open(settings.rates.device_hz)
-            device.close()
-        except DeviceError as error:
-            raise BadInput(f"{user.name}: {error}") from None
-
-
 def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> list[str]:
     """Start everyone, show them until they end, end the server. Returns what went wrong, by process."""
     write_settings(folder, settings)
     file = folder / SETTINGS
     common = ["--into", str(folder)]
-    server = _start(folder / "server.log", ["serve", str(file), "--port", "0", *common])
+    # it would stop by itself if we were killed
+    server = _start(folder / "server.log", ["serve", str(file), "--port", "0", "--seconds", str(settings.seconds + 60), *common])
     clients: dict[str, subprocess.Popen[bytes]] = {}
     failed: list[str] = []
     try:
@@ -106,7 +94,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
                 + ["--seconds", str(settings.seconds), *common],
             )
         table = LiveTable(folder, list(clients))
-        told = False
+        told = begun = False
         with Live(table.table(), console=console, refresh_per_second=10, transient=False) as live:
             while any(client.poll() is None for client in clients.values()):
                 if stop.reason and not told:
@@ -117,6 +105,9 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
                     failed.append("server")
                 time.sleep(WATCH_EVERY_S)
                 live.update(table.table())
+                if not begun and table.everyone():
+                    begun = True
+                    live.console.print(f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}")
     finally:
         if server.poll() is None:
             server.send_signal(signal.SIGTERM)

@@ -9,9 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cogrip.cli.problem import BadInput
-from cogrip.cli.settings_file import load
-from cogrip.devices.device import DeviceError
+from cogrip.cli.settings_file import load, try_hands
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import make_run_folder, summary_text
 
@@ -40,17 +38,15 @@ def lab(
         Folder in which the run's own folder (summary, report, plots, traces) is made.
     """
     settings = load(config, set)
+    try_hands(settings)
     console = Console(stderr=True)
     folder = None if json else make_run_folder(runs, settings.name, datetime.now())
-    try:
-        with Progress(
-            TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
-            TimeRemainingColumn(), console=console, transient=True,
-        ) as progress:  # fmt: skip
-            task = progress.add_task(settings.name, total=settings.seconds)
-            outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done))
-    except DeviceError as error:
-        raise BadInput(f"{config}: {error}") from None
+    with Progress(
+        TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
+        TimeRemainingColumn(), console=console, transient=True,
+    ) as progress:  # fmt: skip
+        task = progress.add_task(settings.name, total=settings.seconds)
+        outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done))
     summary = outcome.summary
     if json == "-":
         sys.stdout.write(summary_text(summary))

@@ -4,11 +4,15 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from cogrip.client.safety import STATES
 from cogrip.protocol.io.trace import TraceReader
 from cogrip.sim.run_folder import ROOM_TRACE, client_trace
+
+
+_HEADINGS = ("person", "state", "hand\nmm", "force\nN", "round trip\nms", "lost\nframes", "late\nticks", "energy\nmargin mJ")
 
 
 class LiveTable:
@@ -28,17 +32,17 @@ class LiveTable:
                 return {}
         return reader.newest() or {}
 
-    def seconds(self) -> float:
-        """How far the session has come: the time of the client that is furthest."""
-        return max((self._newest(client_trace(name)).get("time_s", 0.0) for name in self._people), default=0.0)
+    def everyone(self) -> bool:
+        """True once every person's client has begun."""
+        return all(self._newest(client_trace(name)) for name in self._people)
 
     def table(self) -> Table:
         """One row a person."""
         room = self._newest(ROOM_TRACE)
         place = " ".join(f"{value * 1e3:+6.1f}" for value in _vector(room, "object_m"))
-        table = Table(title=f"object at {place or 'rest'} mm", title_justify="left")
-        for heading in ("person", "state", "hand mm", "force N", "rtt ms", "lost frames", "late ticks", "energy margin mJ"):
-            table.add_column(heading, justify="left" if heading in ("person", "state") else "right", no_wrap=True)
+        table = Table(title=f"object at {place or 'rest'} mm", title_justify="left", box=SIMPLE_HEAD)
+        for heading in _HEADINGS:
+            table.add_column(heading, justify="left" if heading in ("person", "state") else "right")
         for number, name in enumerate(self._people):
             row = self._newest(client_trace(name))
             if not row:

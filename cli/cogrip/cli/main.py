@@ -1,6 +1,7 @@
 """The table of commands, and how their errors reach a person."""
 
 import sys
+from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
@@ -26,11 +27,11 @@ for _name, (_target, _help) in COMMANDS.items():
     app.command(_target, name=_name, help=_help)
 
 
-def main() -> int:
-    """Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command (of the process's own arguments, if none are given). Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted."""
     errors = Console(stderr=True, highlight=False, soft_wrap=True)
     try:
-        code = app(exit_on_error=False, print_error=True, result_action="return_value")
+        code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
     except CycloptsError:
         return 2  # it has been printed
     except Problem as problem:

@@ -22,6 +22,7 @@ def serve(
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
     set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    seconds: float | None = None,
     runs: Path = Path("runs"),
     into: Path | None = None,
     report: bool = True,
@@ -38,6 +39,8 @@ def serve(
         UDP port; 0 takes a free one.
     set
         Override a setting in every file: section.key=value. Repeatable.
+    seconds
+        Stop by yourself after so long.
     runs
         Folder in which the run folders are made.
     into
@@ -61,7 +64,7 @@ def serve(
     def trace_at(name: str) -> Path:
         return folders[name] / ROOM_TRACE
 
-    server = LiveServer(rooms, host, port, stop, console.print, trace_at)
+    server = LiveServer(rooms, host, port, stop, console.print, trace_at, seconds)
     try:
         bound = server.listen()
     except ServeError as error:
@@ -76,7 +79,7 @@ def serve(
         console.print(f"stopped: {stop.reason}")
         passive = True
         for room in server.core.rooms:
-            summary = of_room(room, server.seconds, server.core.dropped)
+            summary = of_room(room, server.elapsed_s, server.core.dropped)
             write_summary(folders[room.name], summary)
             passive = passive and bool(summary["passive"]) and not summary["diverged"]
             if into is None and report:

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.cli.problem import BadInput
+from cogrip.devices.device import DeviceError
+from cogrip.devices.for_user import try_for
 from cogrip.protocol.settings import Settings, SettingsError, parse_override, resolve
 
 
@@ -30,6 +32,15 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
         return resolve(table, dict(_override(text) for text in overrides))
     except SettingsError as error:
         raise BadInput(f"{path}: {error}") from None
+
+
+def try_hands(settings: Settings) -> None:
+    """Raises BadInput for a device or hand that cannot be had, before anything is started or left behind."""
+    for user in settings.users:
+        try:
+            try_for(user, settings.object.axes, settings.rates.device_hz)
+        except DeviceError as error:
+            raise BadInput(f"{user.name}: {error}") from None
 
 
 def shipped(name: str) -> Path:

@@ -15,8 +15,8 @@ from cogrip.client.rest import RestStiffness
 from cogrip.client.safety import Safety
 from cogrip.client.velocity import AlphaBeta
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.accounts import ClientAccount, Percentiles, TickCount
+from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import Hello, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
@@ -112,15 +112,16 @@ class ClientCore:
             self.session.last_heard_ns = now_ns  # silence counts from the first tick: opening the device took its time
         self.tick = tick
         position: tuple[float, ...] | None = None
+        velocity: Sequence[float] = ()
         if sample is None:
             self.safety.absent(elapsed)
         else:
             position = sample.position_m
             if sample.velocity_mps is not None:
-                velocity: Sequence[float] = sample.velocity_mps
+                velocity = sample.velocity_mps
             else:
                 assert self._estimator is not None
-                velocity = self._estimator.update(position, max(1, elapsed))
+                velocity = self._estimator.update(position, elapsed or 1)
             if not self.safety.check(elapsed, position, velocity):
                 position = None
         if self._origin is None:
@@ -143,29 +144,32 @@ class ClientCore:
             rate = self._rate / elapsed
             work = 0.0
             mean = []
-            for new, old, force in zip(position, self.position_m, self.force_n, strict=True):
-                step = new - old
-                work += force * step
+            before, force = self.position_m, self.force_n
+            for axis, place in enumerate(position):
+                step = place - before[axis]
+                work += force[axis] * step
                 mean.append(step * rate)
             self.work_j += work
             self.leak_j += work
         first = self.tick - elapsed + 1
         border = False
+        faulty = self.safety.state == "fault"
+        velocity, ticks_per_frame = self.velocity_mps, self._ticks_per_frame
         for tick in range(first, self.tick + 1):
             if border:  # a frame border inside the ticks that were skipped
                 coupling.start_frame()
-            if self.safety.state == "fault":
+            if faulty:
                 coupling.elapse_absent()
             else:
-                coupling.elapse(mean, self.velocity_mps)
-            border = tick % self._ticks_per_frame == 0
+                coupling.elapse(mean, velocity)
+            border = tick % ticks_per_frame == 0
             if border:
                 coupling.end_frame()
                 self._frame(position)
         self.leak_j -= coupling.port_j - before_j
         if self.leak_j < self.least_leak_j:
             self.least_leak_j = self.leak_j
-        if border or elapsed >= self._ticks_per_frame:
+        if border or elapsed >= ticks_per_frame:
             self._send(position or self.position_m, now_ns)
 
     def _frame(self, position: tuple[float, ...] | None) -> None:

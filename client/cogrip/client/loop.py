@@ -186,7 +186,6 @@ class LiveClient:
         now_ns = time.monotonic_ns()
         if session.state == "seated":
             session.leave((failed or self.stop.reason or "the session is over")[:300], account, now_ns)
-            self._up = None  # the goodbye goes straight out
             while session.state == "leaving":
                 now_ns = time.monotonic_ns()
                 session.poll(now_ns)

@@ -4,11 +4,12 @@
     any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
 
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
-RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, and its change to the device's slope.
+RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, and its
+change to the device's slope.
 """
 
 from collections.abc import Mapping, Sequence
-from math import hypot, isfinite, sqrt
+from math import hypot, inf, isfinite, sqrt
 
 from cogrip.devices.device import Capability
 
@@ -65,7 +66,7 @@ class Safety:
         if after is None:
             return False
         self.state = after
-        if reason or after == "armed":
+        if reason or after in ("armed", "live"):
             self.reason = reason
         if name == "rearm":
             self._gain = 0.0
@@ -80,7 +81,7 @@ class Safety:
     @property
     def quiet(self) -> bool:
         """True once no force is left on the hand."""
-        return self._gain == 0.0
+        return self._gain == 0.0 and not any(self._out)
 
     def absent(self, ticks: int) -> None:
         """The device gave no sample for another `ticks` ticks."""
@@ -93,12 +94,9 @@ class Safety:
         """Judge a sample that came `ticks` ticks after the last one. False: it must not be used."""
         self._absent = 0
         square = 0.0
-        for position, speed in zip(position_m, velocity_mps, strict=True):
+        for speed in velocity_mps:
             square += speed * speed
-            if not isfinite(position):
-                square = position
-                break
-        if not isfinite(square):
+        if not isfinite(square + sum(position_m)):
             self._count("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
             return False
@@ -106,7 +104,8 @@ class Safety:
             self.fail(f"watchdog: the loop was away for {ticks} ticks; see `cogrip doctor`, then re-arm")
         if square > self._speed_mps * self._speed_mps:
             self.fail(f"over-speed: {sqrt(square):.2f} m/s is above {self._speed_mps:g} m/s; slow down, then re-arm")
-        for position, (low, high) in zip(position_m, self._workspace_m, strict=False):
+        for axis, position in enumerate(position_m):
+            low, high = self._workspace_m[axis]
             if not low <= position <= high:
                 self.diverged = self.diverged or f"the hand left the workspace at {position:.4g} m"
         return True
@@ -120,8 +119,8 @@ class Safety:
             gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
         self._gain = gain
         if force_n is not None:
-            size = hypot(*force_n)
-            if isfinite(size):
+            size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
+            if size < inf:  # False for nan
                 if size > self._peak_n:
                     scale = self._peak_n / size
                     force_n = [value * scale for value in force_n]
@@ -133,17 +132,22 @@ class Safety:
                 self._count("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
         out = tuple(self._good) if gain == 1.0 else tuple([gain * value for value in self._good])
-        step = [new - old for new, old in zip(out, self._out, strict=True)]
-        change = hypot(*step)
-        if change > self._slope_n:
-            self._count("slew limited")
-            share = self._slope_n / change
-            out = tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
+        if self._slope_n < inf:
+            out = self._slew(out)
         self._out = out
         return out
 
+    def _slew(self, wanted: tuple[float, ...]) -> tuple[float, ...]:
+        step = [new - old for new, old in zip(wanted, self._out, strict=True)]
+        change = hypot(*step)
+        if change <= self._slope_n:
+            return wanted
+        self._count("slew limited")
+        share = self._slope_n / change
+        return tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
+
     def _clipped(self, gain: float) -> None:
         self._count("force clipped")
-        self._at_limit += 1
-        if gain == 1.0 and self._at_limit > self._limit_ticks:
+        self._at_limit = self._at_limit + 1 if gain == 1.0 else 0  # a force that is ramped is not at its limit
+        if self._at_limit > self._limit_ticks:
             self.diverged = self.diverged or f"the force sat at its limit of {self._peak_n:g} N for {AT_LIMIT_S:g} s"

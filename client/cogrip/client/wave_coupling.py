@@ -48,8 +48,8 @@ class WaveCoupling:
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        for y, v in zip(velocity, self.returning, strict=True):
-            u = root * y - v
+        for axis, v in enumerate(self.returning):
+            u = root * velocity[axis] - v
             forward.append(u)
             made += u * u
             used += v * v
@@ -85,7 +85,7 @@ class WaveCoupling:
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """F = b xdot - sqrt(2b) v [N] (P eq. 16), with the velocity estimated now."""
         b, root = self._b, self._root
-        return [b * speed - root * wave for speed, wave in zip(velocity_mps, self.returning, strict=True)]
+        return [b * velocity_mps[axis] - root * wave for axis, wave in enumerate(self.returning)]
 
     def message(
         self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],

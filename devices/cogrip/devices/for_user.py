@@ -19,3 +19,10 @@ def make_for(user: User, axes: int) -> Device:
     if address.startswith("sim:"):
         return make(address, axes=axes, mass_kg=user.device_mass_kg, damping_nspm=user.device_damping_nspm)
     return make(address, axes=axes)
+
+
+def try_for(user: User, axes: int, rate_hz: int) -> None:
+    """Make, open and close the user's device, to learn before a session whether it can be had. Raises DeviceError."""
+    device = make_for(user, axes)
+    device.open(rate_hz)
+    device.close()

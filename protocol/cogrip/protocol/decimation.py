@@ -6,7 +6,7 @@ A decimator is fed once a device tick and asked once a frame. `boxcar` cannot cr
 """
 
 from collections.abc import Callable, Sequence
-from math import exp
+from math import exp, expm1
 from typing import Protocol
 
 Wave = Sequence[float]
@@ -94,5 +94,5 @@ def lag_s(kind: str, frame_s: float, lowpass_rad_s: float) -> float:
     shortfall at the frame's end (24.160 ms at 50 rad/s and 128 Hz).
     """
     if kind == "lowpass":
-        return frame_s / (1.0 - exp(-lowpass_rad_s * frame_s))
+        return frame_s / -expm1(-lowpass_rad_s * frame_s)
     return frame_s

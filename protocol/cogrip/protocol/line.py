@@ -164,6 +164,7 @@ class LineReceiver:
         if stall:
             return self._play(self._zero)
         number = self._cursor
+        assert number is not None
         frame = self._waiting.pop(number, None)
         fades = self._history[number % HISTORY][2] if number >= 0 else self._zero
         if frame is not None:

@@ -148,12 +148,7 @@ def decode(datagram: bytes) -> AnyMessage:
 
 
 def foreign_version(datagram: bytes) -> int | None:
-    """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one.
-
-    A hello shorter than HELLO_BYTES is none: it gets no answer in any version.
-    """
-    if len(datagram) < HELLO_BYTES:
-        return None
+    """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one."""
     try:
         elements = _raw_decoder.decode(datagram[:MAX_DATAGRAM_BYTES])
         if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:

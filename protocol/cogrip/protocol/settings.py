@@ -188,7 +188,8 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
     for key, value in (overrides or {}).items():
         _override(merged, key, value)
     _refuse_unknown(merged, Settings, "")
-    for index, user in enumerate(merged.get("users", ())):
+    users = merged.get("users")
+    for index, user in enumerate(users if isinstance(users, list) else ()):
         if isinstance(user, dict):
             user.setdefault("name", f"user{index + 1}")
     try:

@@ -36,6 +36,8 @@ class ServerCore:
             theirs = messages.foreign_version(datagram)
             if theirs is None:
                 self.drop("malformed")
+            elif len(datagram) < messages.HELLO_BYTES:
+                self.drop("short hello")
             else:
                 self._refuse(nonce_of(datagram), address, *version_mismatch(theirs))
             return
@@ -110,9 +112,7 @@ class ServerCore:
             self._refuse(hello.nonce, address, found[0], found[1])
             return
         room, number = found
-        misfit = unfit(
-            hello, digest=room.digest, axes=room.world.axes, device_hz=room.settings.rates.device_hz
-        )
+        misfit = unfit(hello, digest=room.digest, axes=room.world.axes, device_hz=room.settings.rates.device_hz)
         if misfit is not None:
             self._refuse(hello.nonce, address, *misfit)
             return
@@ -125,7 +125,10 @@ class ServerCore:
     def _find(self, hello: Hello) -> tuple[Room, int] | tuple[str, str]:
         rooms = [room for room in self.rooms if hello.room in ("", room.name)]
         if not rooms:
-            return "room", f"there is no room {hello.room!r} here; there is: {', '.join(room.name for room in self.rooms)}"
+            return (
+                "room",
+                f"there is no room {hello.room!r} here; there is: {', '.join(room.name for room in self.rooms)}",
+            )
         for room in rooms:
             for number, seat in enumerate(room.seats):
                 if seat.state == "free" and hello.name in ("", seat.settings.user):

@@ -40,6 +40,7 @@ class LiveServer:
     stop: Stop
     say: Callable[[str], None]
     trace_at: Callable[[str], Path | None]
+    seconds: float | None = None
     core: ServerCore = field(init=False)
     _socket: socket.socket = field(init=False)
     _start_ns: int = field(init=False, default=0)
@@ -62,7 +63,7 @@ class LiveServer:
         return host, port
 
     @property
-    def seconds(self) -> float:
+    def elapsed_s(self) -> float:
         """How long the rooms have been running."""
         return (time.monotonic_ns() - self._start_ns) * 1e-9
 
@@ -95,7 +96,10 @@ class LiveServer:
         core, clock = self.core, time.monotonic_ns
         last = dict.fromkeys(pacers, -1)
         work_us = dict.fromkeys(pacers, 0.0)
+        end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
         while not self.stop.reason:
+            if end_ns is not None and clock() >= end_ns:
+                self.stop.reason = "the time is over"
             due_ns = min(pacer.next_due_ns for pacer in pacers.values())
             remaining_ns = due_ns - SPIN_NS - clock()
             if remaining_ns > 0:

@@ -7,6 +7,7 @@ import numpy as np
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.session import LOST_NS, SEAT, Clock
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
 from cogrip.server.ports import PORTS, Port
@@ -92,11 +93,14 @@ class Room:
     def tick(self, now_ns: int, frames: int = 1) -> list[tuple[Address, bytes]]:
         """Step the object; `frames` > 1 if the loop missed frames - 1 steps (the object stood still for them)."""
         world, seats = self.world, self.seats
-        rows = [seat.port.take(frames) if seat.port else self._idle for seat in seats]
+        rows = []
         for number, seat in enumerate(seats):
+            missed = frames
             if seat.port and not seat.on_object and seat.port.origin is not None:
                 world.join(number, np.array(seat.port.origin))
                 seat.on_object = True
+                missed = 1  # nothing was missed of a line that has just begun
+            rows.append(seat.port.take(missed) if seat.port and seat.on_object else self._idle)
         before = world.position
         if not any(seat.on_object for seat in seats):
             world.velocity = np.zeros(world.axes)  # an object that nobody holds is put down
@@ -112,6 +116,9 @@ class Room:
         for number, seat in enumerate(seats):
             port = seat.port
             if port is None:
+                continue
+            if not seat.on_object:  # its device is being opened: frames before its first one would only come late
+                out.append((seat.address, messages.encode(Heartbeat(seat.session, seat.clock.stamp(now_ns)))))
                 continue
             port.put(tuple(answers[number]))
             port_in_j = port.port_in_j()

@@ -15,9 +15,9 @@ from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import LinkProfile, Settings, digest
+from cogrip.protocol.version import VERSION
 from cogrip.server.core import ServerCore
 from cogrip.sim.link import LinkEmulator
-from cogrip.protocol.version import VERSION
 
 Watch = Callable[["Laboratory"], None]
 
@@ -107,10 +107,11 @@ class Laboratory:
 
     def frame(self, each_tick: Watch | None = None) -> None:
         """One network frame: M device ticks, the border first."""
+        people = self.people
         for step in range(self._ticks_per_frame):
             tick = self.tick
             now_ns = self.now_ns = due_ns(0, tick, self._device_hz)
-            for person in self.people:
+            for person in people:
                 person.core.sense(tick, person.device.read(tick), now_ns)
             if step == 0:
                 self._from_clients()
@@ -118,7 +119,7 @@ class Laboratory:
                 self.server.tick(self.room, now_ns)
                 self._from_server()
             self._to_clients()
-            for person in self.people:
+            for person in people:
                 person.device.write(person.core.act(now_ns))
             if each_tick is not None:
                 each_tick(self)

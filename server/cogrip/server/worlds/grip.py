@@ -6,6 +6,7 @@ Passive for any K, B, b, m_o, n (theory section 3.3); the balance there holds to
 from collections.abc import Sequence
 
 import numpy as np
+from numpy import vdot
 
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.world import Array, World
@@ -36,13 +37,14 @@ class GripWorld(World):
         self.stretch[user] = self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:
-        return self.position + self.stretch[user] + self.offset[user]
+        place: Array = self.position + self.stretch[user] + self.offset[user]
+        return place
 
     def step(self, inputs: Array) -> Array:
         period, b, c = self.frame_s, self.impedance, self.wave_gain
-        K, B, e, u = self.stiffness, self.damping, self.stretch, inputs  # noqa: N806 (theory's symbols)
+        K, B, e, u = self.stiffness, self.damping, self.stretch, inputs
         inertia = 2.0 * self.mass_kg / period
-        G = K * (0.5 * period) + B  # noqa: N806
+        G = K * (0.5 * period) + B
         share = 1.0 / (1.0 + G / b)
         alpha = (K * e + G * c * u) * share
         beta = G * share
@@ -51,17 +53,17 @@ class GripWorld(World):
         )
         force = alpha - beta * mid
         proxy_velocity = c * u - force / b
-        back = u - c * force
+        back: Array = u - c * force
         relative = proxy_velocity - mid
         grown = e + period * relative
         velocity = 2.0 * mid - self.velocity
 
-        stored_before = 0.5 * ((K * e * e).sum() + self.mass_kg * (self.velocity @ self.velocity))
-        stored = 0.5 * ((K * grown * grown).sum() + self.mass_kg * (velocity @ velocity))
+        stored_before = 0.5 * (vdot(K * e, e) + self.mass_kg * vdot(self.velocity, self.velocity))
+        stored = 0.5 * (vdot(K * grown, grown) + self.mass_kg * vdot(velocity, velocity))
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
-        lost = period * ((B * relative * relative).sum() + self.object_damping * (mid @ mid))
-        supplied = port.sum() + period * (self.external_force @ mid)
-        self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
+        lost = period * (vdot(B * relative, relative) + self.object_damping * vdot(mid, mid))
+        supplied = sum(port.tolist()) + period * vdot(self.external_force, mid)
+        self.balance_error_j = max(self.balance_error_j, abs(float(supplied - (stored - stored_before) - lost)))
 
         self.port_work += port
         self.force = force

@@ -51,7 +51,8 @@ class LaggedWorld(World):
         self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:
-        return self.hand[user] + self.offset[user]
+        place: Array = self.hand[user] + self.offset[user]
+        return place
 
     def contact(self, hand_velocity: Array) -> Array:
         """F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with the usual depth test."""
@@ -98,7 +99,9 @@ class PaperWorld(LaggedWorld):
         stretch = self.hand - self.position
         if self._one_sided:
             stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
-        return float(0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * (self.velocity @ self.velocity)))
+        return float(
+            0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * (self.velocity @ self.velocity))
+        )
 
 
 class CoupledWorld(LaggedWorld):

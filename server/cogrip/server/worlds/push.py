@@ -35,15 +35,16 @@ class PushWorld(World):
         self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:
-        return self.hand[user] + self.offset[user]
+        place: Array = self.hand[user] + self.offset[user]
+        return place
 
     def step(self, inputs: Array) -> Array:
         period, b, c = self.frame_s, self.impedance, self.wave_gain
         u, side = inputs, self.side
-        K, b1 = self.stiffness[:, 0], b[:, 0]  # noqa: N806
+        K, b1 = self.stiffness[:, 0], b[:, 0]
         free_velocity = c * u
         depth = side * (self.hand[:, 0] - self.position[0])
-        G = self.damping[:, 0] + K * period  # noqa: N806
+        G = self.damping[:, 0] + K * period
         share = 1.0 / (1.0 + G / b1)
         rest = (K * depth + G * side * free_velocity[:, 0]) * share  # F at v = 0
         slope = G * share  # dF / d(s v)

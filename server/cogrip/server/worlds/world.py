@@ -62,4 +62,4 @@ class World(ABC):
 
     @property
     def left_workspace(self) -> bool:
-        return not bool(np.all(np.abs(self.position) <= WORKSPACE_M))
+        return not all(abs(place) <= WORKSPACE_M for place in self.position.tolist())

@@ -1,0 +1,83 @@
+"""A run's summary on the terminal: a row a person, then the verdict in words. Fits 100 columns."""
+
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from cogrip.sim.verdict import (
+    UNKNOWN,
+    Summary,
+    dig,
+    energy,
+    name_of,
+    number,
+    people,
+    share,
+    ticks_share,
+    vector,
+    verdict,
+    worst_margin,
+)
+
+_TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
+_STATES = {"fault": "red", "degraded": "yellow"}
+_DASH = "-"
+_NUMBERS = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin", "lost/late\n/dupl.", "rtt p50/99\nms")
+_LOOP = ("ticks\nrun", "late p99\nµs")
+
+
+def terminal_summary(summary: Summary) -> Group:
+    """What to print of `summary.json`. Whatever is null stands as a dash."""
+    title = Text(str(summary.get("name") or "run"), style="bold")
+    table = Table(title=title, title_justify="left", header_style="dim", box=None, padding=(0, 1, 0, 0))
+    table.add_column(Text("\nperson"), overflow="ellipsis", max_width=12, no_wrap=True)
+    for heading in (*_NUMBERS, *_LOOP):
+        table.add_column(Text(heading), justify="right", no_wrap=True)
+    table.add_column(Text("\nstate"))
+    for user in people(summary):
+        table.add_row(*_person(user))
+    table.add_row(*_object(summary))
+    sentences = [
+        Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (text, "bold red" if tone == "bad" else ""))
+        for tone, text in verdict(summary)
+    ]
+    return Group(table, Text(""), *sentences)
+
+
+def _person(user: dict[str, Any]) -> list[Text]:
+    worst, link, state = worst_margin([user]), user.get("link"), user.get("state")
+    return [
+        Text(name_of(user)),
+        _cell(_spaced(user.get("position_m"))),
+        _cell(number(user.get("peak_force_n"), digits=2)),
+        _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
+        Text(energy(worst[0]) if worst else _DASH),
+        _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
+        _cell("/".join(number(dig(link, "rtt_ms", each)) for each in ("p50", "p99"))),
+        *_loop(user.get("ticks")),
+        Text(str(state) if state else _DASH, style=_STATES.get(str(state), "")),
+    ]
+
+
+def _object(summary: Summary) -> list[Text]:
+    blank = Text("")
+    where = _cell(_spaced(dig(summary, "object", "position_m")))
+    row = [Text("object"), where, *[blank] * (len(_NUMBERS) - 1), *_loop(dig(summary, "server", "ticks")), blank]
+    for cell in row:
+        cell.stylize("dim")
+    return row
+
+
+def _loop(ticks: Any) -> list[Text]:
+    return [_cell(share(ticks_share(ticks))), _cell(number(dig(ticks, "late_us", "p99"), digits=0))]
+
+
+def _spaced(position_m: Any) -> str:
+    return vector(position_m, scale=1e3).replace(",", "")
+
+
+def _cell(text: str) -> Text:
+    """The words for what is not known are too long for a table."""
+    return Text(text.replace(UNKNOWN, _DASH))

@@ -1,0 +1,133 @@
+"""Positions, forces and waves against time, a row of panels an axis."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cogrip.client.safety import STATES
+from cogrip.sim.plots.curves import Line, Window, extent, hands, object_lines, people_legend, seats, shown
+from cogrip.sim.plots.style import (
+    AXIS_NAMES,
+    DASHED,
+    FAINT,
+    INK,
+    Array,
+    Legend,
+    NotDrawnError,
+    Sheet,
+    Style,
+    colour,
+    draw,
+    title,
+)  # fmt: skip
+from cogrip.sim.traces import Run
+from cogrip.sim.verdict import dig, is_number
+
+_LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
+_DETAIL_S = 5.0
+_LIVE = float(STATES.index("live"))
+_GROUPS = 1500  # of frames, for the pale band behind the waves
+_SOLID: Style = {"color": FAINT}
+_DASHED: Style = {"color": FAINT, "ls": DASHED}
+_OBJECT: Style = {"color": INK, "lw": 2.2, "alpha": 0.75}
+
+
+def positions(run: Run) -> Figure:
+    """Hands, proxies and object, a row an axis [mm]."""
+    lines = [*object_lines(run, 1e3, _OBJECT), *hands(run, "position_m", 1e3), *seats(run, "proxy_m", 1e3)]
+    legend = people_legend(run, ("hand", _SOLID), ("proxy", _DASHED), ("object", _OBJECT))
+    return _against_time(run, lines, "position", "mm", legend)
+
+
+def forces(run: Run) -> Figure:
+    """Force on each hand and on each proxy, a row an axis [N]."""
+    lines = [*hands(run, "force_n", 1.0), *seats(run, "force_n", 1.0)]
+    return _against_time(
+        run, lines, "force", "N", people_legend(run, ("at the hand", _SOLID), ("at the object", _DASHED))
+    )
+
+
+def waves(run: Run) -> Figure:
+    """Waves up and down at each client's port, a row an axis [sqrt(W)]."""
+    up, down = list(hands(run, "wave_up", 1.0, lw=1.1)), list(hands(run, "wave_down", 1.0, lw=1.1))
+    if not up:
+        raise NotDrawnError("no client's trace is here")
+    if not any(np.any(line.values) for _, line in up + down):
+        kind = dig(run.settings, "coupling", "kind")
+        raise NotDrawnError("virtual coupling sends no waves" if kind == "coupling" else "every wave was 0")
+    rows = 1 + max(axis for axis, _ in up)
+    sheet = Sheet(rows, 2, row_in=2.7 if rows == 1 else 1.8)
+    ticks = _ticks_per_frame(run)
+    for axis, line in up:
+        _draw_frames(sheet.panels[axis, 0], line, ticks)
+    for axis, line in down:
+        draw(sheet.panels[axis, 1], line.time, line.values, **line.style)
+    for panel, heading in zip(sheet.panels[0], ("up, mean of each frame; pale: its ticks", "down"), strict=True):
+        title(panel, heading)
+        panel.set_xlim(*extent(run))
+    return sheet.finish("time [s]", _labels(rows, "wave", "√W"), people_legend(run))
+
+
+def _ticks_per_frame(run: Run) -> int:
+    device_hz, network_hz = (dig(run.settings, "rates", key) for key in ("device_hz", "network_hz"))
+    known = is_number(device_hz) and is_number(network_hz) and device_hz >= network_hz > 0
+    return int(device_hz // network_hz) if known else 8
+
+
+def _draw_frames(panel: Axes, line: Line, ticks: int) -> None:
+    """The mean of every frame, on a band from the least to the largest tick."""
+    frames = len(line.values) // ticks
+    if not frames:
+        return
+    values = line.values[: frames * ticks].reshape(frames, ticks)
+    time: Array = line.time[: frames * ticks : ticks]
+    starts = np.arange(0, frames, 1 + frames // _GROUPS)
+    low = np.minimum.reduceat(values.min(axis=1), starts)
+    high = np.maximum.reduceat(values.max(axis=1), starts)
+    panel.fill_between(time[starts], low, high, color=line.style["color"], alpha=0.16, lw=0)
+    draw(panel, time, values.mean(axis=1), **line.style)
+
+
+def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: str, legend: Legend) -> Figure:
+    """A row of panels an axis; a long run has its middle seconds beside it."""
+    if not lines:
+        raise NotDrawnError("no trace is here")
+    start, end = extent(run)
+    windows: dict[str, Window] = {"": (start, end)}
+    if end - start > _LONG_RUN_S:
+        middle = 0.5 * (start + end)
+        detail = (middle - 0.5 * _DETAIL_S, middle + 0.5 * _DETAIL_S)
+        windows = {"the whole run": (start, end), f"{_DETAIL_S:g} s in its middle": detail}
+    rows = 1 + max(axis for axis, _ in lines)
+    sheet = Sheet(rows, len(windows), row_in=3.0 if rows == 1 else 1.9)
+    for axis, line in lines:
+        for panel, window in zip(sheet.panels[axis], windows.values(), strict=True):
+            draw(panel, line.time, line.values, window=window, **line.style)
+    for panel in sheet.panels[:, 0]:
+        _bar_not_live(run, panel)
+    for panel, (heading, window) in zip(sheet.panels[0], windows.items(), strict=True):
+        panel.set_xlim(*window)
+        title(panel, heading)
+    return sheet.finish("time [s]", _labels(rows, quantity, unit), legend)
+
+
+def _labels(rows: int, quantity: str, unit: str) -> list[str]:
+    return [f"{name} [{unit}]" for name in AXIS_NAMES[:rows]] if rows > 1 else [f"{quantity} [{unit}]"]
+
+
+def _bar_not_live(run: Run, panel: Axes) -> None:
+    """At the foot, in the person's colour, while their force was not let through."""
+    for number, name in shown(run):
+        trace = run.clients.get(name)
+        if trace is None:
+            continue
+        held = (trace.columns["state"] != _LIVE).astype(np.int8)
+        borders = np.flatnonzero(np.diff(held, prepend=0, append=0)).clip(max=trace.rows - 1)
+        spans = [
+            (trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)
+        ]
+        if spans:
+            foot = (0.03 * number, 0.024)
+            panel.broken_barh(
+                spans, foot, transform=panel.get_xaxis_transform(), facecolor=colour(number), edgecolor="none"
+            )

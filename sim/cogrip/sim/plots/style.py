@@ -1,0 +1,164 @@
+"""The look of every plot: a sheet of panels, a colour per person, decimation that keeps the extremes."""
+
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Style = dict[str, Any]
+Legend = Sequence[tuple[str, Style]]
+
+# Okabe and Ito's palette, told apart with any colour vision; yellow is too pale for a line on white.
+_PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+INK = "#1f2328"  # the object, the server, text
+FAINT = "#8b949e"
+ALARM = "#b3261e"
+AXIS_NAMES = "xyz"
+WIDTH_IN = 10.0
+DPI = 130  # 1300 px: sharp when shown 1000 px wide
+DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1))
+_BUCKETS = 900  # of a minimum and a maximum each: finer than a pixel
+_STRETCHES = 150
+_LETTERS_ACROSS = 118  # of legend text at this width
+
+
+class NotDrawnError(Exception):
+    """There is nothing to draw; the text says why."""
+
+
+def colour(person: int) -> str | tuple[float, float, float]:
+    """Person number n's colour in every plot; from the seventh on a darker round."""
+    base = _PALETTE[person % len(_PALETTE)]
+    if person < len(_PALETTE):
+        return base
+    red, green, blue = to_rgb(base)
+    return 0.55 * red, 0.55 * green, 0.55 * blue
+
+
+def label(text: str) -> str:
+    """Text from outside: no TeX, no leading underscore (which hides it from legends), not endless."""
+    return text[:24].replace("$", r"\$").lstrip("_") or "nameless"
+
+
+def envelope(time: Array, values: Array) -> tuple[Array, Array]:
+    """At most 2 * _BUCKETS points that keep every extreme: minimum and maximum of each bucket, in the order of its slope."""
+    size = len(time)
+    if size <= 2 * _BUCKETS:
+        return time, values
+    starts = np.linspace(0, size, _BUCKETS, endpoint=False).astype(np.intp)
+    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    ends = np.append(starts[1:], size) - 1
+    falls = values[ends] < values[starts]
+    pairs = np.stack((np.where(falls, high, low), np.where(falls, low, high)), axis=1)
+    quarter = 0.25 * (time[ends] - time[starts])
+    times = np.stack((time[starts] + quarter, time[ends] - quarter), axis=1)
+    return times.ravel(), pairs.ravel()
+
+
+def draw(panel: Axes, time: Array, values: Array, *, window: tuple[float, float] | None = None, **style: Any) -> None:
+    """A line of at most a few points a pixel; `window` cuts it in time first."""
+    if window is not None:
+        first, last = np.searchsorted(time, window)
+        time, values = time[first:last], values[first:last]
+    panel.plot(*envelope(time, values), **style)
+
+
+def _legend_columns(texts: Sequence[str]) -> int:
+    """As many as fit across, filled column by column as matplotlib does."""
+    for columns in range(len(texts), 1, -1):
+        parts = np.array_split(np.array(texts), columns)
+        if sum(max(len(text) for text in part) + 8 for part in parts) <= _LETTERS_ACROSS:
+            return columns
+    return 1
+
+
+def draw_spread(panel: Axes, time: Array, values: Array, tint: Any) -> None:
+    """What scatters: the median of every stretch of time, on a pale band from its least to its largest."""
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
+    parts = np.array_split(np.arange(len(time)), min(_STRETCHES, len(time)) or 1)
+    if not len(time):
+        return
+    middle = np.array([time[part].mean() for part in parts])
+    bands = np.array([np.percentile(values[part], (0.0, 50.0, 100.0)) for part in parts])
+    panel.fill_between(middle, bands[:, 0], bands[:, 2], color=tint, alpha=0.18, lw=0)
+    panel.plot(middle, bands[:, 1], color=tint, lw=1.5)
+
+
+class Sheet:
+    """A figure of rows x columns panels. Draw into `panels`, then `finish`. With `widths` each column has its own scale."""
+
+    def __init__(self, rows: int, columns: int = 1, *, row_in: float = 2.1, widths: Sequence[float] = ()) -> None:
+        self._rows, self._row_in, self._own_y = rows, row_in, bool(widths)
+        self.figure = Figure(figsize=(WIDTH_IN, rows * row_in), dpi=DPI, facecolor="white")
+        FigureCanvasAgg(self.figure)
+        self.panels: NDArray[Any] = self.figure.subplots(
+            rows,
+            columns,
+            squeeze=False,
+            sharex="col",
+            sharey=False if widths else "row",
+            width_ratios=widths or None,
+        )
+        for panel in self.panels.flat:
+            for side in ("top", "right"):
+                panel.spines[side].set_visible(False)
+            for side in ("left", "bottom"):
+                panel.spines[side].set_color(FAINT)
+            panel.grid(color="#d0d7de", linewidth=0.6)
+            panel.set_axisbelow(True)
+            panel.tick_params(colors=INK, labelsize=9, length=3, color=FAINT)
+            panel.margins(x=0.01)
+            panel.ticklabel_format(axis="y", scilimits=(-4, 5), useOffset=False)
+            panel.locator_params(axis="y", nbins=8 if row_in > 2.0 else 6)
+
+    def finish(self, x_label: str, y_labels: Sequence[str], legend: Legend = (), columns: int = 0) -> Figure:
+        """Labels on the outer panels, the legend above, margins in inches. `y_labels`: one a row, for the first column.
+
+        The legend is filled column by column; `columns` = 0: as many as fit.
+        """
+        for panel in self.panels[-1]:
+            panel.set_xlabel(x_label, fontsize=10, color=INK)
+        for panel, text in zip(self.panels[:, 0], y_labels, strict=True):
+            panel.set_ylabel(text, fontsize=10, color=INK)
+        above = 0.1
+        if any(panel.get_title(loc="left") for panel in self.panels[0]):
+            above += 0.22
+        if legend:
+            columns = columns or _legend_columns([text for text, _ in legend])
+            above += 0.2 * -(-len(legend) // columns) + 0.08
+            self.figure.legend(
+                [Line2D([], [], **style) for _, style in legend], [text for text, _ in legend], loc="upper left",
+                bbox_to_anchor=(0.065, 1.0), ncols=columns, frameon=False, fontsize=10, handlelength=2.0,
+                borderaxespad=0.2, columnspacing=1.6, labelspacing=0.35, labelcolor=INK,
+            )  # fmt: skip
+        gap = 0.42 if any(panel.get_title(loc="left") for panel in self.panels[1:].flat) else 0.18
+        below = 0.5
+        height = self._rows * self._row_in + above + below + gap * (self._rows - 1)
+        self.figure.set_size_inches(WIDTH_IN, height)
+        self.figure.subplots_adjust(
+            left=0.075, right=0.985, top=1 - above / height, bottom=below / height,
+            hspace=gap / self._row_in, wspace=0.2 if self._own_y else 0.12,
+        )  # fmt: skip
+        self.figure.align_ylabels()
+        return self.figure
+
+
+def title(panel: Axes, text: str, tint: Any = INK) -> None:
+    if text:
+        panel.set_title(text, loc="left", fontsize=10, color=tint, pad=4)
+
+
+def png(figure: Figure) -> bytes:
+    """The picture; the same run gives the same bytes."""
+    out = BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()

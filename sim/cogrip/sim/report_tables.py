@@ -1,0 +1,202 @@
+"""The tables of a report, as HTML. Every text is escaped here; what is not known says so."""
+
+from collections.abc import Callable, Iterable, Sequence
+from html import escape
+from typing import Any
+
+import msgspec
+
+from cogrip.protocol.settings import Settings, User
+from cogrip.sim.verdict import UNKNOWN, Summary, dig, energy, name_of, number, people, share, ticks_share, vector
+
+Show = Callable[[dict[str, Any]], str]
+
+
+def _pick(*keys: str, scale: float = 1.0, digits: int = 1) -> Show:
+    return lambda user: vector(dig(user, *keys), scale=scale, digits=digits)
+
+
+def _energy(key: str) -> Show:
+    return lambda user: energy(dig(user, "energy", key))
+
+
+def _both_ways(key: str) -> Show:
+    return lambda user: " / ".join(number(dig(user, "link", way, key), digits=0) for way in ("up", "down"))
+
+
+def _stiffness(key: str, missing: str) -> Show:
+    """A client that was heard and tells none had none to tell."""
+    return lambda user: missing if user.get(key) is None and user.get("state") else number(user.get(key), digits=0)
+
+
+def _text(key: str) -> Show:
+    return lambda user: str(user[key])[:300] or "none" if user.get(key) is not None else UNKNOWN
+
+
+def _percentile(which: str, key: str) -> Show:
+    """A loop whose ticks are known but not this has not been timed: virtual time."""
+    return lambda loop: (
+        "not measured"
+        if dig(loop, "ticks", which, key) is None and dig(loop, "ticks", "due")
+        else number(dig(loop, "ticks", which, key))
+    )
+
+
+# (heading of a group, its rows: what, unit, how to show it)
+_ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
+    (
+        "At the end",
+        (
+            ("hand", "mm", _pick("position_m", scale=1e3)),
+            ("proxy", "mm", _pick("proxy_m", scale=1e3)),
+            ("force", "N", _pick("force_n", digits=2)),
+            ("state", "", _text("state")),
+            ("reason", "", _text("reason")),
+        ),
+    ),
+    (
+        "Over the run",
+        (
+            ("peak force", "N", _pick("peak_force_n", digits=2)),
+            ("travel", "mm", _pick("travel_m", scale=1e3, digits=0)),
+            ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
+            ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "none")),
+        ),
+    ),
+    (
+        "Energy",
+        (
+            ("least margin of the line up", "", _energy("up_margin_j")),
+            ("least margin of the line down", "", _energy("down_margin_j")),
+            ("least margin of the whole line", "", _energy("line_margin_j")),
+            ("least device leak", "", _energy("device_leak_j")),
+        ),
+    ),
+    (
+        "Link, up / down",
+        (
+            ("frames sent", "", _both_ways("sent")),
+            ("applied", "", _both_ways("applied")),
+            ("lost", "", _both_ways("lost")),
+            ("late", "", _both_ways("late")),
+            ("duplicate", "", _both_ways("duplicate")),
+            ("pending", "", _both_ways("pending")),
+            ("round trip, median", "ms", _pick("link", "rtt_ms", "p50")),
+            ("round trip, 99 %", "ms", _pick("link", "rtt_ms", "p99")),
+        ),
+    ),
+)
+_LOOP: tuple[tuple[str, str, Show], ...] = (
+    ("ticks run", "", lambda user: share(ticks_share(user.get("ticks")))),
+    ("ticks skipped", "", lambda user: _skipped(user.get("ticks"))),
+    ("lateness, median", "µs", _percentile("late_us", "p50")),
+    ("lateness, 99 %", "µs", _percentile("late_us", "p99")),
+    ("lateness, 99.9 %", "µs", _percentile("late_us", "p999")),
+    ("lateness, most", "µs", _percentile("late_us", "max")),
+    ("work a tick, median", "µs", _percentile("work_us", "p50")),
+    ("work a tick, 99 %", "µs", _percentile("work_us", "p99")),
+)
+
+
+def _skipped(ticks: Any) -> str:
+    due, run = dig(ticks, "due"), dig(ticks, "run")
+    return number(due - run, digits=0) if isinstance(due, int) and isinstance(run, int) else number(None)
+
+
+def people_table(summary: Summary) -> str:
+    """A column a person."""
+    users = people(summary)
+    if not users:
+        return "<p>No summary tells of them.</p>"
+    rows = []
+    for heading, lines in (*_ROWS, ("Loop", _LOOP)):
+        rows.append(f"<tr class=group><th>{escape(heading)}</th></tr>")
+        rows += [_row(what, unit, [show(user) for user in users]) for what, unit, show in lines]
+    return _table(["", *(name_of(user) for user in users)], rows)
+
+
+def room_table(summary: Summary) -> str:
+    """The object at the end, the server's books and its loop."""
+    thing, server = dig(summary, "object"), dig(summary, "server")
+    rows = [
+        _row("object", "mm", [vector(dig(thing, "position_m"), scale=1e3)]),
+        _row("its velocity", "mm/s", [vector(dig(thing, "velocity_mps"), scale=1e3)]),
+        _row("its travel", "mm", [number(dig(thing, "travel_m"), scale=1e3, digits=0)]),
+        _row("error of the energy balance", "", [energy(dig(server, "energy_balance_error_j"))]),
+    ]
+    loop = {"ticks": dig(server, "ticks")}
+    rows += [_row(what, unit, [show(loop)]) for what, unit, show in _LOOP]
+    return _table([], rows)
+
+
+def dropped_table(summary: Summary) -> str:
+    """What was thrown away, by the name of its reason."""
+    dropped = dig(summary, "server", "dropped")
+    if not isinstance(dropped, dict):
+        return "<p>What was dropped is not known.</p>"
+    if not dropped:
+        return "<p>No datagram was dropped.</p>"
+    return _table([], [_row(str(reason), "", [number(count, digits=0)]) for reason, count in dropped.items()])
+
+
+def settings_tables(settings: dict[str, Any]) -> str:
+    """A table a section and one of the users; what is not the default is bold."""
+    if not settings:
+        return "<p>The settings are not known.</p>"
+    usual = msgspec.to_builtins(Settings())
+    sections: dict[str, list[tuple[str, Any, Any]]] = {"": []}
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            before = usual.get(key)
+            sections[key] = [(inner, one, dig(before, inner)) for inner, one in value.items()]
+        elif key != "users":
+            sections[""].append((key, value, usual.get(key)))
+    tables = [
+        _table([f"[{name}]" if name else "session", ""], [_setting(*line) for line in lines])
+        for name, lines in sections.items()
+        if lines
+    ]
+    users = settings.get("users")
+    listed = [user for user in users if isinstance(user, dict)] if isinstance(users, list) else []
+    return f"<p>Bold: not the default.</p><div class=columns>{''.join(tables)}</div>{_users(listed)}"
+
+
+def _setting(key: str, value: Any, before: Any) -> str:
+    mark = "" if value == before else " class=changed"
+    return f"<tr><th>{escape(str(key))}</th><td{mark}>{escape(_plain(value))}</td></tr>"
+
+
+def _users(users: Sequence[dict[str, Any]]) -> str:
+    usual = msgspec.to_builtins(User())
+    keys = list(dict.fromkeys(key for user in users for key in user if key != "name"))
+    keys = [key for key in keys if any(user.get(key) is not None for user in users)]
+    rows = []
+    for key in keys:
+        cells = "".join(
+            f"<td{'' if user.get(key) == usual.get(key) else ' class=changed'}>{escape(_plain(user.get(key)))}</td>"
+            for user in users
+        )
+        rows.append(f"<tr><th>{escape(str(key))}</th>{cells}</tr>")
+    return _table(["users", *(name_of(user) for user in users)], rows) if rows else ""
+
+
+def _plain(value: Any) -> str:
+    """A setting as it would be written, "[coupling]'s" where a user has no value of their own."""
+    if value is None:
+        return "[coupling]'s"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} = {_plain(inner)}" for key, inner in value.items()) or "as above"
+    return str(value)
+
+
+def _row(what: str, unit: str, cells: Iterable[str]) -> str:
+    label = f"{escape(what)} <span class=unit>[{escape(unit)}]</span>" if unit else escape(what)
+    text = " class=text" if what == "reason" else ""
+    return f"<tr><th>{label}</th>{''.join(f'<td{text}>{escape(cell)}</td>' for cell in cells)}</tr>"
+
+
+def _table(head: Sequence[str], rows: Sequence[str]) -> str:
+    top = f"<thead><tr>{''.join(f'<th>{escape(cell)}</th>' for cell in head)}</tr></thead>" if head else ""
+    return f"<div class=wide><table>{top}<tbody>{''.join(rows)}</tbody></table></div>"

@@ -1,0 +1,338 @@
+"""Nothing the law says reaches a hand unlimited: the states, the limits, the ramps, the faults."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.safety import (
+    AT_LIMIT_S,
+    FAULT_OUT_S,
+    RAMP_IN_S,
+    RAMP_OUT_S,
+    STALL_S,
+    STATES,
+    TRANSITIONS,
+    WATCHDOG_S,
+    Safety,
+)
+from cogrip.devices.device import Capability
+
+TICK_S = 1 / 1000
+PEAK_N = 8.0
+EVENTS = sorted({event for _, event in TRANSITIONS})
+
+
+def capability(**changed: object) -> Capability:
+    given = Capability(
+        family="test", model="arm", axes=3, workspace_m=((-0.1, 0.1),) * 3, peak_force_n=PEAK_N, continuous_force_n=2.0,
+        stiffness_npm=1e3, damping_nspm=10.0, slew_nps=math.inf, speed_mps=math.inf, resolution_m=0.0,
+        apparent_mass_kg=0.1, rate_hz=1000, gives_velocity=True,
+    )  # fmt: skip
+    return replace(given, **changed)  # type: ignore[arg-type]
+
+
+def make(**changed: object) -> Safety:
+    return Safety(capability(**changed), TICK_S)
+
+
+def live(**changed: object) -> Safety:
+    safety = make(**changed)
+    for event in ("open", "calibrated", "go"):
+        assert safety.event(event)
+    return safety
+
+
+def full(**changed: object) -> Safety:
+    """Live, the ramp behind it."""
+    safety = live(**changed)
+    for _ in range(round(RAMP_IN_S / TICK_S) + 1):
+        safety.limit((0.0, 0.0, 0.0))
+    return safety
+
+
+def size(force: tuple[float, ...]) -> float:
+    return math.hypot(*force)
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("event", EVENTS)
+def test_only_the_table_changes_the_state(state: str, event: str) -> None:
+    safety = make()
+    safety.state = state
+    expected = TRANSITIONS.get((state, event))
+    assert safety.event(event) is (expected is not None)
+    assert safety.state == (expected or state)
+
+
+def test_the_table_says_what_the_prose_says() -> None:
+    assert set(TRANSITIONS.values()) == set(STATES)
+    assert [key for key, after in TRANSITIONS.items() if key[0] == "fault"] == [("fault", "rearm"), ("fault", "stop")]
+    assert TRANSITIONS["fault", "rearm"] == "armed", "re-arming alone moves nobody"
+    assert {state for (state, _), after in TRANSITIONS.items() if after == "live"} == {"armed", "degraded"}
+    for state in ("calibrating", "armed", "live", "degraded"):
+        assert TRANSITIONS[state, "fail"] == "fault"
+        assert TRANSITIONS[state, "stop"] == "idle"
+
+
+def test_force_flows_in_live_alone() -> None:
+    for state in STATES:
+        safety = make()
+        safety.state = state
+        out = [size(safety.limit((5.0, 0.0, 0.0))) for _ in range(10)]
+        assert (out[-1] > 0.0) is (state == "live")
+
+
+def test_the_clamp_keeps_the_direction() -> None:
+    safety = full()
+    out = safety.limit((30.0, -40.0, 120.0))
+    assert size(out) == pytest.approx(PEAK_N, rel=1e-12)
+    assert out == pytest.approx((30.0 * PEAK_N / 130.0, -40.0 * PEAK_N / 130.0, 120.0 * PEAK_N / 130.0))
+    assert safety.counts["force clipped"] == 1
+    assert safety.limit((3.0, -4.0, 0.0)) == (3.0, -4.0, 0.0), "what is within bounds passes untouched"
+    assert safety.counts["force clipped"] == 1
+
+
+def test_the_force_changes_no_faster_than_the_device_allows() -> None:
+    safety = full(slew_nps=1000.0)
+    out = [safety.limit((3.0, 4.0, 0.0)) for _ in range(6)]
+    assert [size(force) for force in out] == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 5.0])
+    assert out[1] == pytest.approx((1.2, 1.6, 0.0))
+    back = safety.limit((-3.0, -4.0, 0.0))
+    assert back == pytest.approx((2.4, 3.2, 0.0))
+    assert safety.counts["slew limited"] == 5
+
+
+def test_ramp_in_over_three_tenths_of_a_second() -> None:
+    assert RAMP_IN_S == 0.3
+    safety = live()
+    out = [safety.limit((2.0, 0.0, 0.0))[0] for _ in range(310)]
+    assert out[:300] == pytest.approx([2.0 * (tick + 1) / 300 for tick in range(300)])
+    assert out[300:] == [2.0] * 10
+    assert not safety.quiet
+
+
+def test_ramp_out_when_the_link_goes_stale_and_in_again_when_it_is_fresh() -> None:
+    safety = full()
+    safety.limit((2.0, 0.0, 0.0))
+    assert safety.event("stale", "no datagram from the server")
+    out = [safety.limit((2.0, 0.0, 0.0))[0] for _ in range(round(RAMP_OUT_S / TICK_S) + 2)]
+    assert out[49] == pytest.approx(1.0)
+    assert out[-1] == 0.0
+    assert safety.quiet
+    assert safety.reason == "no datagram from the server"
+    assert safety.event("fresh")
+    assert safety.reason == ""
+    out = [safety.limit((2.0, 0.0, 0.0))[0] for _ in range(300)]
+    assert out[149] == pytest.approx(1.0)
+    assert out[299] == pytest.approx(2.0)
+
+
+def test_stop_lets_the_force_go_even_when_the_law_has_no_wish() -> None:
+    safety = full()
+    safety.limit((2.0, 0.0, 0.0))
+    safety.event("stop")
+    out = [safety.limit(None)[0] for _ in range(round(RAMP_OUT_S / TICK_S) + 2)]
+    assert out[49] == pytest.approx(1.0), "the last force fades"
+    assert safety.quiet
+
+
+def test_it_is_quiet_when_the_motors_are_and_not_before() -> None:
+    """A device that may only slew slowly still pushes when the ramp is over."""
+    safety = full(slew_nps=10.0)
+    for _ in range(200):
+        safety.limit((2.0, 0.0, 0.0))
+    safety.event("stop")
+    while not safety.quiet:
+        out = safety.limit(None)
+        assert safety.quiet is (size(out) == 0.0)
+
+
+def test_a_fault_takes_the_force_in_a_fiftieth_of_a_second() -> None:
+    safety = full()
+    safety.limit((2.0, 0.0, 0.0))
+    safety.fail("test")
+    out = [safety.limit(None)[0] for _ in range(round(FAULT_OUT_S / TICK_S) + 1)]
+    assert out[9] == pytest.approx(1.0)
+    assert out[-1] == 0.0
+
+
+def test_a_fault_is_latched_and_keeps_its_first_reason() -> None:
+    safety = full()
+    safety.fail("first")
+    safety.fail("second")
+    assert safety.reason == "first"
+    assert safety.counts["fault"] == 1
+    for event in ("open", "calibrated", "go", "fresh", "stale"):
+        assert not safety.event(event)
+    for _ in range(1000):
+        assert safety.check(1, (0.0,) * 3, (0.0,) * 3), "good samples do not heal it"
+        safety.limit((2.0, 0.0, 0.0))
+    assert safety.state == "fault"
+    assert safety.quiet
+    assert safety.event("rearm")
+    assert (safety.state, safety.reason) == ("armed", "")
+    assert safety.limit((2.0, 0.0, 0.0))[0] == 0.0
+    assert safety.event("go")
+    out = [safety.limit((2.0, 0.0, 0.0))[0] for _ in range(300)]
+    assert out[0] == pytest.approx(2.0 / 300), "it ramps in like the first time"
+    assert out[-1] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_sample_that_is_not_finite_is_refused(bad: float, axis: int) -> None:
+    spoiled = tuple(bad if at == axis else 0.01 for at in range(3))
+    good = (0.01, 0.01, 0.01)
+    for position, velocity in ((spoiled, good), (good, spoiled), (spoiled, spoiled)):
+        safety = full()
+        assert not safety.check(1, position, velocity)
+        assert safety.state == "fault"
+        assert "not finite" in safety.reason
+        assert safety.counts["non-finite sample"] == 1
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_force_that_is_not_finite_never_leaves(bad: float) -> None:
+    safety = full()
+    safety.limit((1.0, 0.0, 0.0))
+    out = safety.limit((0.0, bad, 0.0))
+    assert out == (1.0, 0.0, 0.0), "the last good one is held"
+    assert safety.state == "fault"
+    assert "force law" in safety.reason
+    assert all(math.isfinite(value) for _ in range(50) for value in safety.limit((bad, bad, bad)))
+    assert safety.quiet
+
+
+def test_over_speed_on_both_sides_of_the_limit() -> None:
+    safety = full(speed_mps=0.5)
+    assert safety.check(1, (0.0,) * 3, (0.3, 0.4, 0.0))
+    assert safety.state == "live"
+    assert safety.check(1, (0.0,) * 3, (0.3, 0.4, 1e-6))
+    assert safety.state == "fault"
+    assert "0.50 m/s is above 0.5 m/s" in safety.reason
+
+
+def test_a_device_that_gives_no_sample_has_stalled() -> None:
+    safety = full()
+    ticks = round(STALL_S / TICK_S)
+    for _ in range(ticks - 1):
+        safety.absent(1)
+    assert safety.state == "live"
+    safety.check(1, (0.0,) * 3, (0.0,) * 3)
+    for _ in range(ticks - 1):
+        safety.absent(1)
+    assert safety.state == "live", "a sample in between is a new start"
+    safety.absent(1)
+    assert safety.state == "fault"
+    assert "device stall" in safety.reason
+    assert safety.counts["absent sample"] == 2 * ticks - 1
+
+
+def test_ticks_that_were_skipped_count_towards_a_stall() -> None:
+    safety = full()
+    safety.absent(round(STALL_S / TICK_S))
+    assert safety.state == "fault"
+
+
+def test_the_watchdog_on_both_sides() -> None:
+    ticks = round(WATCHDOG_S / TICK_S)
+    safety = full()
+    assert safety.check(ticks - 1, (0.0,) * 3, (0.0,) * 3)
+    assert safety.state == "live"
+    assert safety.check(ticks, (0.0,) * 3, (0.0,) * 3)
+    assert safety.state == "fault"
+    assert f"away for {ticks} ticks" in safety.reason
+
+
+def test_the_workspace_is_reported_and_is_no_fault() -> None:
+    safety = full()
+    safety.check(1, (0.1, -0.1, 0.1), (0.0,) * 3)
+    assert safety.diverged == ""
+    safety.check(1, (0.0, 0.1001, 0.0), (0.0,) * 3)
+    assert "left the workspace" in safety.diverged
+    assert safety.state == "live"
+
+
+def test_half_a_second_at_the_limit_is_divergence() -> None:
+    ticks = round(AT_LIMIT_S / TICK_S)
+    safety = full()
+    for _ in range(ticks):
+        safety.limit((20.0, 0.0, 0.0))
+    assert safety.diverged == ""
+    safety.limit((20.0, 0.0, 0.0))
+    assert "at its limit of 8 N for 0.5 s" in safety.diverged
+
+
+def test_a_force_that_comes_off_its_limit_has_not_diverged() -> None:
+    ticks = round(AT_LIMIT_S / TICK_S)
+    safety = full()
+    for _ in range(5):
+        for _ in range(ticks):
+            safety.limit((20.0, 0.0, 0.0))
+        safety.limit((PEAK_N, 0.0, 0.0))
+    assert safety.diverged == ""
+
+
+def test_time_at_the_limit_does_not_count_while_the_force_is_ramped() -> None:
+    ramp, ticks = round(RAMP_IN_S / TICK_S), round(AT_LIMIT_S / TICK_S)
+    safety = live()
+    for _ in range(ramp - 1 + ticks):
+        safety.limit((20.0, 0.0, 0.0))
+    assert safety.diverged == ""
+    for _ in range(3):
+        safety.limit((20.0, 0.0, 0.0))
+    assert safety.diverged != ""
+
+
+number = st.floats(allow_nan=True, allow_infinity=True)
+vector = st.tuples(number, number, number)
+wish = st.one_of(st.none(), vector, st.tuples(*[st.floats(-20.0, 20.0)] * 3))
+act = st.one_of(
+    st.tuples(st.just("event"), st.sampled_from(EVENTS)),
+    st.tuples(st.just("limit"), wish),
+    st.tuples(st.just("check"), vector),
+    st.tuples(st.just("absent"), st.integers(1, 30)),
+    st.tuples(st.just("run"), st.tuples(st.integers(1, 400), wish)),
+)
+
+
+@given(st.lists(act, max_size=40), st.sampled_from([math.inf, 500.0]))
+def test_whatever_happens_the_force_is_finite_bounded_and_steady(
+    acts: list[tuple[str, object]], slew_nps: float
+) -> None:
+    safety = live(slew_nps=slew_nps)
+    last = (0.0, 0.0, 0.0)
+
+    def limit(force: object) -> None:
+        nonlocal last
+        out = safety.limit(force)  # type: ignore[arg-type]
+        assert len(out) == 3
+        assert all(map(math.isfinite, out))
+        assert size(out) <= PEAK_N * (1.0 + 1e-12)
+        change = math.dist(out, last)
+        assert change <= slew_nps * TICK_S * (1.0 + 1e-9) + 1e-12
+        last = out
+
+    for kind, what in acts:
+        before = safety.state
+        if kind == "event":
+            safety.event(what)  # type: ignore[arg-type]
+        elif kind == "limit":
+            limit(what)
+        elif kind == "check":
+            safety.check(1, what, (0.0,) * 3)  # type: ignore[arg-type]
+        elif kind == "absent":
+            safety.absent(what)  # type: ignore[arg-type]
+        else:
+            for _ in range(what[0]):  # type: ignore[index]
+                limit(what[1])  # type: ignore[index]
+        assert safety.state in STATES
+        if before == "fault":
+            assert safety.state == "fault" or (kind, what) in {("event", "rearm"), ("event", "stop")}
+    if safety.state != "live":
+        for _ in range(200):
+            limit((5.0, 5.0, 5.0))
+        assert size(last) == 0.0

@@ -1,0 +1,82 @@
+"""Real processes over real sockets. Nothing sleeps: a test waits for what a process says, or for its end."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+LIMIT_S = 45.0  # for anything a process is waited for; a hang then fails with what was said
+
+
+class Process:
+    """A `cogrip` command whose words are read as they come."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "cogrip.cli", *arguments],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
+        )  # fmt: skip
+        self.said = ""
+        self._news = threading.Condition()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        assert self.popen.stdout is not None
+        for line in self.popen.stdout:
+            with self._news:
+                self.said += line
+                self._news.notify_all()
+        with self._news:
+            self._news.notify_all()
+
+    def hear(self, pattern: str) -> re.Match[str]:
+        """Wait until it has said something that matches."""
+        with self._news:
+            found = self._news.wait_for(lambda: re.search(pattern, self.said), LIMIT_S)
+        assert found, f"never said {pattern!r}, but:\n{self.said}"
+        return found
+
+    def end(self) -> int:
+        """Wait for the exit code."""
+        code = self.popen.wait(LIMIT_S)
+        return code
+
+    def signal(self, number: int) -> None:
+        self.popen.send_signal(number)
+
+
+@pytest.fixture
+def run() -> Iterator[Callable[..., Process]]:
+    """Start `cogrip ARGUMENTS`; whatever still runs at the end of the test is ended."""
+    started: list[Process] = []
+
+    def start(*arguments: str | Path) -> Process:
+        process = Process(*[str(argument) for argument in arguments])
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.popen.poll() is None:
+            process.signal(signal.SIGKILL)
+        process.popen.wait()
+        if process.popen.stdout:
+            process.popen.stdout.close()
+
+
+@pytest.fixture
+def serve(run: Callable[..., Process], tmp_path: Path) -> Callable[..., tuple[Process, int]]:
+    """Start a server on a free port; gives it and the port."""
+
+    def start(config: Path, *arguments: str) -> tuple[Process, int]:
+        server = run("serve", config, "--port", "0", "--runs", tmp_path / "server", "--no-report", *arguments)
+        return server, int(server.hear(r"listening on \S+:(\d+)")[1])
+
+    return start

@@ -1,0 +1,185 @@
+"""Whole sessions as their users run them: processes, UDP on loopback, signals, kills."""
+
+import json
+import signal
+import socket
+from pathlib import Path
+
+import msgpack
+import pytest
+
+from cogrip.protocol.messages import HELLO_BYTES
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+DEMO = CONFIGS / "demo.toml"
+
+
+def summary_in(folder: Path) -> dict:
+    (path,) = folder.glob("*/summary.json")
+    return json.loads(path.read_text())
+
+
+def accounted(link: dict) -> bool:
+    return all(link[way]["sent"] == sum(link[way][fate] for fate in ("applied", "late", "lost")) for way in ("up", "down"))
+
+
+def test_two_people_hold_one_cube(run, serve, tmp_path):
+    server, port = serve(DEMO)
+    people = [
+        run("join", f"127.0.0.1:{port}", "--config", DEMO, "--name", name, "--seconds", "3", "--runs", tmp_path / name, "--no-report")
+        for name in ("anna", "ben")
+    ]  # fmt: skip
+    assert [person.end() for person in people] == [0, 0], [person.said for person in people]
+    server.signal(signal.SIGTERM)
+    assert server.end() == 0, server.said
+    whole = summary_in(tmp_path / "server")
+    assert whole["passive"]
+    assert not whole["diverged"]
+    assert whole["object"]["travel_m"] > 0.01
+    assert [user["name"] for user in whole["users"]] == ["anna", "ben"]
+    for user in whole["users"]:
+        assert user["link"]["applied"] > 300
+        assert accounted(user["link"])
+        assert user["ticks"]["due"] >= user["ticks"]["run"] > 1000
+        assert user["energy"]["up_margin_j"] >= -1e-12
+        assert user["energy"]["down_margin_j"] >= -1e-12
+    alone = summary_in(tmp_path / "anna")
+    assert alone["users"][0]["proxy_m"] is not None, "the farewell carries the server's part"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
+    server, port = serve(DEMO)
+    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person")
+    person.hear("holds cube")
+    person.signal(number)
+    assert person.end() == 0, person.said
+    server.hear("anna left")
+    (folder,) = (tmp_path / "person").iterdir()
+    assert (folder / "report.html").stat().st_size > 10_000
+    assert summary_in(tmp_path / "person")["users"][0]["force_n"] == [0.0]
+
+
+def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
+    server, port = serve(DEMO)
+    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person", "--no-report")
+    person.hear("holds cube")
+    server.signal(signal.SIGINT)
+    assert server.end() == 0, server.said
+    assert person.end() == 1
+    assert "the server said goodbye: interrupted" in person.said
+    # the client's account still reached the server
+    assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
+
+
+def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
+    server, port = serve(DEMO)
+    people = [run("join", f"127.0.0.1:{port}", "--runs", tmp_path / name) for name in ("one", "two")]
+    for person in people:
+        person.hear("holds cube")
+    server.signal(signal.SIGKILL)
+    for person, name in zip(people, ("one", "two"), strict=True):
+        assert person.end() == 1
+        assert "force released" in person.said
+        assert "silent" in person.said
+        user = summary_in(tmp_path / name)["users"][0]
+        assert user["force_n"] == [0.0]
+        (folder,) = (tmp_path / name).iterdir()
+        assert (folder / "report.html").exists()
+
+
+def test_a_killed_client_loses_its_seat_and_the_other_goes_on(run, serve, tmp_path):
+    server, port = serve(DEMO)
+    lost = run("join", f"127.0.0.1:{port}", "--name", "anna", "--device", "sim:phantom?hand=hold", "--runs", tmp_path / "a")
+    stays = run("join", f"127.0.0.1:{port}", "--name", "ben", "--device", "sim:phantom?hand=hold", "--runs", tmp_path / "b", "--no-report")
+    lost.hear("holds cube")
+    stays.hear("holds cube")
+    lost.signal(signal.SIGKILL)
+    server.hear("anna has been silent for too long")
+    again = run("join", f"127.0.0.1:{port}", "--name", "anna", "--runs", tmp_path / "c", "--no-report")
+    again.hear("anna holds cube")
+    stays.signal(signal.SIGINT)
+    assert stays.end() == 0, stays.said
+    user = summary_in(tmp_path / "b")["users"][0]
+    assert user["peak_force_n"] < 0.5, "no kick"
+
+
+def test_refusals_say_why_on_both_sides(run, serve, tmp_path):
+    server, port = serve(CONFIGS / "paper.toml")  # one seat
+    first = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "a", "--no-report")
+    first.hear("holds wall")
+    second = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "b")
+    assert second.end() == 1
+    assert "the room is full" in second.said
+    server.hear("the room is full")
+    other = run("join", f"127.0.0.1:{port}", "--config", DEMO, "--room", "paper", "--runs", tmp_path / "b")
+    assert other.end() == 1
+    assert "full" in other.said or "settings" in other.said
+    nowhere = run("join", f"127.0.0.1:{port}", "--room", "attic", "--runs", tmp_path / "b")
+    assert nowhere.end() == 1
+    assert "no room 'attic'" in nowhere.said
+    assert not (tmp_path / "b").exists(), "nothing was run, nothing is left"
+
+
+def test_strangers_are_refused_and_counted(serve, tmp_path):
+    server, port = serve(DEMO)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.connect(("127.0.0.1", port))
+        stranger.settimeout(20)
+        for garbage in (b"", b"hello", bytes(range(256)) * 6, msgpack.packb([4, 1, 2, 3])):
+            stranger.send(garbage)
+        stranger.send(msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)]))
+        tag, version, nonce, code, reason = msgpack.unpackb(stranger.recv(2000))
+    assert (tag, version, nonce, code) == (3, 1, 4711, "version")
+    assert "client speaks protocol 99, the server 1" in reason
+    server.hear("client speaks protocol 99, the server 1")
+    server.signal(signal.SIGTERM)
+    server.end()
+    dropped = summary_in(tmp_path / "server")["server"]["dropped"]
+    assert dropped["malformed"] == 4
+    assert dropped["refused: version"] == 1
+
+
+def test_a_port_in_use_and_a_server_that_is_not_there(run, serve, tmp_path):
+    _, port = serve(DEMO)
+    second = run("serve", DEMO, "--port", str(port), "--runs", tmp_path)
+    assert second.end() == 1
+    assert f"cannot listen on 127.0.0.1:{port}" in second.said
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:  # bound by nobody once closed
+        held.bind(("127.0.0.1", 0))
+        free = held.getsockname()[1]
+    lonely = run("join", f"127.0.0.1:{free}", "--runs", tmp_path / "x")
+    assert lonely.end() == 1
+    assert "no server answered" in lonely.said
+
+
+def test_several_rooms_in_one_daemon(run, tmp_path):
+    server = run("serve", DEMO, CONFIGS / "three-users.toml", "--port", "0", "--runs", tmp_path / "server", "--no-report")
+    port = server.hear(r"listening on \S+:(\d+)")[1]
+    one = run("join", f"127.0.0.1:{port}", "--room", "demo", "--seconds", "1", "--runs", tmp_path / "1", "--no-report")
+    two = run("join", f"127.0.0.1:{port}", "--room", "three-users", "--seconds", "1", "--runs", tmp_path / "2", "--no-report")
+    assert one.end() == 0, one.said
+    assert two.end() == 0, two.said
+    server.signal(signal.SIGINT)
+    assert server.end() == 0, server.said
+    assert {json.loads(path.read_text())["name"] for path in (tmp_path / "server").glob("*/summary.json")} == {"demo", "three-users"}
+
+
+def test_the_demo(run, tmp_path):
+    demo = run("demo", "--seconds", "4", "--runs", tmp_path)
+    assert demo.end() == 0, demo.said
+    (folder,) = tmp_path.iterdir()
+    assert summary_in(tmp_path)["passive"]
+    assert (folder / "report.html").exists()
+    assert len(list((folder / "plots").glob("*.png"))) >= 5
+
+
+def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
+    demo = run("demo", "--seconds", "60", "--runs", tmp_path)
+    demo.hear("everyone holds on")
+    demo.signal(signal.SIGINT)
+    assert demo.end() == 130, demo.said
+    (folder,) = tmp_path.iterdir()
+    assert (folder / "report.html").exists()
+    for user in summary_in(tmp_path)["users"]:
+        assert user["force_n"] == [0.0]

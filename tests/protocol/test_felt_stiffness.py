@@ -1,0 +1,51 @@
+"""The line as a spring: the numbers of theory 4, and compensation up to where it ends."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.decimation import lag_s
+from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
+
+FRAME_S = 1.0 / 128.0
+
+
+@pytest.mark.parametrize(("frames_each_way", "hand_npm"), [(0, 837), (1, 630), (3, 422)])
+def test_what_the_hand_feels_of_1000_npm_at_b_20(frames_each_way: int, hand_npm: int) -> None:
+    compliance = line_compliance(20.0, 2 * frames_each_way * FRAME_S, FRAME_S)
+    assert felt_stiffness(1000.0, compliance) == pytest.approx(hand_npm, abs=0.6)
+
+
+def test_the_lowpass_alone_is_softer_than_a_frame_of_delay_each_way() -> None:
+    lowpass = felt_stiffness(1000.0, line_compliance(20.0, 0.0, lag_s("lowpass", FRAME_S, 50.0)))
+    assert round(lowpass) == 623
+    assert lowpass < felt_stiffness(1000.0, line_compliance(20.0, 2 * FRAME_S, FRAME_S))
+
+
+@given(st.floats(1.0, 1e5), st.floats(1.0, 1e3), st.floats(0.0, 1.0))
+def test_compensation_gives_the_hand_what_was_asked_or_names_the_impedance(
+    stiffness: float, b: float, round_trip_s: float
+) -> None:
+    compliance = line_compliance(b, round_trip_s, FRAME_S)
+    try:
+        rendered = compensated_stiffness(stiffness, b, compliance)
+    except OutOfReachError as error:
+        assert stiffness * compliance >= 1.0
+        advised = float(str(error).partition("coupling.impedance_nspm = ")[2].split()[0])
+        within = compensated_stiffness(stiffness, advised, line_compliance(advised, round_trip_s, FRAME_S))
+        assert within >= stiffness
+    else:
+        share = stiffness * compliance
+        assert felt_stiffness(rendered, compliance) == pytest.approx(stiffness, rel=1e-12 / (1.0 - share))
+
+
+def test_both_sides_of_the_reach() -> None:
+    """b = 20, no delay: the line alone is 5120 N/m."""
+    compliance = line_compliance(20.0, 0.0, FRAME_S)
+    assert compensated_stiffness(5119.0, 20.0, compliance) > 1e7
+    with pytest.raises(OutOfReachError, match=r"above 20 N s/m would do: set coupling\.impedance_nspm = 22 or more"):
+        compensated_stiffness(5120.0, 20.0, compliance)
+
+
+def test_no_spring_stays_no_spring() -> None:
+    assert felt_stiffness(0.0, 1e-3) == 0.0

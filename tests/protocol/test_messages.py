@@ -1,0 +1,311 @@
+"""The datagrams: round trip, sizes, and a decoder that lets nothing else through and raises nothing else."""
+
+import math
+from typing import Any
+
+import msgpack
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cogrip.protocol import messages
+from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.messages import (
+    HELLO_BYTES,
+    MAGIC,
+    MAX_DATAGRAM_BYTES,
+    PROTOCOL_VERSION,
+    TEXT_BYTES,
+    AnyMessage,
+    Farewell,
+    Heartbeat,
+    Hello,
+    Leave,
+    MalformedError,
+    Refuse,
+    Stamp,
+    State,
+    Waves,
+    Welcome,
+    clipped,
+    decode,
+    encode,
+    foreign_version,
+    padded,
+)
+from cogrip.protocol.session import nonce_of
+from cogrip.protocol.settings import resolve, seat_settings
+
+BIG = 2**63 - 1
+COUNT = LinkCount(*[2**53] * 7)
+TIMES = Percentiles(0.1, 0.1, 0.1, 0.1)
+ROW = (0.1, 0.1, 0.1)
+CLIENT = ClientAccount(
+    ROW,
+    ROW,
+    0.1,
+    0.1,
+    0.1,
+    0.1,
+    0.1,
+    0.1,
+    COUNT,
+    TIMES,
+    TickCount(2**53, 2**53, TIMES, TIMES),
+    True,
+    "s" * 40,
+    "r" * 300,
+)
+SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT)
+ROOM = RoomAccount(ROW, ROW, 0.1, False, 0.1, TickCount(2**53, 2**53, TIMES, TIMES))
+STAMP = Stamp(BIG, BIG, BIG)
+
+LONGEST_SEAT = seat_settings(
+    resolve(
+        {
+            "name": "r" * 40,
+            "seed": 2**53,
+            "rates": {"device_hz": 20_000, "network_hz": 20_000},
+            "coupling": {"kind": "coupling", "compensate": True, "decimator": "lowpass", "encoder": "displacement"},
+            "object": {"kind": "faces", "axes": 3},
+            "playout": {"frames": 256, "redundancy": 32},
+            "users": [*({"name": f"u{number}"} for number in range(255)), {"name": "u" * 40, "side": "right"}],
+        }
+    ),
+    255,
+)
+
+LARGEST: dict[str, AnyMessage] = {
+    "hello": Hello(MAGIC, 2**53, "s" * 40, BIG, "r" * 40, "n" * 40, "d" * 40, "d" * 40, 6, 1e6, bytes(HELLO_BYTES)),
+    "welcome": Welcome(PROTOCOL_VERSION, BIG, BIG, "d" * 40, "s" * 40, LONGEST_SEAT),
+    "refuse": Refuse(2**53, BIG, "c" * 40, "r" * TEXT_BYTES),
+    "waves": Waves(BIG, 2**53, (0.1,) * 96, ROW, ROW, 0.1, 0.1, 2**53, STAMP, (0.1,) * 6),
+    "state": State(BIG, 2**53, ROW, ROW, 0.1, 2**53, STAMP),
+    "heartbeat": Heartbeat(BIG, STAMP),
+    "leave": Leave(BIG, "r" * TEXT_BYTES, CLIENT),
+    "farewell": Farewell(BIG, "r" * TEXT_BYTES, SEAT, ROOM),
+}
+
+short_texts = st.text(max_size=40)
+texts = st.text(max_size=TEXT_BYTES)
+counters = st.integers(0, 2**53)
+sessions = st.integers(1, BIG)
+nanoseconds = st.integers(0, BIG)
+totals = st.floats(-1e15, 1e15)
+stamps = st.builds(Stamp, nanoseconds, nanoseconds, nanoseconds)
+
+
+def tuples(values: st.SearchStrategy[float], low: int, high: int) -> st.SearchStrategy[tuple[float, ...]]:
+    return st.lists(values, min_size=low, max_size=high).map(tuple)
+
+
+hellos = st.builds(
+    Hello, st.just(MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
+    st.integers(1, 6), st.floats(1.0, 1e6),
+)  # fmt: skip
+anything = st.one_of(
+    hellos,
+    st.builds(Welcome, counters, nanoseconds, sessions, short_texts, short_texts, st.just(LONGEST_SEAT)),
+    st.builds(Refuse, counters, nanoseconds, short_texts, texts),
+    st.builds(
+        Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 96), tuples(totals, 1, 3), tuples(totals, 1, 3),
+        totals, totals, counters, stamps, tuples(st.floats(-1e4, 1e4), 2, 6),
+    ),
+    st.builds(
+        State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 3), tuples(st.floats(-1e4, 1e4), 1, 3), totals,
+        counters, stamps,
+    ),
+    st.builds(Heartbeat, sessions, stamps),
+    st.builds(Leave, sessions, texts, st.sampled_from([None, CLIENT])),
+    st.builds(Farewell, sessions, texts, st.sampled_from([None, SEAT]), st.sampled_from([None, ROOM])),
+)  # fmt: skip
+
+
+@given(anything)
+def test_round_trip(message: AnyMessage) -> None:
+    datagram = encode(message)
+    if len(datagram) <= MAX_DATAGRAM_BYTES:
+        assert decode(datagram) == message
+        assert encode(decode(datagram)) == datagram
+    else:
+        with pytest.raises(MalformedError, match="more than 1232"):
+            decode(datagram)
+
+
+def read(datagram: bytes) -> AnyMessage | None:
+    """What decoding gives, None for MalformedError; any other error is a bug."""
+    foreign_version(datagram)
+    nonce_of(datagram)
+    try:
+        return decode(datagram)
+    except MalformedError:
+        return None
+
+
+def numbers_of(value: Any) -> list[float]:
+    """Every number that can reach a force or a buffer; the accounts are free."""
+    if isinstance(value, ClientAccount | SeatAccount | RoomAccount):
+        return []
+    if isinstance(value, msgspec.Struct):
+        value = msgspec.structs.astuple(value)
+    if isinstance(value, tuple):
+        return [number for item in value for number in numbers_of(item)]
+    return [value] if isinstance(value, int | float) else []
+
+
+def assert_harmless(message: AnyMessage | None) -> None:
+    if message is not None:
+        assert all(math.isfinite(number) and abs(number) <= 2**63 for number in numbers_of(message))
+
+
+@settings(max_examples=500)
+@given(st.binary(max_size=MAX_DATAGRAM_BYTES + 10))
+def test_arbitrary_bytes_are_malformed_or_harmless(datagram: bytes) -> None:
+    assert_harmless(read(datagram))
+
+
+@settings(max_examples=500)
+@given(st.sampled_from(sorted(LARGEST)), st.data())
+def test_mutated_messages_are_malformed_or_harmless(name: str, data: st.DataObject) -> None:
+    datagram = bytearray(encode(LARGEST[name]))
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(datagram)))
+        verb = data.draw(st.sampled_from(["set", "insert", "cut", "end"]))
+        if verb == "set":
+            datagram[place : place + 1] = data.draw(st.binary(min_size=1, max_size=1))
+        elif verb == "insert":
+            datagram[place:place] = data.draw(st.binary(max_size=9))
+        elif verb == "cut":
+            del datagram[place : place + data.draw(st.integers(1, 9))]
+        else:
+            del datagram[place:]
+    assert_harmless(read(bytes(datagram)))
+
+
+WRONG = [math.nan, math.inf, -math.inf, 2**64 - 1, -(2**63), 1e300, True, None, "x", "x" * 301, b"", [], [0] * 200, {}]
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    found = [path] if path else []
+    if isinstance(value, list):
+        items: Any = enumerate(value)
+    else:
+        items = value.items() if isinstance(value, dict) else ()
+    return found + [place for key, item in items for place in places(item, (*path, key))]
+
+
+def replaced(value: Any, path: tuple[Any, ...], new: Any) -> Any:
+    if not path:
+        return new
+    items = value.copy()
+    items[path[0]] = replaced(items[path[0]], path[1:], new)
+    return items
+
+
+@pytest.mark.parametrize("name", LARGEST)
+def test_a_wrong_value_in_any_place_is_malformed_or_harmless(name: str) -> None:
+    good = msgpack.unpackb(encode(LARGEST[name]))
+    for path in places(good):
+        for wrong in WRONG:
+            assert_harmless(read(msgpack.packb(replaced(good, path, wrong))))
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1.0001e4, -1.0001e4, 2**64 - 1, True, None, "1"])
+def test_no_wave_is_let_through_that_is_not_a_bounded_number(wrong: Any) -> None:
+    good = msgpack.unpackb(encode(Waves(1, 0, (0.5,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0))))
+    assert decode(msgpack.packb(replaced(good, (3, 0), 1e4))).waves == (1e4,)
+    for place in ((3, 0), (10, 1)):
+        with pytest.raises(MalformedError):
+            decode(msgpack.packb(replaced(good, place, wrong)))
+
+
+@pytest.mark.parametrize("nested", [b"\x91" * MAX_DATAGRAM_BYTES, b"\x93\x01\xa6cogrip" + b"\x91" * 1200])
+def test_deep_nesting_is_malformed_too(nested: bytes) -> None:
+    assert read(nested) is None
+    assert foreign_version(nested) is None
+
+
+@given(hellos)
+def test_a_padded_hello_has_exactly_its_length(hello: Hello) -> None:
+    datagram = padded(hello)
+    assert len(datagram) == HELLO_BYTES
+    assert msgspec.structs.replace(decode(datagram), padding=b"") == hello
+
+
+@pytest.mark.parametrize("letter", ["a", "é", "\U0001f600"])  # 1, 2 and 4 bytes
+def test_a_padded_hello_has_exactly_its_length_at_every_length_of_its_texts(letter: str) -> None:
+    for length in range(5 * 40 + 1):
+        parts = [letter * max(0, min(40, length - 40 * part)) for part in range(5)]
+        hello = Hello(MAGIC, 1, parts[0], BIG, parts[1], parts[2], parts[3], parts[4], 6, 0.1)
+        assert len(padded(hello)) == HELLO_BYTES
+
+
+@pytest.mark.parametrize("name", LARGEST)
+def test_the_largest_legal_message_is_read(name: str) -> None:
+    message = LARGEST[name]
+    if isinstance(message, Hello):
+        message = decode(padded(message))
+    datagram = encode(message)
+    assert len(datagram) <= MAX_DATAGRAM_BYTES
+    assert decode(datagram) == message
+
+
+def test_no_answer_to_a_stranger_is_longer_than_the_hello() -> None:
+    assert len(encode(LARGEST["welcome"])) <= HELLO_BYTES
+    assert len(encode(LARGEST["refuse"])) <= HELLO_BYTES
+
+
+def test_the_widest_line_fits_a_datagram_and_its_own_bound() -> None:
+    """3 axes x redundancy 32 is what settings allow at most, and what `waves` may hold."""
+    widest = LARGEST["waves"]
+    assert isinstance(widest, Waves)
+    assert len(widest.waves) == 3 * 32
+    assert len(encode(widest)) == 1053
+    with pytest.raises(MalformedError, match="length <= 96"):
+        decode(encode(msgspec.structs.replace(widest, waves=(*widest.waves, 0.1))))
+
+
+@given(st.text())
+def test_clipped_texts_are_read(text: str) -> None:
+    cut = clipped(text)
+    assert len(cut.encode()) <= TEXT_BYTES
+    assert text.encode("utf-8", "replace").decode().startswith(cut)
+    assert decode(encode(Refuse(1, 1, "c", cut))).reason == cut
+    assert cut == text or len(text.encode("utf-8", "replace")) > TEXT_BYTES or "?" in cut
+
+
+def test_a_diverged_account_still_arrives() -> None:
+    broken = msgspec.structs.replace(ROOM, position_m=(math.nan,), energy_balance_error_j=math.inf)
+    farewell = decode(encode(Farewell(1, "over", None, broken)))
+    assert isinstance(farewell, Farewell)
+    assert farewell.room is not None
+    assert math.isinf(farewell.room.energy_balance_error_j)
+
+
+def foreign(version: int) -> bytes:
+    """A hello of another version: the first five elements are ours, the rest is not."""
+    head = msgpack.packb([1, MAGIC, version, "9.9", 77, {"new": "layout"}])
+    zeros = HELLO_BYTES - len(head) - 3
+    return b"\x97" + head[1:] + b"\xc5" + zeros.to_bytes(2, "big") + bytes(zeros)
+
+
+def test_a_hello_of_another_version_is_recognised_by_its_fixed_part() -> None:
+    datagram = foreign(2)
+    assert len(datagram) == HELLO_BYTES
+    with pytest.raises(MalformedError):
+        decode(datagram)
+    assert (foreign_version(datagram), nonce_of(datagram)) == (2, 77)
+    assert foreign_version(foreign(PROTOCOL_VERSION)) is None
+
+
+def test_another_magic_is_no_hello() -> None:
+    datagram = padded(LARGEST["hello"]).replace(b"cogrip", b"gropic")
+    assert read(datagram) is None
+    assert foreign_version(datagram) is None
+
+
+def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
+    tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
+    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert messages.encode is encode

@@ -1,0 +1,386 @@
+"""The session: its tables, its timers, and two ends that talk."""
+
+from collections.abc import Sequence
+from itertools import count
+
+import msgpack
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol import messages
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.messages import (
+    HELLO_BYTES,
+    MAGIC,
+    Farewell,
+    Heartbeat,
+    Hello,
+    Leave,
+    Refuse,
+    Stamp,
+    Waves,
+    Welcome,
+)
+from cogrip.protocol.session import (
+    CLIENT,
+    GIVE_UP_NS,
+    HEARTBEAT_EVERY_NS,
+    HELLO_EVERY_NS,
+    LEAVE_EVERY_NS,
+    LEAVE_GIVE_UP_NS,
+    LOST_NS,
+    SEAT,
+    STALE_NS,
+    ClientSession,
+    Clock,
+    Table,
+    make_hello,
+    refusal,
+    unfit,
+)
+from cogrip.protocol.settings import digest, resolve
+from cogrip.server.core import ServerCore
+
+MS = 1_000_000
+SETTINGS = resolve({"name": "lab", "users": [{"name": "anna"}, {"name": "ben", "side": "right"}]})
+
+
+def hello(name: str = "anna", nonce: int = 7, **other: object) -> Hello:
+    made = make_hello(
+        software="1", nonce=nonce, room="lab", name=name, digest="", device="sim:phantom", axes=1, rate_hz=1024.0
+    )
+    return msgspec.structs.replace(made, **other)
+
+
+def server() -> ServerCore:
+    numbers = count(100)
+    return ServerCore([SETTINGS], "1", lambda: next(numbers))
+
+
+def waves(session: int, number: int = 0) -> bytes:
+    return messages.encode(Waves(session, number, (0.0,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0)))
+
+
+def exchange(client: ClientSession, core: ServerCore, now_ns: int, address: str = "anna's") -> None:
+    while client.outbox:
+        core.receive(client.outbox.popleft(), address, now_ns)
+    while core.outbox:
+        to, datagram = core.outbox.popleft()
+        if to == address:
+            client.receive(datagram, now_ns)
+
+
+def seated(now_ns: int = 0) -> tuple[ClientSession, ServerCore]:
+    client, core = ClientSession(hello()), server()
+    client.call(now_ns)
+    exchange(client, core, now_ns)
+    assert client.state == "seated"
+    return client, core
+
+
+@pytest.mark.parametrize(("table", "start"), [(CLIENT, "idle"), (SEAT, "free")])
+def test_every_state_of_a_table_is_reached_and_no_step_stands_still(table: Table, start: str) -> None:
+    reached, before = {start}, set[str]()
+    while reached != before:
+        before = set(reached)
+        reached |= {after for (state, _), after in table.items() if state in before}
+    assert reached == {state for state, _ in table} | set(table.values())
+    assert all(after != state for (state, _), after in table.items())
+
+
+def test_closed_is_the_end_and_a_seat_can_always_be_taken_again() -> None:
+    assert "closed" not in {state for state, _ in CLIENT}
+    assert all(
+        "silence" in {event for at, event in CLIENT if at == state} for state in ("calling", "seated", "leaving")
+    )
+    assert {after for (state, _), after in SEAT.items() if state == "seated"} == {"free"}
+
+
+events = st.one_of(
+    st.sampled_from(["call", "poll", "leave"]),
+    st.integers(1, 3_000).map(lambda ms: ms * MS),
+    st.sampled_from(
+        [
+            messages.encode(Refuse(1, 7, "full", "no")),
+            messages.encode(Farewell(5, "stopped")),
+            messages.encode(Heartbeat(5, Stamp(1))),
+            waves(5),
+            b"noise",
+            messages.padded(hello()),
+        ]
+    ),
+    st.just(b"welcome"),
+)
+
+
+class Watched(ClientSession):
+    """Refuses a change of state that the table does not have."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "state" and hasattr(self, "state"):
+            assert (self.state, value) in {(before, after) for (before, _), after in CLIENT.items()}
+        super().__setattr__(name, value)
+
+
+@given(st.lists(events, max_size=30))
+def test_a_client_moves_along_its_table_and_nowhere_else(steps: list[str | int | bytes]) -> None:
+    seat = server().rooms[0].seats[0].settings
+    welcome = messages.encode(Welcome(1, 7, 5, "", "1", seat))
+    client, now_ns = Watched(hello()), 0
+    for step in steps:
+        before = client.state
+        if step == "call":
+            client.call(now_ns)
+        elif step == "leave":
+            client.leave("enough", None, now_ns)
+        elif isinstance(step, bytes):
+            client.receive(welcome if step == b"welcome" else step, now_ns)
+        elif isinstance(step, int):
+            now_ns += step
+        client.poll(now_ns)
+        if client.state == "closed" != before and step != "leave" and before != "leaving":
+            assert client.failed, "a session that ends badly says why"
+
+
+def test_hellos_are_repeated_until_the_client_gives_up() -> None:
+    client = ClientSession(hello())
+    client.call(0)
+    for now_ns in range(0, GIVE_UP_NS, 10 * MS):
+        client.poll(now_ns)
+    assert (client.state, len(client.outbox)) == ("calling", GIVE_UP_NS // HELLO_EVERY_NS)
+    client.poll(GIVE_UP_NS - 1)
+    assert client.state == "calling"
+    client.poll(GIVE_UP_NS)
+    assert (client.state, client.failed) == ("closed", "no server answered within 3 s")
+
+
+def test_a_silent_server_is_given_up_and_staleness_comes_long_before() -> None:
+    client, _ = seated(now_ns=5)
+    client.poll(5 + LOST_NS)
+    assert client.state == "seated"
+    assert not client.stale(5 + STALE_NS)
+    assert client.stale(5 + STALE_NS + 1)
+    client.poll(5 + LOST_NS + 1)
+    assert (client.state, client.failed) == ("closed", "the server has been silent for 2 s")
+
+
+def test_a_silent_client_loses_its_seat() -> None:
+    client, core = seated(now_ns=5)
+    room = core.rooms[0]
+    core.tick(room, 5 + LOST_NS)
+    assert room.seats[0].state == "seated"
+    core.tick(room, 5 + LOST_NS + 1)
+    assert room.seats[0].state == "free"
+    assert core.dropped == {"seat timed out": 1}
+    core.outbox.clear()
+    core.receive(waves(100), "anna's", 5 + LOST_NS + 2)
+    assert core.dropped["not seated"] == 1
+    assert client.welcome is not None
+
+
+def test_goodbye_is_repeated_and_answered_every_time() -> None:
+    client, core = seated()
+    client.leave("done", None, 0)
+    lost = []
+    for now_ns in range(0, LEAVE_GIVE_UP_NS, 10 * MS):
+        client.poll(now_ns)
+        lost += client.outbox
+        client.outbox.clear()
+    assert len(lost) == LEAVE_GIVE_UP_NS // LEAVE_EVERY_NS
+    for datagram in lost[:2]:
+        core.receive(datagram, "anna's", 0)
+    assert core.outbox[0] == core.outbox[1]
+    assert core.rooms[0].seats[0].state == "free"
+    assert client.state == "leaving"
+    client.receive(core.outbox[0][1], LEAVE_GIVE_UP_NS - 1)
+    assert (client.state, client.failed) == ("closed", "")
+    assert isinstance(client.farewell, Farewell)
+
+
+def test_a_goodbye_without_an_answer_ends_too() -> None:
+    client, _ = seated()
+    client.leave("done", None, 0)
+    client.poll(LEAVE_GIVE_UP_NS - 1)
+    assert client.state == "leaving"
+    client.poll(LEAVE_GIVE_UP_NS)
+    assert (client.state, client.failed) == ("closed", "")
+
+
+def test_a_server_that_stops_says_why() -> None:
+    client, core = seated()
+    core.stop("maintenance")
+    exchange(client, core, 1)
+    assert (client.state, client.failed) == ("closed", "the server said goodbye: maintenance")
+
+
+def test_a_lost_welcome_is_said_again_for_the_same_session() -> None:
+    client, core = ClientSession(hello()), server()
+    client.call(0)
+    core.receive(client.outbox.popleft(), "anna's", 0)
+    core.outbox.clear()
+    client.poll(HELLO_EVERY_NS)
+    exchange(client, core, HELLO_EVERY_NS)
+    assert client.welcome is not None
+    assert client.welcome.session == 100
+    assert [seat.state for seat in core.rooms[0].seats] == ["seated", "free"]
+
+
+def test_nothing_foreign_reaches_the_coupling() -> None:
+    client, _ = seated()
+    for datagram in (waves(101), b"\xc1", messages.padded(hello()), refusal(8, "full", "no"), waves(100)):
+        client.receive(datagram, 1)
+    assert client.dropped == {"other session": 1, "malformed": 1, "unexpected": 1, "other nonce": 1}
+    assert client.receive(waves(100), 2) == messages.decode(waves(100))
+    assert (client.state, client.last_heard_ns) == ("seated", 2)
+
+
+def both_print(client: ClientSession, core: ServerCore) -> str:
+    """The reason that the client's failure and the server's event have in common."""
+    [event] = core.events
+    reason = event.partition(": ")[2]
+    assert client.failed == f"the server refused: {reason}"
+    assert client.state == "closed"
+    return reason
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "text"),
+    [
+        ({"version": 2}, "version", "the client speaks protocol 2, the server 1: install the same cogrip on both"),
+        ({"room": "attic"}, "room", "there is no room 'attic' here; there is: lab"),
+        ({"name": "eve"}, "name", "no seat is kept for 'eve'; seats are: anna, ben"),
+        ({"digest": "0123"}, "settings", f"your settings (0123) are not the server's ({digest(SETTINGS)})"),
+        ({"device_rate_hz": 1000.0}, "rate", "device sim:phantom runs at 1000 Hz at most, this room at"),
+    ],
+)
+def test_a_refusal_has_a_reason_that_both_sides_print(change: dict[str, object], code: str, text: str) -> None:
+    client, core = ClientSession(hello(**change)), server()
+    client.call(0)
+    exchange(client, core, 0)
+    reason = both_print(client, core)
+    assert text in reason
+    assert reason.endswith(f"[{code}]")
+    assert core.dropped == {f"refused: {code}": 1}
+
+
+def test_a_taken_seat_and_a_full_room_are_refused() -> None:
+    _, core = seated()
+    core.events.clear()
+    second = ClientSession(hello(nonce=8))
+    second.call(0)
+    exchange(second, core, 0, "ben's")
+    assert "the seat of 'anna' is taken" in both_print(second, core)
+    for nonce in (9, 10):
+        core.events.clear()
+        third = ClientSession(hello("", nonce))
+        third.call(0)
+        exchange(third, core, 0, f"address {nonce}")
+    assert "the room is full: all 2 seats are taken" in both_print(third, core)
+
+
+def test_a_device_with_too_few_axes_is_refused() -> None:
+    assert unfit(hello(), digest="", axes=3, device_hz=1024) == (
+        "axes",
+        "device sim:phantom moves on 1 of the 3 axes of this room",
+    )
+    assert unfit(hello(device_axes=3), digest="", axes=3, device_hz=1024) is None
+
+
+def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print() -> None:
+    """Tag, magic, version, software and nonce have their places for ever; the rest may change."""
+    client, core = ClientSession(hello()), server()
+    client.call(0)
+    head = msgpack.packb([1, MAGIC, 9, "2.0", 7, {"new": 1}])
+    padding = bytes(HELLO_BYTES - len(head) - 3)
+    core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
+    client.outbox.clear()
+    exchange(client, core, 0)
+    assert both_print(client, core).startswith("the client speaks protocol 9, the server 1")
+
+
+def test_strangers_who_ask_briefly_get_no_answer() -> None:
+    core = server()
+    for datagram in (messages.encode(hello()), msgpack.packb([1, MAGIC, 9, "2.0", 7, {}]), b"\x91" * 1232, waves(100)):
+        core.receive(datagram, "stranger", 0)
+    assert not core.outbox
+    assert core.dropped == {"short hello": 2, "malformed": 1, "not seated": 1}
+
+
+@given(st.text(max_size=40), st.text(max_size=40))
+def test_no_answer_is_longer_than_the_question_and_every_refusal_is_read(room: str, name: str) -> None:
+    """Names may hold anything: a repr of them may be ten times as long."""
+    client, core = ClientSession(hello(name=name, room=room)), server()
+    client.call(0)
+    core.receive(client.outbox.popleft(), "stranger", 0)
+    [(_, answer)] = core.outbox
+    assert len(answer) <= HELLO_BYTES
+    client.receive(answer, 0)
+    assert client.state in ("seated", "closed")
+
+
+def test_long_texts_are_cut_so_that_they_are_read() -> None:
+    client, core = seated()
+    client.leave("\U0001f600" * 300, None, 0)
+    exchange(client, core, 0)
+    assert client.state == "closed"
+    assert client.farewell is not None
+    reply = messages.decode(refusal(1, "full", "long " * 100))
+    assert isinstance(reply, Refuse)
+    assert len(reply.reason) == messages.TEXT_BYTES
+
+
+def round_trips(stamps: Sequence[tuple[int, int]]) -> list[int | None]:
+    """(delay there, delay back) one after another; the far end's clock is 10^6 s ahead and answers after 3 ms."""
+    near, far, now_ns, out = Clock(), Clock(), 1_000 * MS, []
+    ahead_ns = 10**15
+    for there, back in stamps:
+        asked = near.stamp(now_ns)
+        now_ns += there
+        far.read(asked, now_ns + ahead_ns)
+        now_ns += 3 * MS
+        answer = far.stamp(now_ns + ahead_ns)
+        now_ns += back
+        out.append(near.read(answer, now_ns))
+    return out
+
+
+@given(st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), min_size=1, max_size=5))
+def test_round_trip_is_exact_whatever_the_clocks_say(delays: list[tuple[int, int]]) -> None:
+    assert round_trips(delays) == [there + back for there, back in delays]
+
+
+def test_no_echo_no_round_trip_and_an_impossible_one_is_none() -> None:
+    clock = Clock()
+    assert clock.stamp(5) == Stamp(5, 0, 0)
+    assert clock.read(Stamp(9), 10) is None
+    assert clock.read(Stamp(9, 20, 0), 10) is None
+    assert clock.read(Stamp(9, 1, 0), 1 + 60_000_000_000) is None
+
+
+def test_an_overtaken_stamp_does_not_set_the_echo_back() -> None:
+    clock = Clock()
+    clock.read(Stamp(200), 10)
+    clock.read(Stamp(100), 11)
+    assert clock.stamp(15) == Stamp(15, 200, 5)
+
+
+def test_heartbeats_keep_their_pace() -> None:
+    client, _ = seated()
+    client.outbox.clear()
+    start = HELLO_EVERY_NS
+    for now_ns in range(start, start + 4 * HEARTBEAT_EVERY_NS, MS):
+        client.heartbeat(now_ns)
+    assert [type(messages.decode(datagram)) for datagram in client.outbox] == [Heartbeat] * 4
+
+
+def test_a_left_seat_still_knows_its_count() -> None:
+    client, core = seated()
+    core.receive(waves(100), "anna's", 1)
+    core.tick(core.rooms[0], 2)
+    core.receive(messages.encode(Leave(100, "done")), "anna's", 3)
+    client.receive(core.outbox[-1][1], 4)
+    assert client.farewell is not None
+    assert client.farewell.seat is not None
+    assert client.farewell.seat.up == LinkCount(sent=1, received=1, applied=1)

@@ -1,0 +1,297 @@
+"""The one schema: what is refused, with which words, on both sides of every bound; overrides; what the seats share."""
+
+from collections.abc import Iterator
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.settings import (
+    MOST_RENDERED_NPM,
+    LinkProfile,
+    SeatSettings,
+    Settings,
+    SettingsError,
+    User,
+    coupling_of,
+    digest,
+    parse_override,
+    resolve,
+    seat_settings,
+)
+
+
+def refused(table: dict[str, Any], overrides: dict[str, Any] | None = None) -> str:
+    with pytest.raises(SettingsError) as caught:
+        resolve(table, overrides)
+    return str(caught.value)
+
+
+def nested(path: str, value: Any) -> dict[str, Any]:
+    """{"a": {"b": value}} for a.b; users is a list of one."""
+    key, _, rest = path.partition(".")
+    if key == "users" and rest:
+        return {"users": [nested(rest.partition(".")[2], value)]}
+    return {key: nested(rest, value) if rest else value}
+
+
+def leaves(struct: type[msgspec.Struct] = Settings, where: str = "") -> Iterator[tuple[str, Any]]:
+    """(path, annotated type) of every setting."""
+    for name, kind in get_type_hints(struct, include_extras=True).items():
+        if name == "users":
+            yield from leaves(User, "users.0.")
+        elif isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+            yield from leaves(kind, f"{where}{name}.")
+        else:
+            yield f"{where}{name}", kind
+
+
+def parts(kind: Any) -> list[Any]:
+    """A type and, for a union, its members."""
+    return list(get_args(kind)) if get_origin(kind) in (Union, UnionType) else [kind]
+
+
+def bounds() -> Iterator[tuple[str, float, bool]]:
+    """(path, value, allowed) at and just beyond every bound of every number."""
+    for path, kind in leaves():
+        for part in parts(kind):
+            if get_origin(part) is not Annotated or get_args(part)[0] is str:
+                continue
+            step = 1 if get_args(part)[0] is int else 1e-9
+            [meta] = [extra for extra in get_args(part)[1:] if isinstance(extra, msgspec.Meta)]
+            if meta.ge is not None:
+                yield from ((path, meta.ge, True), (path, meta.ge - step, False))
+            if meta.gt is not None:
+                yield from ((path, meta.gt, False), (path, meta.gt + step, True))
+            if meta.le is not None:
+                yield from ((path, meta.le, True), (path, meta.le + max(step, abs(meta.le) * 1e-9 * (step < 1)), False))
+
+
+BOUNDS = list(bounds())
+
+
+def test_every_number_has_a_bound_on_both_sides() -> None:
+    numbers = {path for path, kind in leaves() if any(get_args(part)[:1] in ((int,), (float,)) for part in parts(kind))}
+    plain = {path for path, kind in leaves() if {int, float} & set(parts(kind))}
+    assert plain == set()
+    assert {path for path, _, allowed in BOUNDS if not allowed} == numbers
+    assert all(sum(path == other and not allowed for other, _, allowed in BOUNDS) == 2 for path in numbers)
+
+
+@pytest.mark.parametrize(("path", "value", "allowed"), BOUNDS)
+def test_both_sides_of_every_bound(path: str, value: float, allowed: bool) -> None:
+    try:
+        resolve(nested(path, value))
+    except SettingsError as error:
+        said = f"{path} = {value!r}: Expected" in str(error)
+        assert said is not allowed  # a value in bounds may still not fit another setting
+    else:
+        assert allowed
+
+
+ENUMS = [(path, get_args(part)) for path, kind in leaves() for part in parts(kind) if get_origin(part) is Literal]
+
+
+@pytest.mark.parametrize(("path", "values"), ENUMS)
+def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[str, ...]) -> None:
+    message = refused(nested(path, "boxcr"))
+    assert message.startswith(f"{path} = 'boxcr': Expected ")
+    assert all(f'"{value}"' in message for value in values)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (
+            {"coupling": {"stiffnes": 1}},
+            "coupling.stiffnes: there is no such setting; did you mean coupling.stiffness_npm?",
+        ),
+        ({"link": {"up": {"los": 0.1}}}, "link.up.los: there is no such setting; did you mean link.up.loss?"),
+        ({"users": [{"nam": "a"}]}, "users.0.nam: there is no such setting; did you mean users.0.name?"),
+        ({"copling": {}}, "copling: there is no such setting; did you mean coupling?"),
+        ({"stiffness_npm": 1}, "stiffness_npm: there is no such setting; did you mean coupling.stiffness_npm?"),
+        ({"playout": {"zzz": 1}}, "playout.zzz: there is no such setting; known here: frames, redundancy, tank_mj"),
+        ({"coupling": {"stiffness_npm": "stiff"}}, "coupling.stiffness_npm = 'stiff': Expected float, got str"),
+        ({"coupling": {"compensate": 1}}, "coupling.compensate = 1: Expected bool, got int"),
+        ({"coupling": 5}, "coupling = 5: Expected a table, got int"),
+        ({"users": []}, "users = []: Expected array of length >= 1"),
+        ({"name": "a/b"}, "name = 'a/b': Expected letters, digits, blanks and . _ - with a letter or digit first"),
+        ({"name": "lab\n"}, "name = 'lab\\n': Expected letters, digits, blanks and . _ - with a letter or digit first"),
+        (
+            {"users": [{"name": "a"}, {"name": "a"}]},
+            "users: the name 'a' stands twice; give every user a name of their own",
+        ),
+        ({"link": {"loss": 0.5, "burst_frames": 1.9}}, "link.burst_frames = 1.9 is too short for link.loss = 0.5"),
+        (
+            {"coupling": {"kind": "coupling", "server_step": "paper"}},
+            'coupling.server_step = "paper" is a step of the wave',
+        ),
+    ],
+)
+def test_what_is_said_of_a_mistake(table: dict[str, Any], message: str) -> None:
+    assert refused(table).startswith(message)
+
+
+def test_not_a_number_is_out_of_bounds() -> None:
+    assert "Expected float" in refused({"coupling": {"stiffness_npm": float("nan")}})
+    assert "Expected float" in refused({"coupling": {"stiffness_npm": float("inf")}})
+
+
+@pytest.mark.parametrize(("device_hz", "cure"), [(1000, 1024), (64, 128), (8192 + 1, 8192)])
+def test_rates_that_do_not_fit_name_both_and_a_cure(device_hz: int, cure: int) -> None:
+    message = refused({"rates": {"device_hz": device_hz}})
+    assert f"rates.device_hz = {device_hz} is not a whole multiple of rates.network_hz = 128" in message
+    assert message.endswith(f"use for instance device_hz = {cure}")
+    assert resolve({"rates": {"device_hz": cure}}).rates.device_hz == cure
+
+
+def test_bursts_as_long_as_independent_losses_are_accepted() -> None:
+    for loss, burst in ((0.5, 2.0), (0.5, 1.0), (0.0, 1.5), (0.99, 100.0)):
+        resolve({"link": {"loss": loss, "burst_frames": burst}})
+
+
+def test_compensation_out_of_reach_names_the_user_the_setting_and_the_impedance() -> None:
+    message = refused({"coupling": {"compensate": True, "stiffness_npm": 6000.0}})
+    assert message.startswith("users.0 (anna): coupling.compensate: a felt stiffness of 6000 N/m is out of reach")
+    advised = int(message.partition("coupling.impedance_nspm = ")[2].split()[0])
+    assert advised == 26
+    seat = seat_settings(
+        resolve({"coupling": {"compensate": True, "stiffness_npm": 6e3, "impedance_nspm": advised}}), 0
+    )
+    assert seat.rendered_npm > 6000.0
+    assert seat.predicted_stiffness(loop_frames=1.0) == pytest.approx(6000.0)
+
+
+def test_compensation_that_would_render_beyond_the_wire_is_refused() -> None:
+    stiffness = 5120.0 * (1.0 - 1e-6)
+    assert "would render 5.12e+09 N/m, more than 1e+09" in refused(
+        {"coupling": {"compensate": True, "stiffness_npm": stiffness}}
+    )
+    assert MOST_RENDERED_NPM == 1e9
+
+
+def test_compensation_counts_delay_playout_and_filter() -> None:
+    table = {
+        "coupling": {"compensate": True, "stiffness_npm": 300.0, "decimator": "lowpass"},
+        "link": {"delay_ms": 7.8125, "down": {"delay_ms": 15.625}},
+        "playout": {"frames": 1},
+    }
+    seat = seat_settings(resolve(table), 0)
+    round_trip_s = 5 / 128  # 1 + 2 of the link, 1 + 1 of the playout
+    assert 1 / seat.rendered_npm == pytest.approx(1 / 300 - (round_trip_s + 0.0241602) / 40, rel=1e-5)
+
+
+def test_overrides_reach_sections_users_and_directions() -> None:
+    table = {"users": [{"name": "anna"}, {"name": "ben"}], "link": {"delay_ms": 10.0}}
+    settings = resolve(
+        table,
+        {
+            "coupling.stiffness_npm": 500,
+            "users.1.stiffness_npm": 700.0,
+            "users.0.side": "right",
+            "link.loss": 0.1,
+            "link.up.loss": 0.2,
+            "seed": 9,
+        },
+    )
+    assert (settings.seed, settings.users[0].side) == (9, "right")
+    assert [coupling_of(settings, user).stiffness_npm for user in settings.users] == [500.0, 700.0]
+    assert settings.link.direction(settings.link.up) == LinkProfile(delay_ms=10.0, loss=0.2)
+    assert settings.link.direction(settings.link.down) == LinkProfile(delay_ms=10.0, loss=0.1)
+    assert table == {"users": [{"name": "anna"}, {"name": "ben"}], "link": {"delay_ms": 10.0}}, (
+        "the file's table is left alone"
+    )
+
+
+def test_a_direction_can_take_an_impairment_back() -> None:
+    settings = resolve({"link": {"loss": 0.3, "up": {"loss": 0.0}}})
+    assert settings.link.direction(settings.link.up).loss == 0.0
+    assert settings.link.direction(settings.link.down).loss == 0.3
+
+
+def test_the_only_user_can_be_overridden_in_a_file_that_names_none() -> None:
+    settings = resolve({}, {"users.0.impedance_nspm": 30.0})
+    assert settings.users[0] == msgspec.structs.replace(resolve({}).users[0], impedance_nspm=30.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("users.2.side", "left", "--set users.2.side: there is no user number 2 (users are numbered 0 to 1)"),
+        ("users.anna.side", "left", "--set users.anna.side: there is no user number anna"),
+        ("users.0", {}, "--set users.0: name a user's number and key, for instance users.0.stiffness_npm"),
+        ("seed.x", 1, "--set seed.x: seed is a value, not a section"),
+        ("coupling.stiffnes", 1, "coupling.stiffnes: there is no such setting; did you mean coupling.stiffness_npm?"),
+        ("coupling.stiffness_npm", -1, "coupling.stiffness_npm = -1: Expected float >= 0.0"),
+    ],
+)
+def test_what_is_said_of_a_wrong_override(key: str, value: Any, message: str) -> None:
+    assert refused({"seed": 1, "users": [{}, {}]}, {key: value}).startswith(message)
+
+
+def test_overrides_are_split_at_the_first_equals_sign() -> None:
+    assert parse_override(" link.up.loss = 0.1 ") == ("link.up.loss", "0.1")
+    assert parse_override("users.0.device=sim:x?a=b") == ("users.0.device", "sim:x?a=b")
+    for text in ("loss", "=3", ""):
+        with pytest.raises(SettingsError, match=r"write it as section\.key=value"):
+            parse_override(text)
+
+
+def test_users_without_a_name_are_numbered() -> None:
+    assert [user.name for user in resolve({"users": [{}, {"name": "ben"}, {}]}).users] == ["user1", "ben", "user3"]
+
+
+tables = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3),
+        st.dictionaries(
+            st.sampled_from([path.rpartition(".")[2] for path, _ in leaves()] + ["up", "users", "link"]), inner
+        ),
+    ),
+    max_leaves=10,
+)
+
+
+@given(st.dictionaries(st.sampled_from([*Settings.__struct_fields__, "nam"]), tables, max_size=4))
+def test_any_table_resolves_or_is_refused(table: dict[str, Any]) -> None:
+    try:
+        settings = resolve(table)
+    except SettingsError:
+        return
+    for seat in range(len(settings.users)):
+        shared = seat_settings(settings, seat)
+        assert msgspec.msgpack.decode(msgspec.msgpack.encode(shared), type=SeatSettings) == shared
+
+
+def test_the_digest_binds_what_both_ends_must_agree_on_and_nothing_else() -> None:
+    table: dict[str, Any] = {"users": [{"name": "anna"}, {"name": "ben"}]}
+    same = ["seed=2", "seconds=3", "name=other", "users.0.hand=still", "users.0.device=sim:ideal", "link.delay_ms=5"]
+    other = [
+        "rates.device_hz=2048", "object.mass_kg=1", "object.axes=2", "playout.frames=3", "users.0.side=right",
+        "coupling.stiffness_npm=5", "users.1.stiffness_npm=5", "users.0.name=eve", "coupling.decimator=none",
+    ]  # fmt: skip
+
+    def after(text: str) -> str:
+        key, value = parse_override(text)
+        return digest(resolve(table, {key: int(value) if value.isdigit() else value}))
+
+    assert {after(text) for text in same} == {digest(resolve(table))}
+    assert len({after(text) for text in other} | {digest(resolve(table))}) == len(other) + 1
+
+
+def test_side_and_contact_of_a_seat() -> None:
+    settings = resolve({"object": {"kind": "faces"}, "users": [{"side": "left"}, {"side": "right"}]})
+    assert [seat_settings(settings, seat).side_sign for seat in (0, 1)] == [1.0, -1.0]
+    assert seat_settings(settings, 0).one_sided
+    assert not seat_settings(resolve({}), 0).one_sided
+
+
+def test_predicted_stiffness_counts_the_papers_lagged_force() -> None:
+    passive, paper = (seat_settings(resolve({"coupling": {"server_step": step}}), 0) for step in ("passive", "paper"))
+    assert passive.predicted_stiffness(1.0) == pytest.approx(836.6, abs=0.05)
+    assert paper.predicted_stiffness(3.0) == pytest.approx(passive.predicted_stiffness(1.0))
+    assert seat_settings(resolve({"coupling": {"kind": "coupling"}}), 0).predicted_stiffness(1.0) is None

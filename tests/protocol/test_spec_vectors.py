@@ -1,0 +1,308 @@
+"""SPEC.md is the wire: its vectors, tables and limits, read out of the page and held against the code.
+
+`msgpack` is the independent reader: it shares no code with the msgspec that the product uses.
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import msgspec
+import pytest
+
+from cogrip.protocol import line, messages, session
+from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.line import LineReceiver, LineSender
+from cogrip.protocol.messages import MalformedError, decode, encode
+from cogrip.protocol.settings import Coupling, LinkProfile, Object, Playout, SeatSettings, resolve
+from cogrip.server.core import ServerCore
+
+SPEC = (Path(__file__).parents[2] / "protocol" / "SPEC.md").read_text(encoding="utf-8")
+VECTOR = re.compile(r"^```vector (.+?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINE = re.compile(r"^([0-9a-f]*(?:00\*(\d+))?)(?: +(.*))?$")
+
+
+def section(title: str) -> str:
+    """The text under a heading, to the next heading."""
+    found = re.search(rf"^#+ {re.escape(title)}.*?\n(.*?)(?=^#+ |\Z)", SPEC, re.MULTILINE | re.DOTALL)
+    assert found, title
+    return found[1]
+
+
+def rows(text: str, first: str) -> list[list[str]]:
+    """The cells of the first table whose header begins with `first`."""
+    lines = text.splitlines()
+    start = next(number for number, one in enumerate(lines) if one.startswith(f"| {first} |"))
+    table = []
+    for one in lines[start + 2 :]:
+        if not one.startswith("|"):
+            break
+        table.append([cell.strip() for cell in one.strip().strip("|").split("|")])
+    return table
+
+
+def parse(body: str) -> tuple[bytes, list[tuple[list[int], str, bytes, str]]]:
+    """The datagram, and for each element (place, name, its bytes, what is said of it)."""
+    elements: list[tuple[list[int], str, bytes, str]] = []
+    for one in body.splitlines():
+        found = LINE.match(one)
+        assert found, one
+        digits, zeros, label = found.groups()
+        raw = bytes.fromhex(digits.partition("00*")[0] if zeros else digits) + bytes(int(zeros or 0))
+        if label is None:  # more bytes of the element above
+            place, name, before, said = elements[-1]
+            elements[-1] = (place, name, before + raw, said)
+        else:
+            head, _, said = label.partition(" = ") if " = " in label else label.partition(": ")
+            where, _, name = head.partition(" ")
+            place = [int(step) for step in where.split(".")] if where[0].isdigit() else []
+            elements.append((place, name, raw, said if " = " in label else f": {said}"))
+    return b"".join(raw for _, _, raw, _ in elements), elements
+
+
+VECTORS = {name: parse(body) for name, body in VECTOR.findall(SPEC)}
+
+
+def said(value: Any) -> Any:
+    """A value as the page writes it."""
+    if isinstance(value, bytes):
+        assert not any(value)
+        return {"zeros": len(value)}
+    return value
+
+
+def test_every_message_has_a_vector() -> None:
+    assert sorted({datagram[1] for datagram, _ in VECTORS.values()}) == [1, 2, 3, 4, 5, 6, 7, 8]
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_the_independent_reader_finds_what_the_page_says(name: str) -> None:
+    datagram, elements = VECTORS[name]
+    whole = msgpack.unpackb(datagram)
+    for place, _, raw, text in elements:
+        value = whole
+        for step in place:
+            value = value[step]
+        if text.startswith(": "):
+            assert raw == bytes([0x90 | len(value)])
+        else:
+            assert said(value) == json.loads(text)
+            assert msgpack.unpackb(raw) == value
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_the_code_reads_the_vector_and_writes_it_back_byte_for_byte(name: str) -> None:
+    datagram, elements = VECTORS[name]
+    message = decode(datagram)
+    assert encode(message) == datagram
+    if isinstance(message, messages.Hello):
+        assert messages.padded(msgspec.structs.replace(message, padding=b"")) == datagram
+    for place, field, _, text in elements:
+        if place in ([], [0]) or text.startswith(": "):
+            continue
+        value: Any = message
+        for step in [place[0] - 1, *place[1:]]:
+            value = getattr(value, value.__struct_fields__[step])
+        plain = msgspec.to_builtins(value, builtin_types=(bytes,))
+        assert said(json.loads(json.dumps(plain)) if not isinstance(plain, bytes) else plain) == json.loads(text), field
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_lengths_are_what_the_page_says(name: str) -> None:
+    title = name[0].upper() + name[1:]
+    assert f"\n{title}, {len(VECTORS[name][0])} bytes:\n" in SPEC
+
+
+@pytest.mark.parametrize(("name", "digits", "why"), rows(section("12.2"), "vector"))
+def test_other_forms_of_a_message_are_the_same_message(name: str, digits: str, why: str) -> None:
+    datagram = bytes.fromhex(digits.strip("`"))
+    assert datagram != VECTORS[name][0], why
+    assert decode(datagram) == decode(VECTORS[name][0]), why
+
+
+@pytest.mark.parametrize(("digits", "why"), rows(section("12.3"), "bytes"))
+def test_what_is_malformed_is_refused(digits: str, why: str) -> None:
+    datagram = bytes.fromhex(digits.strip("`"))
+    with pytest.raises(MalformedError):
+        raise AssertionError(f"{why}: read as {decode(datagram)}")
+
+
+def test_the_line_plays_what_the_page_says() -> None:
+    sender, receiver = LineSender(1, 2), LineReceiver(1, 1, 1 / 128)
+    table = rows(section("12.4"), "frame")
+    assert [int(row[0]) for row in table] == list(range(len(table)))
+    for _, wave, first, waves, total, squares, played, counts in table:
+        sender.push((float(wave),))
+        if first != "-":
+            contents = (int(first), tuple(json.loads(waves)), (float(total),), (float(squares),))
+            assert sender.contents() == contents
+            assert receiver.receive(*contents)
+        assert receiver.take()[0] == pytest.approx(float(played), abs=1e-15)
+        count = receiver.count()
+        assert [count.sent, count.applied, count.late, count.lost] == [int(number) for number in counts.split()]
+
+
+ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
+    # section, the words before the table, what codes it, a vector that has one, where
+    ("3.3 Hello", "", messages.Hello, "hello", []),
+    ("3.4 Welcome", "", messages.Welcome, "welcome", []),
+    ("3.4 Welcome", "Settings:", SeatSettings, "welcome", [6]),
+    ("3.5 Refuse", "", messages.Refuse, "refuse", []),
+    ("3.6 Waves", "", messages.Waves, "waves from a client", []),
+    ("3.7 State", "", messages.State, "state", []),
+    ("3.8 Heartbeat", "", messages.Heartbeat, "heartbeat", []),
+    ("3.8 Heartbeat", "Stamp:", messages.Stamp, "heartbeat", [2]),
+    ("3.9 Leave", "", messages.Leave, "leave", []),
+    ("3.9 Leave", "Client's account:", ClientAccount, "leave with an account", [3]),
+    ("3.10 Farewell", "", messages.Farewell, "farewell", []),
+    ("3.10 Farewell", "Seat's account:", SeatAccount, "farewell", [3]),
+    ("3.10 Farewell", "Room's account:", RoomAccount, "farewell", [4]),
+]
+MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
+    ("coupling", Coupling, [6, 6]),
+    ("object", Object, [6, 8]),
+    ("playout", Playout, [6, 10]),
+]
+
+
+def table_of(title: str, words: str) -> list[list[str]]:
+    text = section(title)
+    return rows(text.partition(words)[2] if words else text, "place")
+
+
+@pytest.mark.parametrize(("title", "words", "struct"), [array[:3] for array in ARRAYS])
+def test_fields_stand_in_the_places_of_the_page(title: str, words: str, struct: type[msgspec.Struct]) -> None:
+    table = table_of(title, words)
+    assert [int(row[0]) for row in table] == list(range(len(table)))
+    tag = struct.__struct_config__.tag
+    fields = struct.__struct_fields__
+    assert [row[1] for row in table] == [*(["tag"] if tag else []), *fields]
+    if tag:
+        assert table[0][3] == str(tag)
+        optional = [row[1] for row in table if row[-1].startswith("*optional*")]
+        assert optional == list(fields[len(fields) - len(struct.__struct_defaults__) :])
+
+
+def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
+    leave = section("3.9 Leave")
+    for title, struct in (("Counts", LinkCount), ("Percentiles", Percentiles), ("Ticks", TickCount)):
+        text = leave.partition(f"{title}: ")[2].partition(".")[0]
+        assert re.findall(r"`(\w+)`", text) == list(struct.__struct_fields__)
+    welcome = section("3.4 Welcome")
+    up = next(row for row in rows(welcome.partition("Settings:")[2], "place") if row[1] == "up")
+    assert re.findall(r"`(\w+)`", up[4]) == list(LinkProfile.__struct_fields__)
+    keys = rows(welcome, "map")
+    for name, struct, _ in MAPS:
+        assert [row[1] for row in keys if row[0] == name] == list(struct.__struct_fields__)
+
+
+def number(text: str) -> float:
+    """A number as the tables write it: 2^63 - 1, -10^4, 0.99."""
+    base, _, rest = text.partition("^")
+    if not rest:
+        return int(text) if text.isdigit() else float(text)
+    power, _, less = rest.partition(" - ")
+    size = int(base.removeprefix("-")) ** int(power) - int(less or 0)
+    return -size if base.startswith("-") else size
+
+
+def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
+    """(value, allowed) on both sides of what a table's row says."""
+    if kind in ("int", "real"):
+        low, _, high = (f"-{bound[2:]} to {bound[2:]}" if bound.startswith("+-") else bound).partition("to ")
+        bottom, top = number(low.strip(" ,>")), number(high)
+        under, over = (1 if kind == "int" else max(1e-6, 1e-3 * abs(end)) for end in (bottom, top))
+        return [
+            (bottom, ">" not in low),
+            (bottom - under, False),
+            (bottom + under, True),
+            (top, True),
+            (top + over, False),
+        ]
+    if kind == "text" and bound.startswith('"'):
+        names = re.findall(r'"(\w+)"', bound)
+        return [*((name, True) for name in names), ("other", False)]
+    if kind == "text":
+        low, _, high = bound.rpartition(" to ")
+        return [("x" * int(high), True), ("x" * (int(high) + 1), False), ("", not low)]
+    if kind == "bool":
+        return [(True, True), (False, True), (1, False), (None, False)]
+    lengths = re.fullmatch(r"list of (\d+) to (\d+) reals", kind)
+    if lengths:
+        short, long = int(lengths[1]), int(lengths[2])
+        top = number(bound.removeprefix("+-"))
+        one = [old[0]]
+        sizes = [(one * short, True), (one * (short - 1), False), (one * long, True), (one * (long + 1), False)]
+        return [*sizes, ([top] * short, True), ([-top] * short, True), ([top * 1.001] * short, False)]
+    return []
+
+
+def rows_with_bounds() -> list[tuple[str, list[Any], str, str]]:
+    """(vector, place, type, bound) of every row that bounds a value."""
+    found: list[tuple[str, list[Any], str, str]] = []
+    for title, words, _, vector, path in ARRAYS:
+        if "account" not in words:
+            found += [
+                (vector, [*path, int(row[0])], row[2], row[3]) for row in table_of(title, words) if row[1] != "tag"
+            ]
+    paths = {name: path for name, _, path in MAPS}
+    found += [("welcome", [*paths[row[0]], row[1]], row[2], row[3]) for row in rows(section("3.4 Welcome"), "map")]
+    return [row for row in found if row[2] == "bool" or (row[3] and row[2] != "bytes")]
+
+
+def with_value(name: str, place: list[Any], value: Any) -> bytes:
+    whole = msgpack.unpackb(VECTORS[name][0])
+    inner = whole
+    for step in place[:-1]:
+        inner = inner[step]
+    inner[place[-1]] = value
+    return bytes(msgpack.packb(whole))
+
+
+@pytest.mark.parametrize(("name", "place", "kind", "bound"), rows_with_bounds())
+def test_both_sides_of_every_bound_of_the_page(name: str, place: list[Any], kind: str, bound: str) -> None:
+    old = msgpack.unpackb(VECTORS[name][0])
+    for step in place:
+        old = old[step]
+    tried = cases(kind, bound, old)
+    assert tried
+    for value, allowed in tried:
+        datagram = with_value(name, place, value)
+        if allowed:
+            decode(datagram)
+        else:
+            with pytest.raises(MalformedError):
+                decode(datagram)
+
+
+@pytest.mark.parametrize(("words", "table"), [("Client:", session.CLIENT), ("Seat, at the server:", session.SEAT)])
+def test_states_are_those_of_the_page(words: str, table: session.Table) -> None:
+    found = rows(section("4.2").partition(words)[2], "state")
+    assert {(state, event): after for state, event, after in found} == dict(table)
+
+
+def test_refusal_codes_are_those_of_the_page() -> None:
+    """Every way to be refused, tried on a server with one room of one seat."""
+    settings = resolve({"name": "lab", "object": {"axes": 2}})
+    core = ServerCore([settings], "1", lambda: 1)
+    fit = session.make_hello(
+        software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0
+    )
+    wrong: list[dict[str, Any]] = [
+        {"version": 2}, {"room": "attic"}, {"name": "eve"}, {"digest": "x"}, {"device_axes": 1}, {"device_rate_hz": 1.0},
+        {}, {"name": ""}, {},
+    ]  # fmt: skip
+    for number, change in enumerate(wrong):
+        core.receive(messages.padded(msgspec.structs.replace(fit, **change)), number, 0)
+    codes = [row[0] for row in rows(section("4.3"), "code")]
+    assert sorted(core.dropped) == sorted(f"refused: {code}" for code in codes)
+
+
+@pytest.mark.parametrize(("name", "value", "unit"), rows(section("10."), "name"))
+def test_limits_are_those_of_the_page(name: str, value: str, unit: str) -> None:
+    holders = [module for module in (messages, session, line) if hasattr(module, name)]
+    assert holders
+    assert all(getattr(module, name) == float(value) for module in holders)
+    assert name.endswith(f"_{unit.upper()}") or unit not in ("ns", "bytes")

@@ -1,0 +1,111 @@
+"""The wave transformation: the power identity, both ends of an ideal line, and what the paper prints instead."""
+
+from collections.abc import Callable
+from math import isclose, sqrt
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cogrip.protocol.waves import device_force, device_wave, port_power, proxy_velocity, server_wave
+
+impedances = st.floats(0.1, 1e3)
+velocities = st.floats(-10.0, 10.0)
+forces = st.floats(-100.0, 100.0)
+wave_values = st.floats(-100.0, 100.0)
+
+TINY = 1e-300  # below it squares lose digits
+
+
+def printed_server_wave(b: float, forward: float, force: float) -> float:
+    """P eq. 13 as printed."""
+    return forward - force / sqrt(2.0 * b)
+
+
+def printed_proxy_velocity(b: float, forward: float, force: float) -> float:
+    """P eq. 17 as printed."""
+    return 2.0 / sqrt(b) * forward - force / b
+
+
+@given(impedances, velocities, wave_values)
+def test_power_at_the_device_is_what_the_waves_carry(b: float, velocity: float, returning: float) -> None:
+    forward = device_wave(b, velocity, returning)
+    power = device_force(b, velocity, returning) * velocity
+    assert isclose(
+        port_power(forward, returning), power, rel_tol=1e-12, abs_tol=1e-12 * (forward**2 + returning**2) + TINY
+    )
+
+
+@given(impedances, wave_values, forces)
+def test_power_at_the_server_is_what_the_waves_carry(b: float, forward: float, force: float) -> None:
+    returning = server_wave(b, forward, force)
+    power = force * proxy_velocity(b, forward, force)
+    assert isclose(
+        port_power(forward, returning), power, rel_tol=1e-12, abs_tol=1e-12 * (forward**2 + returning**2) + TINY
+    )
+
+
+@given(impedances, velocities, forces)
+def test_an_ideal_line_passes_velocity_and_force(b: float, velocity: float, force: float) -> None:
+    """Both ends agree on u and v: the proxy moves as the hand does, the hand feels the server's force."""
+    forward = (b * velocity + force) / sqrt(2.0 * b)
+    returning = server_wave(b, forward, force)
+    scale = 1e-12 * (b * abs(velocity) + abs(force)) + TINY
+    assert isclose(proxy_velocity(b, forward, force), velocity, abs_tol=scale / b)
+    assert isclose(device_force(b, velocity, returning), force, abs_tol=scale)
+    assert isclose(device_wave(b, velocity, returning), forward, abs_tol=scale / sqrt(b))
+
+
+@pytest.mark.parametrize(
+    ("wave", "velocity"),
+    [
+        (printed_server_wave, proxy_velocity),
+        (server_wave, printed_proxy_velocity),
+        (printed_server_wave, printed_proxy_velocity),
+    ],
+    ids=["eq. 13", "eq. 17", "both"],
+)
+@given(impedances, st.floats(0.01, 100.0), st.floats(0.01, 100.0))
+def test_the_printed_equations_break_the_power_identity(
+    wave: Callable[[float, float, float], float],
+    velocity: Callable[[float, float, float], float],
+    b: float,
+    forward: float,
+    share: float,
+) -> None:
+    force = share * sqrt(b) * forward
+    missing = port_power(forward, wave(b, forward, force)) - force * velocity(b, forward, force)
+    # in units of u^2 the missing power is a polynomial in share = F / (u sqrt(b)); stay away from its isolated roots
+    roots = {
+        (printed_server_wave, proxy_velocity): (2.0 * sqrt(2.0) / 3.0,),
+        (server_wave, printed_proxy_velocity): (),
+        (printed_server_wave, printed_proxy_velocity): (4.0 * (2.0 - 1.0 / sqrt(2.0)) / 3.0,),
+    }[wave, velocity]
+    assume(all(abs(share - root) > 0.01 for root in roots))
+    assert abs(missing) > 1e-3 * forward * forward * share
+
+
+def held_force(
+    wave: Callable[[float, float, float], float], velocity: Callable[[float, float, float], float]
+) -> list[float]:
+    """Device force [N] while a hand moves 10 mm into a 1000 N/m wall in 0.1 s and then holds still for 0.9 s."""
+    b, K, T = 20.0, 1000.0, 1.0 / 1024.0
+    returning = proxy = 0.0
+    felt = []
+    for tick in range(1024):
+        hand_velocity = 0.1 if tick < 102 else 0.0
+        felt.append(device_force(b, hand_velocity, returning))
+        forward = device_wave(b, hand_velocity, returning)
+        proxy += T * velocity(b, forward, K * proxy)
+        returning = wave(b, forward, K * proxy)
+    return felt
+
+
+def test_steady_contact_holds_with_the_consistent_equations_and_vanishes_with_the_printed_ones() -> None:
+    depth_m = 102 * 0.1 / 1024
+    mended = held_force(server_wave, proxy_velocity)
+    assert mended[-1] == pytest.approx(1000.0 * depth_m, rel=0.05)
+    assert mended[-1] == pytest.approx(mended[-200], rel=1e-6)
+    printed = held_force(printed_server_wave, printed_proxy_velocity)
+    mean_of_last = sum(printed[-64:]) / 64
+    assert abs(mean_of_last) < 0.01

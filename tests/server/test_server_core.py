@@ -1,0 +1,383 @@
+"""The server without I/O: who gets a seat, what is dropped and under which name, how people leave."""
+
+from collections import deque
+from itertools import count
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
+from cogrip.protocol.session import LOST_NS, make_hello
+from cogrip.protocol.settings import Settings, digest, resolve
+from cogrip.server.core import ServerCore
+from cogrip.server.room import Address
+from cogrip.sim.laboratory import Laboratory
+
+FRAME_NS = 1_000_000_000 // 128
+
+
+def room(name: str = "lab", people: tuple[str, ...] = ("anna", "ben"), **tables: object) -> Settings:
+    return resolve({"name": name, "users": [{"name": person} for person in people], **tables})
+
+
+class Desk:
+    """A server core and what it says to whom."""
+
+    def __init__(self, *rooms: Settings) -> None:
+        sessions = count(100)
+        self.core = ServerCore(rooms or (room(),), "test", lambda: next(sessions))
+        self.now_ns = 0
+
+    def say(self, datagram: bytes, address: Address) -> list[messages.AnyMessage]:
+        self.core.receive(datagram, address, self.now_ns)
+        return self.heard(address)
+
+    def heard(self, address: Address) -> list[messages.AnyMessage]:
+        mine = [messages.decode(datagram) for to, datagram in self.core.outbox if to == address]
+        self.core.outbox = deque((to, datagram) for to, datagram in self.core.outbox if to != address)
+        return mine
+
+    def hello(self, address: Address, name: str = "", nonce: int = 1, **changed: object) -> messages.AnyMessage:
+        (answer,) = self.say(messages.padded(hello(name=name, nonce=nonce, **changed)), address)
+        return answer
+
+    def seat(self, address: Address, name: str = "", nonce: int = 1) -> Welcome:
+        answer = self.hello(address, name, nonce)
+        assert isinstance(answer, Welcome)
+        return answer
+
+    def refused(self, address: Address, **changed: object) -> Refuse:
+        answer = self.hello(address, **changed)  # type: ignore[arg-type]
+        assert isinstance(answer, Refuse)
+        assert self.core.dropped[f"refused: {answer.code}"] >= 1
+        return answer
+
+    def tick(self, number: int = 0) -> None:
+        self.now_ns += FRAME_NS
+        self.core.tick(self.core.rooms[number], self.now_ns)
+
+
+def hello(**changed: object) -> Hello:
+    given: dict[str, object] = {
+        "software": "test", "nonce": 1, "room": "", "name": "", "digest": "", "device": "sim:ideal", "axes": 1,
+        "rate_hz": 1024.0,
+    }  # fmt: skip
+    return make_hello(**{**given, **changed})  # type: ignore[arg-type]
+
+
+def waves(session: int, number: int, *values: float, sent_ns: int = 1) -> bytes:
+    zero = (0.0,) * len(values)
+    return messages.encode(Waves(session, number, values, zero, zero, 0.0, 0.0, 0, Stamp(sent_ns), zero + zero))
+
+
+def test_seats_are_given_in_order_and_by_name() -> None:
+    desk = Desk(room(people=("anna", "ben", "carl")))
+    assert desk.seat("x", name="ben").settings.user == "ben"
+    assert desk.seat("y").settings.user == "anna"
+    assert desk.seat("z").settings.user == "carl"
+    sessions = {desk.core.rooms[0].seats[number].session for number in range(3)}
+    assert sessions == {100, 101, 102}
+    assert [event.split(" joined")[0] for event in desk.core.events] == ["lab: ben", "lab: anna", "lab: carl"]
+
+
+def test_a_full_room_says_so() -> None:
+    desk = Desk()
+    desk.seat("x")
+    desk.seat("y")
+    refuse = desk.refused("z")
+    assert refuse.code == "full"
+    assert "all 2 seats" in refuse.reason
+    assert refuse.nonce == 1
+
+
+def test_a_room_that_is_not_here() -> None:
+    refuse = Desk(room("one"), room("two")).refused("x", room="three")
+    assert refuse.code == "room"
+    assert "'three'" in refuse.reason
+    assert "one, two" in refuse.reason
+
+
+def test_a_name_that_no_seat_is_kept_for() -> None:
+    refuse = Desk().refused("x", name="zoe")
+    assert refuse.code == "name"
+    assert "anna, ben" in refuse.reason
+
+
+def test_a_seat_that_is_taken() -> None:
+    desk = Desk()
+    desk.seat("x", name="anna")
+    assert desk.refused("y", name="anna").code == "taken"
+    assert desk.seat("y", name="ben").settings.seat == 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "words"),
+    [
+        ({"digest": "other"}, "settings", "use the same file"),
+        ({"axes": 1}, "axes", "1 of the 2 axes"),
+        ({"rate_hz": 1000.0}, "rate", "rates.device_hz = 1024"),
+    ],
+)
+def test_a_client_that_does_not_fit(changed: dict[str, object], code: str, words: str) -> None:
+    desk = Desk(room(object={"axes": 2}))
+    refuse = desk.refused("x", **{"axes": 2, **changed})
+    assert refuse.code == code
+    assert words in refuse.reason
+    assert desk.core.rooms[0].seats[0].state == "free"
+    assert isinstance(desk.hello("x", axes=2, digest=digest(desk.core.rooms[0].settings)), Welcome)
+
+
+def test_another_protocol_version_is_told_so() -> None:
+    desk = Desk()
+    future = [1, "cogrip", 99, "future", 7, "whatever", {"new": "things"}]
+    assert desk.say(messages.encode(future), "x") == [], "short ones get no answer in any version"
+    (answer,) = desk.say(messages.encode([*future, bytes(messages.HELLO_BYTES)]), "x")
+    assert isinstance(answer, Refuse)
+    assert (answer.code, answer.nonce) == ("version", 7)
+    assert "protocol 99" in answer.reason
+
+
+def test_a_repeated_hello_gets_the_same_welcome_and_no_second_seat() -> None:
+    desk = Desk()
+    first = desk.seat("x", nonce=5)
+    desk.now_ns += 250_000_000
+    assert desk.seat("x", nonce=5) == first
+    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free"]
+    assert len(desk.core.events) == 1
+
+
+def test_a_client_that_starts_again_at_its_address_loses_its_old_seat() -> None:
+    desk = Desk()
+    first = desk.seat("x", nonce=5)
+    again = desk.seat("x", nonce=6)
+    assert again.session != first.session
+    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free"]
+
+
+def test_a_short_hello_is_not_answered() -> None:
+    """Or a stranger's forged address would get more than the stranger sent."""
+    desk = Desk()
+    assert desk.say(messages.encode(hello()), "x") == []
+    assert desk.core.dropped == {"short hello": 1}
+    assert desk.core.rooms[0].seats[0].state == "free"
+
+
+def test_no_answer_to_a_stranger_is_longer_than_the_question() -> None:
+    desk = Desk(room("n" * 40, people=tuple(letter * 40 for letter in "abcd")))
+    for name in ("", "a" * 40, "z" * 40):
+        question = messages.padded(hello(name=name))
+        desk.core.receive(question, name, 0)
+        assert len(desk.core.outbox[-1][1]) <= len(question)
+
+
+@given(st.lists(st.binary(max_size=200), max_size=20))
+def test_garbage_is_counted_and_changes_nothing(datagrams: list[bytes]) -> None:
+    desk = Desk()
+    for datagram in datagrams:
+        desk.core.receive(datagram, "x", 0)
+    assert sum(desk.core.dropped.values()) == len(datagrams)
+    assert [seat.state for seat in desk.core.rooms[0].seats] == ["free", "free"]
+
+
+@given(st.data())
+def test_a_damaged_datagram_is_no_way_in(data: st.DataObject) -> None:
+    """Any byte of a good datagram changed: the core goes on, its numbers stay finite."""
+    desk = Desk()
+    session = desk.seat("x").session
+    for number in range(5):
+        good = bytearray(waves(session, number, 0.1))
+        good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
+        desk.core.receive(bytes(good), "x", desk.now_ns)
+        desk.tick()
+    assert np.all(np.isfinite(desk.core.rooms[0].world.position))
+
+
+def test_what_is_not_for_this_session() -> None:
+    desk = Desk()
+    assert desk.say(waves(1, 0, 0.1), "stranger") == []
+    session = desk.seat("x").session
+    for datagram in (waves(session + 1, 0, 0.1), messages.encode(Leave(session + 1, "forged"))):
+        assert desk.say(datagram, "x") == []
+    assert desk.say(messages.encode(Farewell(session, "forged")), "x") == []
+    assert desk.core.dropped == {"not seated": 1, "other session": 2, "unexpected": 1}
+    assert desk.core.rooms[0].seats[0].state == "seated"
+
+
+@pytest.mark.parametrize(
+    "datagram",
+    [
+        waves(100, 0, 0.1, 0.2),
+        messages.encode(State(100, 0, (0.1,), (0.0,), 0.0, 0, Stamp(1))),
+        messages.encode(Waves(100, 1 << 20, (0.1,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0))),
+    ],
+    ids=["axes", "kind", "number"],
+)
+def test_a_message_that_does_not_fit_the_room_is_unfit(datagram: bytes) -> None:
+    desk = Desk()
+    assert desk.seat("x").session == 100
+    desk.core.receive(datagram, "x", 0)
+    assert desk.core.dropped == {"unfit": 1}
+
+
+def test_every_seated_person_gets_one_datagram_a_step() -> None:
+    desk = Desk()
+    sessions = [desk.seat(address).session for address in "xy"]
+    for number in range(3):
+        desk.core.receive(waves(sessions[0], number, 0.1, sent_ns=desk.now_ns + 1), "x", desk.now_ns + 500)
+        desk.tick()
+        (answer,), (other,) = desk.heard("x"), desk.heard("y")
+        assert isinstance(answer, Waves)
+        assert answer.session == sessions[0]
+        assert answer.first + len(answer.waves) == number + 1
+        assert answer.stamp.echo_ns > 0
+        assert isinstance(other, Heartbeat), "ben has not sent a frame yet: none of ours is spent on him"
+        assert (other.session, other.stamp.echo_ns) == (sessions[1], 0)
+
+
+def test_silence_frees_the_seat_after_two_seconds() -> None:
+    desk = Desk()
+    desk.seat("x")
+    session = desk.seat("y").session
+    while desk.now_ns + FRAME_NS <= LOST_NS:
+        desk.core.receive(messages.encode(Heartbeat(session, Stamp(desk.now_ns + 1))), "y", desk.now_ns)
+        desk.tick()
+    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "seated"]
+    desk.tick()
+    assert [seat.state for seat in desk.core.rooms[0].seats] == ["free", "seated"]
+    assert desk.core.dropped == {"seat timed out": 1}
+    assert "anna has been silent" in desk.core.events[-1]
+    desk.heard("x")
+    assert desk.say(waves(100, 0, 0.1), "x") == []
+    assert desk.core.dropped["not seated"] == 1
+    assert desk.seat("z", name="anna").settings.seat == 0
+
+
+class CutLink:
+    """A cable somebody has stepped on."""
+
+    next_ns = None
+
+    def send(self, payload: bytes, now_ns: int) -> None:
+        pass
+
+
+def test_the_others_go_on_without_a_kick_when_one_falls_silent() -> None:
+    """Two squeeze a cube, one line is cut. Neither the cut nor the seat's end 2 s later jolts the other hand."""
+    hands = [{"name": "a", "hand": "reach&stroke_s=0.5&stop_s=0.5"}, {"name": "b", "hand": "hold"}]
+    settings = room(seconds=6.0, users=[{**hand, "device": "sim:ideal"} for hand in hands])
+    lab = Laboratory(settings)
+    staying, gone = lab.people
+    forces, held = [], []
+
+    def watch(_: Laboratory) -> None:
+        forces.append(staying.core.force_n[0])
+
+    def cut(_: Laboratory) -> None:
+        if lab.room.steps == 256:
+            gone.up = CutLink()  # type: ignore[assignment]
+            held.append(staying.core.force_n[0])
+
+    lab.run(watch, cut)
+    assert [seat.state for seat in lab.room.seats] == ["seated", "free"]
+    after = np.array(forces[256 * 8 :])
+    assert abs(held[0]) > 0.5, "they did squeeze"
+    assert np.abs(after).max() <= abs(held[0]) * 1.1, "never more than was held"
+    assert np.abs(np.diff(after)).max() < 0.25 * abs(held[0]), "it lets go over some frames"
+    assert np.abs(np.diff(after[250 * 8 :])).max() < 1e-6, "when the seat is taken away nothing is felt"
+    assert lab.room.world.position[0] == pytest.approx(0.03, abs=1e-6), "the cube is in the hand that is left"
+    assert gone.core.safety.state == "degraded"
+    assert max(map(abs, gone.core.force_n)) == 0.0
+
+
+def test_leaving_is_answered_again_when_repeated() -> None:
+    desk = Desk()
+    session = desk.seat("x").session
+    desk.seat("y")
+    desk.core.receive(waves(session, 0, 0.1), "x", 0)
+    desk.tick()
+    desk.heard("x")
+    leave = messages.encode(Leave(session, "done"))
+    first = desk.say(leave, "x")
+    assert isinstance(first[0], Farewell)
+    assert first[0].seat is not None
+    assert first[0].seat.up.applied == 1
+    assert desk.say(leave, "x") == first
+    assert [event for event in desk.core.events if "left" in event] == ["lab: anna left: done"]
+    assert desk.core.rooms[0].seats[0].state == "free"
+    desk.tick()
+    assert desk.heard("x") == []
+    assert len(desk.heard("y")) == 2
+    assert desk.seat("z").settings.user == "anna"
+    assert desk.say(leave, "x") == [], "the seat is someone else's now"
+
+
+def test_stopping_says_farewell_to_everyone() -> None:
+    desk = Desk(room("one"), room("two"))
+    desk.seat("x")
+    assert isinstance(desk.hello("y", room="two"), Welcome)
+    desk.core.stop("closing time")
+    for address in "xy":
+        (farewell,) = desk.heard(address)
+        assert isinstance(farewell, Farewell)
+        assert farewell.reason == "closing time"
+        assert farewell.room is not None
+    assert all(seat.state == "free" for one in desk.core.rooms for seat in one.seats)
+    desk.core.stop("again")
+    assert not desk.core.outbox
+
+
+def test_rooms_do_not_feel_each_other() -> None:
+    desk = Desk(room("one"), room("two"))
+    sessions = []
+    for address, name in (("x", "one"), ("y", "two")):
+        welcome = desk.hello(address, room=name)
+        assert isinstance(welcome, Welcome)
+        assert welcome.settings.room == name
+        sessions.append(welcome.session)
+    for number in range(60):
+        desk.core.receive(waves(sessions[0], number, 0.2), "x", desk.now_ns)
+        desk.core.receive(waves(sessions[1], number, 0.0), "y", desk.now_ns)
+        desk.tick(0)
+        desk.tick(1)
+    one, two = desk.core.rooms
+    assert one.world.position[0] > 1e-3
+    assert two.world.position[0] == 0.0
+    assert one.steps == two.steps == 60
+
+
+def test_a_hello_without_a_room_finds_a_seat_anywhere() -> None:
+    desk = Desk(room("one", ("anna",)), room("two", ("ben",)))
+    assert desk.seat("x").settings.room == "one"
+    assert desk.seat("y").settings.room == "two"
+    assert desk.refused("z").code == "full"
+
+
+def test_missed_steps_send_zeros_and_are_numbered_on() -> None:
+    desk = Desk()
+    session = desk.seat("x").session
+    desk.core.receive(waves(session, 0, 0.1), "x", desk.now_ns)
+    desk.tick()
+    for number in range(1, 5):
+        desk.core.receive(waves(session, number, 0.1), "x", desk.now_ns)
+    desk.core.tick(desk.core.rooms[0], desk.now_ns + 4 * FRAME_NS, frames=4)
+    answer = desk.heard("x")[-1]
+    assert isinstance(answer, Waves)
+    assert answer.first + len(answer.waves) == 5
+    assert answer.waves[1:4] == (0.0, 0.0, 0.0)
+    port = desk.core.rooms[0].seats[0].port
+    assert port is not None
+    count = port.count()
+    assert (count.applied, count.late, count.pending) == (2, 3, 0)
+
+
+def test_an_object_that_leaves_the_room_has_diverged() -> None:
+    desk = Desk()
+    session = desk.seat("x").session
+    for number in range(400):
+        desk.core.receive(waves(session, number, 3.0), "x", desk.now_ns)
+        desk.tick()
+    assert "left the workspace" in desk.core.rooms[0].diverged
+    assert desk.core.rooms[0].account().diverged
