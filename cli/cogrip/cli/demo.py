@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -16,13 +15,14 @@ from rich.console import Console
 from rich.live import Live
 
 from cogrip.cli.live_table import LiveTable
+from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load, shipped, try_hands
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.report import write_report
-from cogrip.sim.run_folder import SETTINGS, SUMMARY, make_run_folder, read_accounts, write_settings, write_summary
+from cogrip.sim.run_folder import SETTINGS, SUMMARY, read_accounts, write_settings, write_summary
 from cogrip.sim.summary import of_accounts
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
@@ -34,7 +34,7 @@ WATCH_EVERY_S = 0.1
 def demo(
     *,
     config: Path | None = None,
-    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
@@ -47,7 +47,7 @@ def demo(
     ----------
     config
         Settings file; configs/demo.toml if not given.
-    set
+    overrides
         Override a setting: section.key=value. Repeatable.
     hands
         Hand of the first, second ... person in place of the settings' (such as csv:FILE&time=t_s&x=x_m). Repeatable.
@@ -57,8 +57,8 @@ def demo(
         Folder in which the run's own folder is made.
     """
     path = config or shipped("demo.toml")
-    overrides = [*set, *([f"seconds={seconds}"] if seconds is not None else [])]
-    settings = load(path, overrides)
+    changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
+    settings = load(path, changes)
     if len(hands) > len(settings.users):
         raise BadInput(f"--hands is given {len(hands)} times, but {path} has {len(settings.users)} users")
     users = [
@@ -68,7 +68,7 @@ def demo(
     settings = msgspec.structs.replace(settings, users=tuple(users))
     try_hands(settings)
     console = Console(highlight=False, soft_wrap=True)
-    folder = make_run_folder(runs, settings.name, datetime.now())
+    folder = new_run_folder(runs, settings.name)
     stop = Stop()
     with on_signals(stop):
         failed = _watch(settings, folder, stop, console)
@@ -81,17 +81,19 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
     file = folder / SETTINGS
     common = ["--into", str(folder)]
     # it would stop by itself if we were killed
-    server = _start(folder / "server.log", ["serve", str(file), "--port", "0", "--seconds", str(settings.seconds + 60), *common])
+    server = _start(
+        folder / "server.log", ["serve", str(file), "--port", "0", "--seconds", str(settings.seconds + 60), *common]
+    )
     clients: dict[str, subprocess.Popen[bytes]] = {}
     failed: list[str] = []
     try:
         port = _port(server, folder / "server.log", stop)
         for user in settings.users:
             log = folder / f"client-{user.name.replace(' ', '_')}.log"
+            who = ["--config", str(file), "--name", user.name]
             clients[user.name] = _start(
                 log,
-                ["join", f"127.0.0.1:{port}", "--config", str(file), "--name", user.name]
-                + ["--seconds", str(settings.seconds), *common],
+                ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *common],
             )
         table = LiveTable(folder, list(clients))
         told = begun = False
@@ -107,7 +109,9 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
                 live.update(table.table())
                 if not begun and table.everyone():
                     begun = True
-                    live.console.print(f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}")
+                    live.console.print(
+                        f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}"
+                    )
     finally:
         if server.poll() is None:
             server.send_signal(signal.SIGTERM)

@@ -1,13 +1,13 @@
 """`cogrip join`: one person, one device, one server."""
 
 import secrets
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.serve import DEFAULT_PORT
 from cogrip.cli.settings_file import load
@@ -20,7 +20,7 @@ from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.link import LinkEmulator
-from cogrip.sim.run_folder import client_trace, make_run_folder, write_account, write_summary
+from cogrip.sim.run_folder import client_trace, write_account, write_summary
 from cogrip.sim.summary import of_client
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
@@ -34,7 +34,7 @@ def join(
     name: str = "",
     room: str = "",
     config: Path | None = None,
-    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     axes: int | None = None,
     seconds: float | None = None,
     runs: Path = Path("runs"),
@@ -58,7 +58,7 @@ def join(
     config
         Settings file of the session: the join is refused unless the server's settings are the same. The user called
         --name in it (else the first) says which device and hand.
-    set
+    overrides
         Override a setting of --config.
     axes
         How many axes to move on; else what --config says, else 3 (the room uses the first ones it needs).
@@ -72,8 +72,8 @@ def join(
         Write report.html and plots at the end.
     """
     console = Console(highlight=False, soft_wrap=True)
-    settings = load(config, set) if config else None
-    if set and not config:
+    settings = load(config, overrides) if config else None
+    if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
     where = _address(server)
     arm, address = _device(settings, name, device, axes)
@@ -86,8 +86,7 @@ def join(
 
     def trace_at(seat: SeatSettings) -> Path:
         nonlocal folder
-        folder = folder or make_run_folder(runs, f"{seat.room}-{seat.user}", datetime.now())
-        console.print(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {address}")
+        folder = folder or new_run_folder(runs, f"{seat.room}-{seat.user}")
         return folder / client_trace(seat.user)
 
     stop = Stop()
@@ -122,7 +121,9 @@ def _address(text: str) -> tuple[str, int]:
     if not colon:
         return text, DEFAULT_PORT
     if not port.isdigit() or not 0 < int(port) < 65536 or not host:
-        raise BadInput(f"server {text!r}: write HOST:PORT with a port from 1 to 65535, such as 127.0.0.1:{DEFAULT_PORT}")
+        raise BadInput(
+            f"server {text!r}: write HOST:PORT with a port from 1 to 65535, such as 127.0.0.1:{DEFAULT_PORT}"
+        )
     return host.strip("[]"), int(port)
 
 

@@ -1,7 +1,6 @@
 """`cogrip lab`: a whole session in virtual time."""
 
 import sys
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -9,16 +8,17 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, try_hands
 from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.run_folder import make_run_folder, summary_text
+from cogrip.sim.run_folder import summary_text
 
 
 def lab(
     config: Path,
     /,
     *,
-    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     runs: Path = Path("runs"),
 ) -> int:
@@ -30,17 +30,17 @@ def lab(
     ----------
     config
         Settings file.
-    set
+    overrides
         Override a setting: section.key=value. Repeatable; a user's are users.0.key.
     json
         Write only the summary, as JSON, to this file (- for standard output), and no run folder.
     runs
         Folder in which the run's own folder (summary, report, plots, traces) is made.
     """
-    settings = load(config, set)
+    settings = load(config, overrides)
     try_hands(settings)
     console = Console(stderr=True)
-    folder = None if json else make_run_folder(runs, settings.name, datetime.now())
+    folder = None if json else new_run_folder(runs, settings.name)
     with Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
         TimeRemainingColumn(), console=console, transient=True,

@@ -11,8 +11,16 @@ from cogrip.client.safety import STATES
 from cogrip.protocol.io.trace import TraceReader
 from cogrip.sim.run_folder import ROOM_TRACE, client_trace
 
-
-_HEADINGS = ("person", "state", "hand\nmm", "force\nN", "round trip\nms", "lost\nframes", "late\nticks", "energy\nmargin mJ")
+_HEADINGS = (
+    "person",
+    "state",
+    "hand\nmm",
+    "force\nN",
+    "round trip\nms",
+    "lost\nframes",
+    "late\nticks",
+    "energy\nmargin mJ",
+)
 
 
 class LiveTable:

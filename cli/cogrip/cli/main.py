@@ -10,7 +10,10 @@ from cogrip.cli.problem import Problem
 from cogrip.protocol.version import VERSION
 
 COMMANDS = {
-    "demo": ("cogrip.cli.demo:demo", "Two simulated people hold one cube over UDP on this machine; ends with a report."),
+    "demo": (
+        "cogrip.cli.demo:demo",
+        "Two simulated people hold one cube over UDP on this machine; ends with a report.",
+    ),
     "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
     "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
     "lab": ("cogrip.cli.lab:lab", "Run a whole session in virtual time, without sleeping."),

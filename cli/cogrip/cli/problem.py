@@ -7,7 +7,7 @@ class Problem(Exception):
     exit_code = 1
 
 
-class BadInput(Problem):  # noqa: N818 (reads as what it is)
+class BadInput(Problem):
     """What was asked for cannot be done as asked."""
 
     exit_code = 2

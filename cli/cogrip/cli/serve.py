@@ -1,17 +1,17 @@
 """`cogrip serve`: the shared object, for whoever joins."""
 
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.server.loop import LiveServer, ServeError
-from cogrip.sim.run_folder import ROOM_TRACE, make_run_folder, write_settings, write_summary
+from cogrip.sim.run_folder import ROOM_TRACE, write_settings, write_summary
 from cogrip.sim.summary import of_room
 
 DEFAULT_PORT = 47800
@@ -21,7 +21,7 @@ def serve(
     *config: Path,
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
-    set: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
     into: Path | None = None,
@@ -37,7 +37,7 @@ def serve(
         Address to listen on. Anything but loopback is open to whoever can reach it: sessions are not sealed yet.
     port
         UDP port; 0 takes a free one.
-    set
+    overrides
         Override a setting in every file: section.key=value. Repeatable.
     seconds
         Stop by yourself after so long.
@@ -51,7 +51,7 @@ def serve(
     console = Console(highlight=False, soft_wrap=True)
     if not config:
         raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
-    rooms = [load(path, set) for path in config]
+    rooms = [load(path, overrides) for path in config]
     names = [room.name for room in rooms]
     for name in names:
         if names.count(name) > 1:
@@ -69,9 +69,8 @@ def serve(
         bound = server.listen()
     except ServeError as error:
         raise Problem(str(error)) from None
-    now = datetime.now()
     for settings in rooms:
-        folders[settings.name] = into or make_run_folder(runs, settings.name, now)
+        folders[settings.name] = into or new_run_folder(runs, settings.name)
         write_settings(folders[settings.name], settings)
     with on_signals(stop):
         console.print(f"listening on {bound[0]}:{bound[1]}; rooms: {', '.join(names)}; Ctrl-C ends")

@@ -100,7 +100,6 @@ class LiveClient:
 
     def _session(self) -> Ended:
         core, seat = self._core, self._core.seat
-
         assert seat is not None
         for profile, name in ((seat.up, "up"), (seat.down, "down")):
             if profile != LinkProfile():
@@ -109,6 +108,7 @@ class LiveClient:
         device.open(seat.rates.device_hz)
         path = self.trace_at(seat)
         measures = engage()  # last of all preparations: they would starve others at real-time priority
+        self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
         trace = None
         start_ns = time.monotonic_ns() + LEAD_NS
         if path is not None:

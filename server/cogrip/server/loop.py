@@ -151,6 +151,6 @@ class LiveServer:
         while outbox:
             address, datagram = outbox.popleft()
             try:
-                put(datagram, address)  # type: ignore[arg-type]  # the addresses are the socket's own
+                put(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
                 self.core.drop(f"socket: {error.strerror}")

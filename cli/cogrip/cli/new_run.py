@@ -1,0 +1,11 @@
+"""A run folder named by the time it is here and now."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from cogrip.sim.run_folder import make_run_folder
+
+
+def new_run_folder(base: Path, name: str) -> Path:
+    """A new folder below `base`."""
+    return make_run_folder(base, name, datetime.now(UTC).astimezone())
