@@ -40,8 +40,8 @@ def test_one_seed_one_summary(capsys):
 
 def test_the_paper_step_diverges_where_ours_does_not(capsys):
     stiff = [
-        "--set", "coupling.stiffness_npm=1e5", "--set", "link.delay_ms=31.25", "--set", "playout.frames=0", "--set", "seconds=4",
-        "--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal",
+        "--set", "coupling.stiffness_npm=1e5", "--set", "link.delay_ms=31.25", "--set", "playout.frames=0",
+        "--set", "seconds=4", "--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal",
     ]  # fmt: skip
     code, ours = lab_json(capsys, DEMO, *stiff)
     assert code == 0

@@ -31,7 +31,10 @@ for _name, (_target, _help) in COMMANDS.items():
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command (of the process's own arguments, if none are given). Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted."""
+    """Run one command: `arguments`, or the process's own.
+
+    Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted.
+    """
     errors = Console(stderr=True, highlight=False, soft_wrap=True)
     try:
         code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
