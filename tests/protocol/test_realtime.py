@@ -112,3 +112,19 @@ def test_measures_come_in_the_stated_order_and_unknown_ones_are_named() -> None:
     with pytest.raises(ValueError, match=r"'turbo'.*timer-slack"):
         realtime.engage(["turbo"])
     assert realtime.engage([]) == []
+
+
+def test_processors_are_kept_awake_by_an_open_file(tmp_path, monkeypatch):
+    """The kernel honours the request while the file is open, and forgets it when it is closed."""
+    file = tmp_path / "cpu_dma_latency"
+    monkeypatch.setattr(realtime, "LATENCY_FILE", str(file))
+    (absent,) = realtime.engage(["cpu-awake"])
+    assert not absent.granted
+    assert "there is no" in absent.detail
+    file.touch()
+    (measure,) = realtime.engage(["cpu-awake"])
+    assert measure.granted
+    assert file.read_bytes() == bytes(4)
+    realtime.release([measure])
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        measure.undo()
