@@ -4,12 +4,15 @@ import dataclasses
 import json as jsonlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.console import Console, Group
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cogrip.cli.problem import BadInput
 from cogrip.protocol.io import punctuality
 from cogrip.protocol.io.punctuality import Machine, Punctuality
 from cogrip.protocol.io.realtime import PRIORITY
@@ -94,18 +97,18 @@ def _render(console: Console, machine: Machine, found: Sequence[Punctuality], ad
     )
 
 
-def doctor(seconds: float = 1.0, json: str | None = None) -> int:
+def doctor(*, seconds: float = 1.0, json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None) -> int:
     """Measures how punctual this machine is and says what would help.
 
     Parameters
     ----------
     seconds
-        How long each of the 21 rows is measured.
+        How long each row is measured: three rates, with and without each real-time measure.
     json
         Also write everything to this file; `-` prints it instead of the tables.
     """
     if not 0.05 <= seconds <= 600.0:
-        raise ValueError(f"seconds {seconds} is outside 0.05 to 600 for each of the measurements")
+        raise BadInput(f"--seconds {seconds:g} is outside 0.05 to 600: so long is each row measured")
     console = Console()
     found: list[Punctuality] = []
     columns = (TextColumn("{task.description:<32}"), BarColumn(), TimeRemainingColumn())

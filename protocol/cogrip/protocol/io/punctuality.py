@@ -29,7 +29,7 @@ SETUPS: dict[str, tuple[tuple[str, ...], int]] = {
     f"+ spin {SPIN_NS // 1000} us": ((), SPIN_NS),
     "+ gc frozen": (("gc-frozen",), 0),
     "+ memory locked": (("memory-locked",), 0),
-    "+ processors awake": (("cpu-awake",), 0),
+    "+ CPUs awake": (("cpu-awake",), 0),
     "+ SCHED_FIFO": (("fifo",), 0),
     ALL: (realtime.NAMES, SPIN_NS),
 }

@@ -1,0 +1,56 @@
+"""What doctor concludes from what it measured; the measuring itself is a benchmark and is only run, not judged."""
+
+import dataclasses
+
+import pytest
+
+from cogrip.protocol.io import punctuality
+from cogrip.protocol.io.punctuality import ALL, PLAIN, Punctuality, advise, verdict
+
+
+def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
+    return Punctuality(rate_hz, setup, 1000, skipped, {"p99": p99_us}, {}, refused or {})
+
+
+@pytest.mark.parametrize(
+    ("p99_us", "skipped", "word"),
+    [
+        (244.0, 1, "in reach"),
+        (245.0, 1, "marginal"),
+        (244.0, 2, "marginal"),
+        (976.0, 10, "marginal"),
+        (977.0, 0, "out of reach"),
+        (10.0, 11, "out of reach"),
+    ],
+)
+def test_verdict_on_both_sides_of_each_bound(p99_us, skipped, word):
+    assert verdict(found(p99_us, skipped)) == word
+
+
+def test_advice_names_the_cure():
+    machine = dataclasses.replace(
+        punctuality.examine(),
+        usable_cpus=1,
+        governor="powersave",
+        virtual=True,
+        preemption="PREEMPT_DYNAMIC",
+        load_1min=9.0,
+    )
+    refused = {"fifo": "refused: priority 40 needs an rtprio limit"}
+    advice = "\n".join(advise(machine, [found(2000.0, refused=refused), found(2000.0, setup=PLAIN)]))
+    for words in (
+        "rtprio 40",
+        "out of reach",
+        "Only one processor",
+        "cpupower",
+        "virtual machine",
+        "PREEMPT_RT",
+        "busy",
+    ):
+        assert words in advice
+
+
+def test_a_row_is_measured_in_a_child_process():
+    row = punctuality.measure(1024, ALL, 0.05)
+    assert row.due >= 50
+    assert set(row.lateness_us) == {"p50", "p99", "p999", "max"}
