@@ -11,18 +11,14 @@ from math import exp
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, World
+from cogrip.server.worlds.world import Array, HandWorld
 
 
-class LaggedWorld(World):
-    """`hand` is x_s, shape (n, a), in the object's frame."""
+class LaggedWorld(HandWorld):
+    """The object under held forces, and contact by the usual rules."""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
-        self.hand = np.zeros_like(self.force)
-        kind = seats[0].object.kind
-        self._fixed = kind == "wall"
-        self._one_sided = kind != "cube"
         period, mass, damping = self.frame_s, self.mass_kg, self.object_damping
         if damping > 0.0:  # exact zero-order hold of m v' + b v = F over T
             self._decay = exp(-damping * period / mass)
@@ -33,32 +29,11 @@ class LaggedWorld(World):
             self._decay, self._gain = 1.0, period / mass
             self._glide, self._reach = period, 0.5 * period * period / mass
 
-    def join(self, user: int, position_m: Array) -> None:
-        self.present[user] = True
-        if self._one_sided:
-            inside = max(0.0, self.side[user] * (position_m[0] - self.position[0]))
-            self.hand[user] = position_m
-            self.hand[user, 0] -= self.side[user] * inside
-        else:
-            self.hand[user] = self.position
-        self.offset[user] = position_m - self.hand[user]
-        self.force[user] = 0.0
-        self.stiffness[user] = self.target_stiffness[user]
-        self.damping[user] = self.target_damping[user]
-
-    def leave(self, user: int) -> None:
-        self.present[user] = False
-        self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
-
-    def proxy(self, user: int) -> Array:
-        place: Array = self.hand[user] + self.offset[user]
-        return place
-
     def contact(self, hand_velocity: Array) -> Array:
         """F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with the usual depth test."""
         stretch = self.hand - self.position
         force = self.stiffness * stretch + self.damping * (hand_velocity - self.velocity)
-        if self._one_sided:
+        if self.one_sided:
             push = np.where(self.side * stretch[:, 0] > 0.0, np.maximum(0.0, self.side * force[:, 0]), 0.0)
             force[:, 0] = self.side * push
             force[:, 1:] = 0.0
@@ -66,7 +41,7 @@ class LaggedWorld(World):
 
     def move_object(self) -> Array:
         """The object under the held forces for one frame, exactly. Returns its displacement, shape (a,)."""
-        if self._fixed:
+        if self.fixed:
             return np.zeros_like(self.position)
         total = self.force.sum(axis=0) + self.external_force
         moved: Array = self._glide * self.velocity + self._reach * total
@@ -97,7 +72,7 @@ class PaperWorld(LaggedWorld):
 
     def _stored(self) -> float:
         stretch = self.hand - self.position
-        if self._one_sided:
+        if self.one_sided:
             stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
         return float(
             0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * (self.velocity @ self.velocity))

@@ -4,39 +4,13 @@ Contact is along the first axis, with no friction on the others. Whether there i
 force alone: the usual extra test `depth > 0` creates energy. Passive for any K, B, b, m_o, n.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, World
+from cogrip.server.worlds.world import Array, HandWorld
 
 
-class PushWorld(World):
-    """`hand` is x_s, shape (n, a), in the object's frame; depth d = s (x_s - x_o) on the first axis."""
-
-    def __init__(self, seats: Sequence[SeatSettings]) -> None:
-        super().__init__(seats)
-        self.hand = np.zeros_like(self.force)
-        self._fixed = seats[0].object.kind == "wall"
-
-    def join(self, user: int, position_m: Array) -> None:
-        self.hand[user] = position_m
-        # a hand that starts inside is taken to be on the surface: pressing in before joining stored no energy
-        inside = max(0.0, self.side[user] * (position_m[0] - self.position[0]))
-        self.hand[user, 0] -= self.side[user] * inside
-        self.offset[user] = position_m - self.hand[user]
-        self.present[user] = True
-        self.stiffness[user] = self.target_stiffness[user]  # costs nothing at depth 0
-        self.damping[user] = self.target_damping[user]
-
-    def leave(self, user: int) -> None:
-        self.present[user] = False
-        self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
-
-    def proxy(self, user: int) -> Array:
-        place: Array = self.hand[user] + self.offset[user]
-        return place
+class PushWorld(HandWorld):
+    """Depth is d = s (x_s - x_o) on the first axis."""
 
     def step(self, inputs: Array) -> Array:
         period, b, c = self.frame_s, self.impedance, self.wave_gain
@@ -48,14 +22,14 @@ class PushWorld(World):
         share = 1.0 / (1.0 + G / b1)
         rest = (K * depth + G * side * free_velocity[:, 0]) * share  # F at v = 0
         slope = G * share  # dF / d(s v)
-        v = 0.0 if self._fixed else self._object_velocity(rest, slope)
+        v = 0.0 if self.fixed else self._object_velocity(rest, slope)
         push = np.maximum(0.0, rest - slope * side * v)
         force = np.zeros_like(self.force)
         force[:, 0] = side * push
         proxy_velocity = free_velocity - force / b
         back = u - c * force
 
-        velocity = np.zeros_like(self.velocity) if self._fixed else self._free_velocity(v)
+        velocity = np.zeros_like(self.velocity) if self.fixed else self._free_velocity(v)
         hand = self.hand + period * proxy_velocity
         position = self.position + period * velocity
         grown = side * (hand[:, 0] - position[0])

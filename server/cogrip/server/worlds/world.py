@@ -63,3 +63,35 @@ class World(ABC):
     @property
     def left_workspace(self) -> bool:
         return not all(abs(place) <= WORKSPACE_M for place in self.position.tolist())
+
+
+class HandWorld(World):
+    """A world that keeps each proxy's own place: `hand` is x_s, shape (n, a), in the object's frame."""
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        self.hand = np.zeros_like(self.force)
+        self.fixed = seats[0].object.kind == "wall"
+        self.one_sided = seats[0].one_sided
+
+    def join(self, user: int, position_m: Array) -> None:
+        if self.one_sided:
+            self.hand[user] = position_m
+            # a hand that starts inside is taken to be on the surface: pressing in before joining stored no energy
+            inside = max(0.0, self.side[user] * (position_m[0] - self.position[0]))
+            self.hand[user, 0] -= self.side[user] * inside
+        else:
+            self.hand[user] = self.position
+        self.offset[user] = position_m - self.hand[user]
+        self.force[user] = 0.0
+        self.present[user] = True
+        self.stiffness[user] = self.target_stiffness[user]  # costs nothing while nothing is stretched
+        self.damping[user] = self.target_damping[user]
+
+    def leave(self, user: int) -> None:
+        self.present[user] = False
+        self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
+
+    def proxy(self, user: int) -> Array:
+        place: Array = self.hand[user] + self.offset[user]
+        return place
