@@ -8,6 +8,7 @@ from pathlib import Path
 import msgpack
 import pytest
 
+from cogrip.protocol.io.trace import TraceReader
 from cogrip.protocol.messages import HELLO_BYTES
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -25,6 +26,15 @@ HOLD = ("--device", "sim:phantom?hand=hold")
 def leaving(folder: Path) -> tuple[str, ...]:
     """Arguments for a run that leaves everything but a report there."""
     return "--runs", str(folder), "--no-report"
+
+
+def steps_in(runs: Path) -> int:
+    """How many steps the only run below `runs` has left in its trace so far."""
+    try:
+        (path,) = runs.glob("*/room.trace")
+        return TraceReader(path).count
+    except ValueError:  # not there, or not whole yet
+        return 0
 
 
 def accounted(link: dict) -> bool:
@@ -196,3 +206,15 @@ def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
     assert (folder / "report.html").exists()
     for user in summary_in(tmp_path)["users"]:
         assert user["force_n"] == [0.0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
+    lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path)
+    while lab.popen.poll() is None and steps_in(tmp_path) < 10:
+        pass
+    lab.signal(number)
+    assert lab.end() == 130, lab.said
+    (folder,) = tmp_path.iterdir()
+    assert (folder / "report.html").exists()
+    assert 0 < summary_in(tmp_path)["seconds"] < 100_000

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, try_hands
+from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
 
@@ -41,12 +42,12 @@ def lab(
     try_hands(settings)
     console = Console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
-    with Progress(
+    with on_signals(Stop()) as stop, Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
         TimeRemainingColumn(), console=console, transient=True,
     ) as progress:  # fmt: skip
         task = progress.add_task(settings.name, total=settings.seconds)
-        outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done))
+        outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done), stop)
     summary = outcome.summary
     if json == "-":
         sys.stdout.write(summary_text(summary))

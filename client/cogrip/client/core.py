@@ -126,6 +126,7 @@ class ClientCore:
                 position = None
         if self._origin is None:
             if position is None:
+                self.session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
                 return
             self._origin = self._frame_position = self.position_m = position
             self.velocity_mps = velocity

@@ -8,8 +8,8 @@ class AlphaBeta:
 
     `memory` is the pole both errors decay with: alpha = 1 - memory^2, beta = (1 - memory)^2. An encoder step of q metres
     moves the estimate by beta q / T; that times b is the noise the hand feels. The estimate lags by about
-    2 memory / (1 - memory) ticks, and a damper that lags by tau is unstable above b tau / m = pi / 2: at 0.8 an arm of
-    0.075 kg at b = 20 breaks into oscillation, at 0.6 one of 0.045 kg does not (tests/client).
+    2 memory / (1 - memory) ticks, and lag in a damper gives energy: with 0.8 sessions of `sim:phantom` at b = 20 break into
+    oscillation below 0.1 kg, with 0.6 they are quiet at 0.045 kg (tests/sim/test_estimated_damping.py).
     """
 
     __slots__ = ("_alpha", "_beta_rate", "_position", "_tick_s", "_velocity")

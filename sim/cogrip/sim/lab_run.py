@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.client import trace_row as client_row
+from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.io.trace import TraceWriter
 from cogrip.protocol.settings import Settings
 from cogrip.server import trace_row as room_row
@@ -16,7 +17,7 @@ from cogrip.sim.summary import of_laboratory
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A run in virtual time: its summary, why it diverged ("" if it did not), and whether Ctrl-C cut it short."""
+    """A run in virtual time: its summary, why it diverged ("" if it did not), and whether it was cut short."""
 
     summary: dict[str, Any]
     diverged: str
@@ -24,11 +25,15 @@ class Outcome:
 
 
 def run_laboratory(
-    settings: Settings, folder: Path | None = None, progress: Callable[[float, float], None] | None = None
+    settings: Settings,
+    folder: Path | None = None,
+    progress: Callable[[float, float], None] | None = None,
+    stop: Stop | None = None,
 ) -> Outcome:
     """Run to the end. With a folder, settings, traces and summary are left there.
 
-    progress: called with (seconds done, seconds in all) now and then. Ctrl-C ends the run; what was run is kept.
+    progress: called with (seconds done, seconds in all) now and then. Once `stop` is set the run ends; what was run is
+    kept.
     Raises DeviceError for a device or hand that cannot be had.
     """
     laboratory = Laboratory(settings)
@@ -39,18 +44,15 @@ def run_laboratory(
         if progress and lab.room.steps % every == 0:
             progress(lab.seconds, settings.seconds)
 
-    interrupted = False
     try:
-        laboratory.run(each_tick, each_frame)
-    except KeyboardInterrupt:
-        interrupted = True
+        laboratory.run(each_tick, each_frame, lambda: bool(stop and stop.reason))
     finally:
         close()
     summary = of_laboratory(laboratory)
     if folder:
         write_settings(folder, settings)
         write_summary(folder, summary)
-    return Outcome(summary, laboratory.diverged, interrupted)
+    return Outcome(summary, laboratory.diverged, bool(stop and stop.reason))
 
 
 def _tracing(laboratory: Laboratory, folder: Path) -> tuple[Callable[[Laboratory], None], Callable[[], None]]:

@@ -125,9 +125,14 @@ class Laboratory:
                 each_tick(self)
             self.tick += 1
 
-    def run(self, each_tick: Watch | None = None, each_frame: Watch | None = None) -> None:
-        """To the end of the session, or until it has diverged."""
-        while self.tick < self.frames * self._ticks_per_frame and not self.diverged:
+    def run(
+        self,
+        each_tick: Watch | None = None,
+        each_frame: Watch | None = None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """To the end of the session, until it has diverged, or until `stopped` says so."""
+        while self.tick < self.frames * self._ticks_per_frame and not self.diverged and not stopped():
             self.frame(each_tick)
             if each_frame is not None:
                 each_frame(self)
