@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.io.trace import TraceReader, TraceWriter
+from cogrip.protocol.io.trace import TraceReader, TraceWriter, open_trace
 
 COLUMNS = ("time_s", "x", "y")
 
@@ -62,3 +62,24 @@ def test_what_is_no_trace_is_refused(tmp_path, content):
     (tmp_path / "a.trace").write_bytes(content)
     with pytest.raises(ValueError, match="not a cogrip trace"):
         TraceReader(tmp_path / "a.trace")
+
+
+def test_the_start_may_be_told_later(tmp_path):
+    writer = writer_at(tmp_path / "a.trace")
+    writer.begin(4711)
+    writer.append((0.0, 1.0, 2.0))
+    writer.close()
+    reader = TraceReader(tmp_path / "a.trace")
+    assert reader.start_ns == 4711
+    assert rows_of(reader) == [(0.0, 1.0, 2.0)]
+    reader.close()
+
+
+def test_a_session_goes_on_where_no_trace_can_be_had(tmp_path):
+    said = []
+    (tmp_path / "a.trace").touch()
+    for path in (tmp_path / "a.trace", tmp_path / "missing" / "a.trace"):
+        assert open_trace(path, COLUMNS, rate_hz=4, seconds=1, who="anna", say=said.append) is None
+    assert [words.startswith("no trace of this session") for words in said] == [True, True]
+    assert open_trace(None, COLUMNS, rate_hz=4, seconds=1, who="anna", say=said.append) is None
+    assert len(said) == 2

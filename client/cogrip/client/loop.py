@@ -18,12 +18,12 @@ from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import Measure, engage, release
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.io.trace import TraceWriter
+from cogrip.protocol.io.trace import TraceWriter, open_trace
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Farewell, Hello
 from cogrip.protocol.settings import LinkProfile, SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
-TRACE_SECONDS = 600.0  # kept of a session without an end
+TRACE_SECONDS = 300.0  # kept of a session without an end
 
 
 class Link(Protocol):
@@ -106,16 +106,16 @@ class LiveClient:
                 setattr(self, f"_{name}", self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}"))
         device = self.device = first_axes(self.device, seat.object.axes)
         device.open(seat.rates.device_hz)
-        path = self.trace_at(seat)
-        measures = engage()  # last of all preparations: they would starve others at real-time priority
+        # everything that takes time comes before the first tick, real-time priority last: it would starve others
+        trace = open_trace(
+            self.trace_at(seat), trace_row.columns(seat.object.axes), rate_hz=seat.rates.device_hz,
+            seconds=self.seconds or TRACE_SECONDS, who=seat.user, say=self.say,
+        )  # fmt: skip
+        measures = engage()
         self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
-        trace = None
         start_ns = time.monotonic_ns() + LEAD_NS
-        if path is not None:
-            trace = TraceWriter(
-                path, trace_row.columns(seat.object.axes), rate_hz=seat.rates.device_hz,
-                seconds=self.seconds or TRACE_SECONDS, who=seat.user, start_ns=start_ns,
-            )  # fmt: skip
+        if trace is not None:
+            trace.begin(start_ns)
         pacer = Pacer(seat.rates.device_hz, start_ns)
         try:
             failed = self._loop(pacer, trace)

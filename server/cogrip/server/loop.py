@@ -13,7 +13,7 @@ from pathlib import Path
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.io.trace import TraceWriter
+from cogrip.protocol.io.trace import TraceWriter, open_trace
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
@@ -23,7 +23,7 @@ from cogrip.server.room import Room
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
-TRACE_SECONDS = 600.0
+TRACE_SECONDS = 300.0
 
 
 class ServeError(Exception):
@@ -69,20 +69,23 @@ class LiveServer:
 
     def run(self) -> None:
         """Serve until stopped, say goodbye, and leave with the socket closed."""
+        traces: dict[str, TraceWriter] = {}
+        for room in self.core.rooms:
+            trace = open_trace(
+                self.trace_at(room.name), trace_row.columns(room.world.axes, len(room.seats)),
+                rate_hz=room.settings.rates.network_hz, seconds=max(TRACE_SECONDS, room.settings.seconds), who=room.name,
+                say=self.say,
+            )  # fmt: skip
+            if trace is not None:
+                traces[room.name] = trace
         measures = engage()
         self._start_ns = time.monotonic_ns()
         pacers = {}
-        traces: dict[str, TraceWriter] = {}
         for room in self.core.rooms:
-            pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
-            pacers[room.name] = pacer
+            pacers[room.name] = pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
             room.ticks = pacer.count
-            path = self.trace_at(room.name)
-            if path is not None:
-                traces[room.name] = TraceWriter(
-                    path, trace_row.columns(room.world.axes, len(room.seats)), rate_hz=pacer.rate_hz,
-                    seconds=max(TRACE_SECONDS, room.settings.seconds), who=room.name, start_ns=self._start_ns,
-                )  # fmt: skip
+            if room.name in traces:
+                traces[room.name].begin(self._start_ns)
         try:
             with self._socket:
                 self._loop(pacers, traces)

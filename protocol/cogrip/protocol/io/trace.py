@@ -11,8 +11,9 @@ processes and never slow the writer; what they are too slow for is overwritten, 
 
 import json
 import mmap
+import os
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,17 @@ MAX_BYTES = 256 * 2**20  # a longer run overwrites its oldest rows
 
 
 class TraceWriter:
-    """Makes the file at `path`; raises FileExistsError rather than overwrite one. Rows are float64, shape (columns,)."""
+    """Makes the file at `path`. Rows are float64, shape (columns,).
 
-    __slots__ = ("_capacity", "_count", "_map", "_row", "_width", "columns")
+    Raises FileExistsError rather than overwrite a file, OSError where there is no room for the whole ring: a mapped file
+    that runs out of disk later would kill the loop.
+    """
 
-    def __init__(self, path: Path, columns: Sequence[str], *, rate_hz: int, seconds: float, who: str, start_ns: int):
+    __slots__ = ("_about", "_capacity", "_count", "_map", "_row", "_width", "columns")
+
+    def __init__(
+        self, path: Path, columns: Sequence[str], *, rate_hz: int, seconds: float, who: str, start_ns: int = 0
+    ) -> None:
         width = 8 * len(columns)
         wanted = int(seconds * rate_hz) + 2 * rate_hz
         self._capacity = max(1, min(wanted, MAX_BYTES // width))
@@ -34,18 +41,31 @@ class TraceWriter:
         self._row = struct.Struct(f"<{len(columns)}d")
         self._count = 0
         self.columns = tuple(columns)
-        about = {
+        self._about: dict[str, Any] = {
             "columns": list(columns), "capacity": self._capacity, "rate_hz": rate_hz, "who": who, "start_ns": start_ns
         }  # fmt: skip
-        text = json.dumps(about).encode()
-        if len(text) > HEADER_BYTES - 20:
-            raise ValueError(f"{len(columns)} columns do not fit the header of {HEADER_BYTES} bytes; use fewer")
+        size = HEADER_BYTES + self._capacity * width
         with path.open("x+b") as file:
-            file.truncate(HEADER_BYTES + self._capacity * width)
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:
+                file.truncate(size)
             self._map = mmap.mmap(file.fileno(), 0)
         self._map[0:8] = MAGIC
-        struct.pack_into("<QI", self._map, 8, 0, len(text))
-        self._map[20 : 20 + len(text)] = text
+        struct.pack_into("<Q", self._map, 8, 0)
+        self._write_header()
+
+    def _write_header(self) -> None:
+        text = json.dumps(self._about).encode()
+        if len(text) > HEADER_BYTES - 20:
+            raise ValueError(f"{len(self.columns)} columns do not fit the header of {HEADER_BYTES} bytes; use fewer")
+        struct.pack_into("<I", self._map, 16, len(text))
+        self._map[20:HEADER_BYTES] = text.ljust(HEADER_BYTES - 20, b"\0")
+
+    def begin(self, start_ns: int) -> None:
+        """The clock's reading [ns] at which `time_s` is 0, once it is known."""
+        self._about["start_ns"] = start_ns
+        self._write_header()
 
     def append(self, row: Sequence[float]) -> None:
         count = self._count
@@ -55,20 +75,27 @@ class TraceWriter:
 
     def close(self) -> None:
         """Flush, and give back the space that was never written."""
-        used = HEADER_BYTES + min(self._count, self._capacity) * self._width
-        if self._count < self._capacity:
-            self._map[20:HEADER_BYTES] = self._header_of(max(1, self._count))
+        rows = max(1, self._count)
+        if rows < self._capacity:
+            self._about["capacity"] = rows
+            self._write_header()
         self._map.flush()
-        if self._count < self._capacity:
-            self._map.resize(max(used, HEADER_BYTES + self._width))
+        if rows < self._capacity:
+            self._map.resize(HEADER_BYTES + rows * self._width)
         self._map.close()
 
-    def _header_of(self, capacity: int) -> bytes:
-        (length,) = struct.unpack_from("<I", self._map, 16)
-        about: dict[str, Any] = json.loads(self._map[20 : 20 + length])
-        text = json.dumps({**about, "capacity": capacity}).encode()
-        struct.pack_into("<I", self._map, 16, len(text))
-        return text.ljust(HEADER_BYTES - 20, b"\0")
+
+def open_trace(
+    path: Path | None, columns: Sequence[str], *, rate_hz: int, seconds: float, who: str, say: Callable[[str], None]
+) -> TraceWriter | None:
+    """A trace for a live loop; where it cannot be had, that is said and the session goes on without."""
+    if path is None:
+        return None
+    try:
+        return TraceWriter(path, columns, rate_hz=rate_hz, seconds=seconds, who=who)
+    except OSError as error:
+        say(f"no trace of this session: {path}: {error.strerror}")
+        return None
 
 
 class TraceReader:
