@@ -10,7 +10,7 @@
 Invariant, per axis and at every tick: sum(played^2) <= sum(sent^2 of the frames up to it) + tank.
 
 The fate of every frame has a name: applied (played in time), late (arrived after its time), lost (never arrived);
-sent = applied + late + lost counts the frames whose time has come.
+sent = applied + late + lost counts the frames that are known to have been sent and whose time has come.
 """
 
 from collections import deque
@@ -179,13 +179,18 @@ class LineReceiver:
         return played
 
     @property
+    def _due(self) -> int:
+        """Frames that are known to have been sent and whose time has come."""
+        return min(self._sent, self._newest + 1)
+
+    @property
     def lost(self) -> int:
-        """Frames whose time has come and that have not arrived."""
-        return self._sent - self._applied - self._late
+        """Frames of `_due` that have not arrived."""
+        return self._due - self._applied - self._late
 
     def count(self) -> LinkCount:
         return LinkCount(
-            sent=self._sent,
+            sent=self._due,
             received=self._received,
             applied=self._applied,
             lost=self.lost,
