@@ -22,7 +22,7 @@ from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.report import write_report
-from cogrip.sim.run_folder import SETTINGS, SUMMARY, read_accounts, write_settings, write_summary
+from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
 from cogrip.sim.summary import of_accounts
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
@@ -89,7 +89,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
     try:
         port = _port(server, folder / "server.log", stop)
         for user in settings.users:
-            log = folder / f"client-{user.name.replace(' ', '_')}.log"
+            log = folder / client_log(user.name)
             who = ["--config", str(file), "--name", user.name]
             clients[user.name] = _start(
                 log,
@@ -161,7 +161,7 @@ def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, c
         report = write_report(folder)
     console.print(terminal_summary(summary))
     for name in failed:
-        log = folder / ("server.log" if name == "server" else f"client-{name.replace(' ', '_')}.log")
+        log = folder / ("server.log" if name == "server" else client_log(name))
         words = log.read_text().strip().splitlines()
         console.print(f"{name} failed: {words[-1] if words else 'it said nothing'} (see {log})")
     travel = summary["object"]["travel_m"] or 0.0

@@ -18,12 +18,22 @@ ROOM_TRACE = "room.trace"
 
 def client_trace(name: str) -> str:
     """File name of one person's trace."""
-    return f"client-{name.replace(' ', '_')}.trace"
+    return f"client-{_file_name(name)}.trace"
+
+
+def client_log(name: str) -> str:
+    """File name of what one person's client said."""
+    return f"client-{_file_name(name)}.log"
+
+
+def _file_name(name: str) -> str:
+    """A name as part of a file name; `+` is in no name, so no two names become one."""
+    return name.replace(" ", "+")
 
 
 def make_run_folder(base: Path, name: str, now: datetime) -> Path:
     """A new folder below `base`, never one that exists."""
-    stem = f"{now:%Y%m%d-%H%M%S}-{name.replace(' ', '_')}"
+    stem = f"{now:%Y%m%d-%H%M%S}-{_file_name(name)}"
     for suffix in ("", *(f"-{number}" for number in range(2, 1000))):
         folder = base / f"{stem}{suffix}"
         try:
