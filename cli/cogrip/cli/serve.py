@@ -1,5 +1,6 @@
 """`cogrip serve`: the shared object, for whoever joins."""
 
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated
 
@@ -73,6 +74,10 @@ def serve(
         folders[settings.name] = into or new_run_folder(runs, settings.name)
         write_settings(folders[settings.name], settings)
     with on_signals(stop):
+        if not ip_address(bound[0]).is_loopback:
+            console.print(
+                f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed: anyone may join"
+            )
         console.print(f"listening on {bound[0]}:{bound[1]}; rooms: {', '.join(names)}; Ctrl-C ends")
         server.run()
         console.print(f"stopped: {stop.reason}")

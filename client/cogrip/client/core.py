@@ -178,7 +178,7 @@ class ClientCore:
             return
         self.travel_m += dist(position, self._frame_position)
         self._frame_position = position
-        if self._rest is not None:
+        if self._rest is not None and self.safety.state == "live":  # not while the force is let go
             assert self.seat is not None
             side = self.seat.side_sign
             self._rest.add(side * position[0], side * self.force_n[0])
