@@ -124,6 +124,8 @@ class ClientCore:
                 velocity = self._estimator.update(position, elapsed or 1)
             if not self.safety.check(elapsed, position, velocity):
                 position = None
+                if self._estimator is not None:
+                    self._estimator.reset()
         if self._origin is None:
             if position is None:
                 self.session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same

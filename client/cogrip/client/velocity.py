@@ -35,3 +35,8 @@ class AlphaBeta:
             estimate[axis] = predicted + alpha * error
             velocity[axis] += beta_rate * error
         return velocity
+
+    def reset(self) -> None:
+        """Forget everything: the last sample was not to be used."""
+        self._position = None
+        self._velocity = [0.0] * len(self._velocity)

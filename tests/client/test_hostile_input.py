@@ -1,0 +1,81 @@
+"""Whatever a server or a device says, no force above the device's limit reaches the hand, and none that is not finite."""
+
+import math
+from random import Random
+
+import pytest
+
+from cogrip.client.core import ClientCore
+from cogrip.devices.device import Sample
+from cogrip.devices.registry import make
+from cogrip.protocol.messages import Stamp, Waves, Welcome, encode
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import resolve, seat_settings
+
+TICK_NS = 976_562
+SESSION = 77
+
+
+def seated(axes, **coupling):
+    capability = make("sim:phantom", axes=axes).capability
+    hello = make_hello(
+        software="x", nonce=1, room="", name="", digest="", device="sim", axes=axes, rate_hz=float(capability.rate_hz)
+    )
+    core = ClientCore(hello, capability)
+    core.call(0)
+    settings = resolve({"object": {"axes": axes}, "coupling": coupling})
+    core.receive(encode(Welcome(1, 1, SESSION, "", "x", seat_settings(settings, 0))), 0)
+    return core
+
+
+def hostile_waves(chance, axes, tick):
+    def reals(count, bound):
+        return tuple(chance.uniform(-bound, bound) for _ in range(count))
+
+    stamp = Stamp(*[chance.randint(0, 2**60) for _ in range(3)])
+    first, frames = chance.randint(0, tick // 8 + 3), chance.randint(1, 8)
+    message = Waves(
+        SESSION, first, reals(frames * axes, 1e4), reals(axes, 1e15), reals(axes, 1e15), 0.0, 0.0, chance.randint(0, 2**40),
+        stamp, reals(2 * axes, 1e4),
+    )  # fmt: skip
+    return encode(message)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_force_beyond_the_limit_whatever_comes(seed):
+    chance = Random(seed)
+    axes = chance.randint(1, 3)
+    core = seated(axes, impedance_nspm=10 ** chance.uniform(0, 4), stiffness_npm=1e7)
+    limit_n = core.capability.peak_force_n * (1 + 1e-12)
+    tick, faults = 0, 0
+    for _ in range(2500):
+        tick += chance.choice((2, 50, 200)) if chance.random() < 0.003 else 1
+        reading = [chance.gauss(0.0, 1e-4) for _ in range(axes)]
+        if chance.random() < 0.002:
+            reading[0] = chance.choice((math.nan, math.inf, 1e9))
+        sample = None if chance.random() < 0.02 else Sample(tuple(reading), None)
+        core.sense(tick, sample, tick * TICK_NS)
+        if chance.random() < 0.3:
+            core.receive(hostile_waves(chance, axes, tick), tick * TICK_NS)
+        force = core.act(tick * TICK_NS)
+        assert math.hypot(*force) <= limit_n, "nan fails this too"
+        if core.safety.state == "fault" and chance.random() < 0.02:
+            faults += 1
+            core.rearm()
+    assert faults > 0
+    assert core.peak_force_n > 0.0
+
+
+def test_a_bad_number_does_not_outlive_its_fault():
+    core = seated(1)
+    for tick in range(40):
+        reading = math.nan if tick == 20 else 0.001
+        core.sense(tick, Sample((reading,), None), tick * TICK_NS)
+        core.act(tick * TICK_NS)
+    assert core.safety.state == "fault"
+    core.rearm()
+    for tick in range(40, 60):
+        core.sense(tick, Sample((0.001,), None), tick * TICK_NS)
+        core.act(tick * TICK_NS)
+    assert core.safety.state == "live"
+    assert all(math.isfinite(speed) for speed in core.velocity_mps)
