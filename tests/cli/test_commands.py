@@ -79,6 +79,8 @@ def test_a_run_leaves_its_folder(tmp_path, capsys):
         (["lab", DEMO, "--set", "users.0.hand=csv:none.csv&time=t&x=x"], "none.csv"),
         (["serve"], "name at least one settings file"),
         (["serve", DEMO, DEMO], "two rooms are called 'demo'"),
+        (["serve", DEMO, "--port", "99999"], "--port 99999 is outside 0 to 65535"),
+        (["lab", DEMO, "--runs", "/proc/x"], "no folder can be made there"),
         (["join", "nowhere:port"], "HOST:PORT"),
         (["join", "127.0.0.1:1", "--device", "sim:phantm"], "sim:phantm"),
         (["join", "127.0.0.1:1", "--set", "seed=1"], "--config"),

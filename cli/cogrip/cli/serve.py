@@ -52,6 +52,8 @@ def serve(
     console = Console(highlight=False, soft_wrap=True)
     if not config:
         raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
+    if not 0 <= port <= 65535:
+        raise BadInput(f"--port {port} is outside 0 to 65535")
     rooms = [load(path, overrides) for path in config]
     names = [room.name for room in rooms]
     for name in names:

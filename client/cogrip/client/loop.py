@@ -16,14 +16,14 @@ from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.io.realtime import Measure, engage, release
+from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.io.trace import TraceWriter, open_trace
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Farewell, Hello
 from cogrip.protocol.settings import LinkProfile, SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
-TRACE_SECONDS = 300.0  # kept of a session without an end
+TRACE_SECONDS = 120.0  # kept of a session without an end
 
 
 class Link(Protocol):
@@ -73,13 +73,22 @@ class LiveClient:
     def run(self) -> Ended:
         """Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened."""
         self._core = ClientCore(self.hello, self.device.capability)
-        family = socket.getaddrinfo(*self.server, type=socket.SOCK_DGRAM)[0]
+        host, port = self.server
+        try:
+            family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise JoinError(f"{host}: {error.strerror}; check the server's name") from None
         self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         with self._socket:
             self._socket.connect(family[4])
-            self._call()
-            return self._session()
+            # before there is a seat to lose: locking memory can take a second on a busy machine
+            measures = engage(name for name in NAMES if name != "fifo")
+            try:
+                self._call()
+                return self._session(measures)
+            finally:
+                release(measures)
 
     def _call(self) -> None:
         core = self._core
@@ -98,7 +107,7 @@ class LiveClient:
             self._drain(now_ns)
             time.sleep(0.002)
 
-    def _session(self) -> Ended:
+    def _session(self, measures: list[Measure]) -> Ended:
         core, seat = self._core, self._core.seat
         assert seat is not None
         for profile, name in ((seat.up, "up"), (seat.down, "down")):
@@ -106,12 +115,13 @@ class LiveClient:
                 setattr(self, f"_{name}", self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}"))
         device = self.device = first_axes(self.device, seat.object.axes)
         device.open(seat.rates.device_hz)
-        # everything that takes time comes before the first tick, real-time priority last: it would starve others
+        self._keep_seat()
         trace = open_trace(
             self.trace_at(seat), trace_row.columns(seat.object.axes), rate_hz=seat.rates.device_hz,
             seconds=self.seconds or TRACE_SECONDS, who=seat.user, say=self.say,
         )  # fmt: skip
-        measures = engage()
+        self._keep_seat()
+        measures += engage(["fifo"])  # last of all preparations: they would starve others
         self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
         start_ns = time.monotonic_ns() + LEAD_NS
         if trace is not None:
@@ -120,7 +130,6 @@ class LiveClient:
         try:
             failed = self._loop(pacer, trace)
         finally:
-            release(measures)
             device.close()
             if trace is not None:
                 trace.close()
@@ -129,6 +138,12 @@ class LiveClient:
         self._leave(failed, account)
         counts = {**core.session.dropped, **core.safety.counts, **self._counts, "skipped tick": pacer.skipped}
         return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures)
+
+    def _keep_seat(self) -> None:
+        """Let the server hear of us while the device and the rest are being made ready."""
+        now_ns = time.monotonic_ns()
+        self._core.session.heartbeat(now_ns)
+        self._send(now_ns)
 
     def _loop(self, pacer: Pacer, trace: TraceWriter | None) -> str:
         """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
