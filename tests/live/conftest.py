@@ -85,7 +85,9 @@ def serve(run: Callable[..., Process], tmp_path: Path) -> Callable[..., tuple[Pr
     """Start a server on a free port; gives it and the port."""
 
     def start(config: Path, *arguments: str) -> tuple[Process, int]:
-        server = run("serve", config, "--port", "0", "--runs", tmp_path / "server", "--no-report", *arguments)
+        server = run(
+            "serve", config, "--port", "0", "--seconds", "120", "--runs", tmp_path / "server", "--no-report", *arguments
+        )
         return server, int(server.hear(r"listening on \S+:(\d+)")[1])
 
     return start

@@ -176,7 +176,9 @@ def test_a_port_in_use_and_a_server_that_is_not_there(run, serve, tmp_path):
 
 
 def test_several_rooms_in_one_daemon(run, tmp_path):
-    server = run("serve", DEMO, CONFIGS / "three-users.toml", "--port", "0", *leaving(tmp_path / "server"))
+    server = run(
+        "serve", DEMO, CONFIGS / "three-users.toml", "--port", "0", "--seconds", "120", *leaving(tmp_path / "server")
+    )
     port = server.hear(r"listening on \S+:(\d+)")[1]
     one = run("join", f"127.0.0.1:{port}", "--room", "demo", "--seconds", "1", *leaving(tmp_path / "1"))
     two = run("join", f"127.0.0.1:{port}", "--room", "three-users", "--seconds", "1", *leaving(tmp_path / "2"))
