@@ -133,12 +133,15 @@ class ClientCore:
             self._origin = self._frame_position = self.position_m = position
             self.velocity_mps = velocity
             return
-        self._book(elapsed, position, now_ns)
+        border = self._book(elapsed, position)
         if position is not None:
             self.position_m = position
             self.velocity_mps = velocity
+        if border:
+            self._send(now_ns)
 
-    def _book(self, elapsed: int, position: tuple[float, ...] | None, now_ns: int) -> None:
+    def _book(self, elapsed: int, position: tuple[float, ...] | None) -> bool:
+        """Book `elapsed` ticks; true if there is a frame to send."""
         coupling = self.coupling
         before_j = coupling.port_j
         if position is None or not elapsed:
@@ -172,8 +175,7 @@ class ClientCore:
         self.leak_j -= coupling.port_j - before_j
         if self.leak_j < self.least_leak_j:
             self.least_leak_j = self.leak_j
-        if border or elapsed >= ticks_per_frame:
-            self._send(position or self.position_m, now_ns)
+        return border or elapsed >= ticks_per_frame
 
     def _frame(self, position: tuple[float, ...] | None) -> None:
         if position is None:
@@ -185,12 +187,12 @@ class ClientCore:
             side = self.seat.side_sign
             self._rest.add(side * position[0], side * self.force_n[0])
 
-    def _send(self, position: tuple[float, ...], now_ns: int) -> None:
+    def _send(self, now_ns: int) -> None:
         if self.session.state != "seated":
             return
         assert self._origin is not None
         message = self.coupling.message(
-            self._session_id, self.session.clock.stamp(now_ns), self._origin, position, self.velocity_mps
+            self._session_id, self.session.clock.stamp(now_ns), self._origin, self.position_m, self.velocity_mps
         )
         self.outbox.append(encode(message))
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+MEMORY = 0.6
+
 
 class AlphaBeta:
     """Critically damped alpha-beta (g-h) filter, one state pair an axis.
@@ -14,7 +16,7 @@ class AlphaBeta:
 
     __slots__ = ("_alpha", "_beta_rate", "_position", "_tick_s", "_velocity")
 
-    def __init__(self, axes: int, tick_s: float, memory: float = 0.6) -> None:
+    def __init__(self, axes: int, tick_s: float, memory: float = MEMORY) -> None:
         self._alpha = 1.0 - memory * memory
         self._beta_rate = (1.0 - memory) ** 2 / tick_s
         self._tick_s = tick_s

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 
 from cogrip.protocol import decimation
+from cogrip.protocol.delays import one_way
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
 from cogrip.protocol.rates import Hz, Rates, RatesError
 
@@ -226,8 +227,8 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     up, down = settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
-        round_trip_s = (up.delay_ms + down.delay_ms) * 1e-3 + 2 * settings.playout.frames * rates.frame_s
-        compliance = _compliance(coupling, rates, round_trip_s)
+        frames = sum(one_way(way.delay_ms, settings.playout.frames, rates).frames for way in (up, down))
+        compliance = _compliance(coupling, rates, frames * rates.frame_s)
         try:
             rendered = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
         except OutOfReachError as error:

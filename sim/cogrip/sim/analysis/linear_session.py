@@ -1,0 +1,182 @@
+"""The numbers of a session that its linear model is made of, and how they are read from settings.
+
+What is left out, because it is not linear: friction, encoder steps, clamps, ramps, jitter and loss. What is assumed: a
+face or a wall stays in touch. Hands are left out too unless asked for, as in P (F_h is an input of its eq. 9, 10).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cogrip.devices.for_user import address_of, make_for
+from cogrip.devices.settings import parse_address
+from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.protocol.delays import OneWay, one_way
+from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings import SeatSettings, Settings, User, seat_settings
+
+Scheme = Literal["passive", "paper", "coupling"]
+MOST_FRAMES = 256
+SCHEMES: tuple[Scheme, ...] = ("passive", "paper", "coupling")
+"""passive: waves and theory section 3's server step; paper: P eq. 12-18; coupling: theory section 5."""
+
+
+class ModelError(ValueError):
+    """There is no linear model of what was asked for; the text says what to ask instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """One user: device, hand, coupling, and the delay of the line each way.
+
+    device_mass_kg, device_damping_nspm   m_HD, b_HD
+    hand_stiffness_npm, hand_damping_nspm K_h, B_h of the hand that holds it; 0: nobody does
+    estimated                             the force law reads the client's velocity estimate, not the exact velocity
+    impedance_nspm                        b
+    stiffness_npm, damping_nspm           K, B of the spring to the object
+    up, down                              delay of the line each way, whole frames
+    """
+
+    name: str
+    device_mass_kg: float
+    device_damping_nspm: float
+    impedance_nspm: float
+    stiffness_npm: float
+    damping_nspm: float
+    decimator: str
+    lowpass_rad_s: float
+    encoder: str
+    up: OneWay
+    down: OneWay
+    hand_stiffness_npm: float = 0.0
+    hand_damping_nspm: float = 0.0
+    estimated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSession:
+    """A session as far as it is linear. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed)."""
+
+    scheme: Scheme
+    rates: Rates
+    people: tuple[Person, ...]
+    fixed: bool
+    midpoint: bool
+    object_mass_kg: float
+    object_damping_nspm: float
+
+    @property
+    def stiffness_npm(self) -> tuple[float, ...]:
+        return tuple(person.stiffness_npm for person in self.people)
+
+
+def scheme_of(settings: Settings) -> Scheme:
+    """The scheme that the settings ask for."""
+    if settings.coupling.kind == "coupling":
+        return "coupling"
+    return "paper" if settings.coupling.server_step == "paper" else "passive"
+
+
+def scheme_overrides(scheme: Scheme) -> dict[str, str]:
+    """Settings that make a session one of `scheme`; P's has P's filter and encoder too."""
+    if scheme == "coupling":
+        return {"coupling.kind": "coupling", "coupling.server_step": "passive"}
+    if scheme == "passive":
+        return {"coupling.kind": "wave", "coupling.server_step": "passive"}
+    return {
+        "coupling.kind": "wave",
+        "coupling.server_step": "paper",
+        "coupling.decimator": "lowpass",
+        "coupling.encoder": "velocity",
+    }
+
+
+def linear_session(
+    settings: Settings, *, delay_frames: float | None = None, hands: bool = False, estimated: bool = False
+) -> LinearSession:
+    """The linear part of `settings`.
+
+    delay_frames: this delay each way [network frames] for everyone, in place of link and playout
+    hands: the simulated hands hold on with their K_h, B_h (default: free devices, as in P and theory section 6)
+    estimated: devices that give no velocity use the client's estimate (default: exact velocity, as there)
+    Raises ModelError for a scheme that does not fit the object; DeviceError for a device that cannot be had.
+    """
+    scheme = scheme_of(settings)
+    kind = settings.object.kind
+    if kind == "faces" and scheme != "passive":
+        raise ModelError(
+            f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is not '
+            'passive a model of lasting contact would promise too much; use object.kind = "cube" or "wall", or scheme "passive"'
+        )
+    people = tuple(_person(settings, seat, delay_frames, hands, estimated) for seat in range(len(settings.users)))
+    return LinearSession(
+        scheme=scheme,
+        rates=Rates(settings.rates.device_hz, settings.rates.network_hz),
+        people=people,
+        fixed=kind == "wall",
+        midpoint=kind == "cube",
+        object_mass_kg=settings.object.mass_kg,
+        object_damping_nspm=settings.object.damping_nspm,
+    )
+
+
+def _person(settings: Settings, seat: int, delay_frames: float | None, hands: bool, estimated: bool) -> Person:
+    user, shared = settings.users[seat], seat_settings(settings, seat)
+    device = make_for(user, settings.object.axes)
+    hand = device.hand if hands and isinstance(device, SimulatedDevice) else None
+    up, down = line_delays(shared, delay_frames)
+    coupling = shared.coupling
+    return Person(
+        name=user.name,
+        device_mass_kg=device.capability.apparent_mass_kg,
+        device_damping_nspm=_damping(user),
+        impedance_nspm=coupling.impedance_nspm,
+        stiffness_npm=shared.rendered_npm,
+        damping_nspm=coupling.damping_nspm,
+        decimator=coupling.decimator,
+        lowpass_rad_s=coupling.lowpass_rad_s,
+        encoder=coupling.encoder,
+        up=up,
+        down=down,
+        hand_stiffness_npm=hand.stiffness_npm if hand else 0.0,
+        hand_damping_nspm=hand.damping_nspm if hand else 0.0,
+        estimated=estimated and not device.capability.gives_velocity,
+    )
+
+
+def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWay, OneWay]:
+    """Up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
+    playout = seat.playout.frames if seat.coupling.kind == "wave" else 0
+    ways = (seat.up.delay_ms, seat.down.delay_ms)
+    if delay_frames is not None:
+        if not 0.0 <= delay_frames <= MOST_FRAMES:
+            raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
+        ways, playout = (delay_frames * seat.rates.frame_s * 1e3,) * 2, 0
+    up, down = (one_way(delay_ms, playout, seat.rates) for delay_ms in ways)
+    return up, down
+
+
+def rounding_notes(session: LinearSession) -> tuple[str, ...]:
+    """What was done about delays that are no whole number of ticks, or of frames; one sentence each, none twice."""
+    notes = []
+    for person in session.people:
+        for name, way in (("up", person.up), ("down", person.down)):
+            if way.whole and not way.frame_wait_ticks:
+                continue
+            ms = 1e3 * session.rates.tick_s
+            ticks = way.link_ticks + way.tick_wait_ticks
+            text = f"delay {name} of {way.link_ticks * ms:g} ms is {way.link_ticks:g} ticks"
+            if not way.whole:
+                text += f", no whole number: taken as {ticks:g}, as a receiver sees it at its next tick"
+            if way.frame_wait_ticks:
+                text += f"; it is played at the next frame border, after {ticks + way.frame_wait_ticks:g} ticks"
+            notes.append(text)
+    return tuple(dict.fromkeys(notes))
+
+
+def _damping(user: User) -> float:
+    address = parse_address(address_of(user))
+    if address.scheme != "sim":
+        return 0.0  # a capability record names no damping of the bare device
+    return float(address.query.get("damping_nspm", user.device_damping_nspm))

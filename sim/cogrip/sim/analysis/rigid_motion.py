@@ -1,0 +1,193 @@
+"""The eigenvalues of a session that lie at 1 by its structure, removed exactly.
+
+What nothing reads may stand anywhere, and what nothing brakes moves on for ever. Each such freedom is a vector;
+together, V (n, f), they span a subspace that the map keeps: A V = V J, with ones on J's diagonal. With pivots p, one
+state a freedom such that V_p is invertible, and k the other states, z = x_k - R x_p with R = V_k V_p^-1 are
+coordinates of what is left, and
+
+    A' = A_kk - R A_pk
+
+has all eigenvalues of A but those of J. No tolerance is involved: an eigenvalue above 1 stays where it is. The
+vectors are known in closed form; `Rigid.residual` says how well A V = V J holds.
+
+Freedoms:
+    device position i    waves carry velocities alone, so no force depends on it (virtual coupling: where K_i = 0)
+    object position      forces depend on stretches alone; with virtual coupling it goes with the devices that are sprung to it
+    stretch i            of a spring with K_i = 0
+    uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes
+    it; a person
+                         without coupling (K_i = B_i = 0) by themself. Virtual coupling brakes it by its old
+                         positions, unless K = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import Person
+from cogrip.sim.analysis.state_space import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Freedom:
+    """One vector, shape (n,), and the state to leave out for it."""
+
+    name: str
+    vector: Array
+    pivot: int
+
+
+class Rigid:
+    """All freedoms of a model with stiffnesses K [N/m], shape (N,) (None: the session's); only which of them are 0 matters."""
+
+    def __init__(self, model: LiftedModel, stiffness_npm: Sequence[float] | None = None) -> None:
+        K = model.session.stiffness_npm if stiffness_npm is None else tuple(stiffness_npm)
+        found = _of_coupling(model, K) if model.session.scheme == "coupling" else _of_waves(model, K)
+        self.names = tuple(freedom.name for freedom in found)
+        self.vectors = np.column_stack([np.zeros((model.states, 0)), *(freedom.vector for freedom in found)])
+        self._pivots = np.array([freedom.pivot for freedom in found], dtype=np.intp)
+        self._others = np.setdiff1d(np.arange(model.states), self._pivots)
+        self._R = self.vectors[self._others] @ np.linalg.inv(self.vectors[self._pivots])
+
+    def removed(self, matrix: Array) -> Array:
+        """A', (..., n - f, n - f), of a closed-loop matrix (..., n, n)."""
+        columns = matrix[..., self._others]
+        rest: Array = columns[..., self._others, :] - self._R @ columns[..., self._pivots, :]
+        return rest
+
+    def residual(self, matrix: Array) -> float:
+        """Largest entry of A V - V J, and of |eigenvalue of J - 1|, for one matrix (n, n)."""
+        V = self.vectors
+        J = np.linalg.solve(V[self._pivots], (matrix @ V)[self._pivots])
+        off = np.abs(matrix @ V - V @ J).max(initial=0.0)
+        return float(
+            max(off, np.abs(np.diag(np.triu(J)) - 1.0).max(initial=0.0), np.abs(np.tril(J, -1)).max(initial=0.0))
+        )
+
+
+def _of_waves(model: LiftedModel, K: tuple[float, ...]) -> list[Freedom]:
+    session, layout = model.session, model.layout
+    people, N = session.people, model.users
+    first = layout.server.start
+    found = [
+        _unit(model, f"device position of {person.name}", layout.clients[i].start)
+        for i, person in enumerate(people)
+        if person.hand_stiffness_npm == 0.0
+    ]
+    if not session.fixed:
+        found.append(_unit(model, "object position", first + N))
+    found += [_unit(model, f"stretch of {people[i].name}", first + i) for i in range(N) if K[i] == 0.0]
+    coupled = [i for i in range(N) if K[i] > 0.0 or people[i].damping_nspm > 0.0]
+    for group, name in _moving_together(model, coupled):
+        vector = np.zeros(model.states)
+        for i in group:
+            _glide(model, i, vector)
+        with_object = not session.fixed and (group == coupled or not group)
+        if with_object:
+            vector[first + N + 1] = 1.0
+        pivot = first + N + 1 if with_object else layout.clients[group[0]].start + 1
+        found.append(Freedom(f"uniform motion of {name}", vector, pivot))
+    return found
+
+
+def _moving_together(model: LiftedModel, coupled: list[int]) -> list[tuple[list[int], str]]:
+    """Groups that nothing brakes: the object with everyone coupled to it, and each of the others."""
+    session = model.session
+    people = session.people
+    groups: list[tuple[list[int], str]] = []
+    if not session.fixed and session.object_damping_nspm == 0.0 and all(_free(people[i]) for i in coupled):
+        groups.append((coupled, "object and devices" if coupled else "the object"))
+    groups += [([i], people[i].name) for i in range(model.users) if i not in coupled and _free(people[i])]
+    return groups
+
+
+def _free(person: Person) -> bool:
+    return person.device_damping_nspm == person.hand_damping_nspm == person.hand_stiffness_npm == 0.0
+
+
+def _glide(model: LiftedModel, user: int, vector: Array) -> None:
+    """Enter one user's part of a uniform motion at 1 m/s: velocities 1, waves sqrt(b/2) both ways, no force.
+
+    P's step sees a stretch before the hand's proxy has moved along, so e = -T v there.
+    """
+    session, layout = model.session, model.layout
+    person = session.people[user]
+    wave = sqrt(0.5 * person.impedance_nspm)
+    own = layout.clients[user]
+    vector[own.start + 1] = 1.0
+    if person.estimated:
+        vector[own.start + 3] = 1.0
+    if person.decimator == "lowpass":
+        vector[own.stop - 1] = wave
+    vector[layout.ups[user]] = vector[layout.downs[user]] = wave
+    if session.scheme == "paper":
+        vector[layout.server.start + user] = -session.rates.frame_s
+
+
+def _of_coupling(model: LiftedModel, K: tuple[float, ...]) -> list[Freedom]:
+    session = model.session
+    people, N = session.people, model.users
+    sprung = [i for i in range(N) if K[i] > 0.0]
+    found = [
+        _place(model, [i], False, f"device position of {people[i].name}")
+        for i in range(N)
+        if i not in sprung and people[i].hand_stiffness_npm == 0.0
+    ]
+    if not session.fixed and all(people[i].hand_stiffness_npm == 0.0 for i in sprung):
+        found.append(_place(model, sprung, True, "joint position" if sprung else "object position"))
+    coupled = [i for i in range(N) if K[i] > 0.0 or people[i].damping_nspm > 0.0]
+    for group, name in _moving_together(model, coupled):
+        if not any(i in sprung for i in group):
+            found.append(_drift(model, group, not session.fixed and (group == coupled or not group), name))
+    return found
+
+
+def _place(model: LiftedModel, users: list[int], with_object: bool, name: str) -> Freedom:
+    """Devices, and the object, 1 m further on, as every frame on its way has it too."""
+    layout = model.layout
+    vector = np.zeros(model.states)
+    for i in users:
+        vector[layout.clients[i].start] = 1.0
+        vector[layout.ups[i]][0::2] = 1.0
+    if with_object:
+        vector[layout.server.start] = 1.0
+        for down in layout.downs:
+            vector[down][0::2] = 1.0
+    return Freedom(name, vector, layout.server.start if with_object else layout.clients[users[0]].start)
+
+
+def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -> Freedom:
+    """Uniform motion where dampers alone couple: a frame k steps old has a place k T behind."""
+    layout, T = model.layout, model.session.rates.frame_s
+    vector = np.zeros(model.states)
+    for i in users:
+        own = layout.clients[i]
+        vector[own.start + 1] = 1.0
+        if model.session.people[i].estimated:
+            vector[own.start + 3] = 1.0
+        vector[layout.ups[i]] = _trail(vector[layout.ups[i]].size, T)
+    if with_object:
+        vector[layout.server.start + 1] = 1.0
+        for down in layout.downs:
+            vector[down] = _trail(vector[down].size, T)
+    return Freedom(
+        f"uniform motion of {name}",
+        vector,
+        layout.server.start + 1 if with_object else layout.clients[users[0]].start + 1,
+    )
+
+
+def _trail(size: int, period: float) -> Array:
+    steps = np.arange(1, size // 2 + 1)
+    return np.column_stack((-period * steps, np.ones(size // 2))).ravel()
+
+
+def _unit(model: LiftedModel, name: str, entry: int) -> Freedom:
+    vector = np.zeros(model.states)
+    vector[entry] = 1.0
+    return Freedom(name, vector, entry)
