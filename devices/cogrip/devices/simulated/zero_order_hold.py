@@ -16,6 +16,7 @@ exponential.)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import expm  # type: ignore[import-untyped]
@@ -32,6 +33,7 @@ class Step:
     stiffness_npm: float
 
 
+@lru_cache(maxsize=1024)
 def discretise(mass_kg: float, damping_nspm: float, stiffness_npm: float, rate_hz: int) -> Step:
     """The exact step of one tick of 1/rate_hz seconds."""
     a = np.zeros((3, 3))

@@ -119,12 +119,13 @@ _STATE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # x, y_est from a device 
 
 def coupled_frame(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
     """One frame of virtual coupling: inputs x_o, v_o as of its start, held; outputs x, y_est as of its start."""
-    M = rates.ticks_per_frame
-    lifted = lift(coupled_tick(person, stiffness, rates), M)
-    inputs = np.tile(np.eye(3)[:, :2], (M, 1))
-    outputs = np.zeros((2, 3 * M))
-    outputs[0, 0] = outputs[1, 1] = 1.0
-    return through(inputs, lifted, outputs)
+    tick = coupled_tick(person, stiffness, rates)
+    n = tick.states
+    held = np.zeros((*stiffness.shape, n + 2, n + 2))  # M ticks with inputs that stay: the power of [A B; 0 I]
+    held[..., :n, :n], held[..., :n, n:] = tick.A, tick.B[..., :2]
+    held[..., n:, n:] = np.eye(2)
+    frame = np.linalg.matrix_power(held, rates.ticks_per_frame)
+    return StateSpace(frame[..., :n, :n], frame[..., :n, n:], tick.C[..., :2, :], tick.D[..., :2, :2])
 
 
 def pushed_coupled_frame(person: Person, stiffness: Array, rates: Rates) -> StateSpace:

@@ -31,7 +31,7 @@ def passive_step(session: LinearSession, stiffness: Array) -> StateSpace:
     if session.fixed:
         force = alpha
         relative = c * u - force / b
-        return _block([e + T * relative], u - c * force, N)
+        return _block(K.shape[:-2], [e + T * relative], u - c * force)
     x_o, v_o = _rows(2, N, 2 * N + 2)
     inertia = session.object_mass_kg / T * (2.0 if session.midpoint else 1.0)
     pull = alpha.sum(axis=-2, keepdims=True)
@@ -39,7 +39,7 @@ def passive_step(session: LinearSession, stiffness: Array) -> StateSpace:
     force = alpha - beta * speed
     relative = c * u - force / b - speed
     after = 2.0 * speed - v_o if session.midpoint else speed
-    return _block([e + T * relative, x_o + T * speed, after], u - c * force, N + 2)
+    return _block(K.shape[:-2], [e + T * relative, x_o + T * speed, after], u - c * force)
 
 
 def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
@@ -53,11 +53,11 @@ def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
     K = stiffness[..., None]
     if session.fixed:
         force = K * (e + T * proxy) + B * proxy
-        return _block([e + T * proxy, force], u - c * force, 2 * N)
+        return _block(K.shape[:-2], [e + T * proxy, force], u - c * force)
     x_o, v_o = _rows(2, N, size)
     force = K * (e + T * proxy) + B * (proxy - v_o)
     moved, after = _held(session, v_o, force.sum(axis=-2, keepdims=True))
-    return _block([e + T * proxy - moved, x_o + moved, after, force], u - c * force, 2 * N + 2)
+    return _block(K.shape[:-2], [e + T * proxy - moved, x_o + moved, after, force], u - c * force)
 
 
 def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
@@ -73,7 +73,7 @@ def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
     (x_o, v_o), hands = _rows(2, 0, size), _rows(2 * N, 2, size)
     force = stiffness[..., None] * (hands[0::2] - x_o) + B * (hands[1::2] - v_o)
     moved, after = _held(session, v_o, force.sum(axis=-2, keepdims=True))
-    return _block([x_o + moved, after], np.tile(np.stack((x_o, v_o)), (N, 1)), 2)
+    return _block(stiffness.shape[:-1], [x_o + moved, after], np.tile(np.stack((x_o, v_o)), (N, 1)))
 
 
 def _ports(session: LinearSession) -> tuple[Array, Array, Array]:
@@ -98,9 +98,12 @@ def _held(session: LinearSession, v_o: Array, force: Array) -> tuple[Array, Arra
     return glide * v_o + (T - glide) / damping * force, decay * v_o + (1.0 - decay) / damping * force
 
 
-def _block(states: Sequence[Array], outputs: Array, count: int) -> StateSpace:
-    """A block from rows of coefficients on [states | inputs], `count` of them states."""
-    batch = np.broadcast_shapes(*(rows.shape[:-2] for rows in (*states, outputs) if rows.ndim > 1))
-    full = [np.broadcast_to(rows, (*batch, *np.atleast_2d(rows).shape[-2:])) for rows in states]
-    after = np.concatenate(full, axis=-2)
-    return StateSpace(after[..., :count], after[..., count:], outputs[..., :count], outputs[..., count:])
+def _block(batch: tuple[int, ...], states: Sequence[Array], outputs: Array) -> StateSpace:
+    """A block from rows of coefficients on [states | inputs]: what its states become, and its outputs."""
+    heights = [1 if rows.ndim == 1 else rows.shape[-2] for rows in states]
+    after = np.empty((*batch, sum(heights), outputs.shape[-1]))
+    start = 0
+    for rows, height in zip(states, heights, strict=True):
+        after[..., start : start + height, :] = rows
+        start += height
+    return StateSpace(after[..., :start], after[..., start:], outputs[..., :start], outputs[..., start:])

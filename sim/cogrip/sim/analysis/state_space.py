@@ -41,9 +41,9 @@ class StateSpace:
 
     def response(self, z: Complex) -> Complex:
         """C (z I - A)^-1 B + D at the points z, shape (...); the result has shape (..., q, p)."""
-        identity = np.eye(self.states)
-        pencil: Complex = np.asarray(z[..., None, None] * identity - self.A, dtype=np.complex128)
-        right: Complex = np.broadcast_to(self.B.astype(np.complex128), (*pencil.shape[:-1], self.inputs))
+        identity: Complex = np.eye(self.states, dtype=np.complex128)
+        pencil = z[..., None, None] * identity - self.A
+        right = np.broadcast_to(self.B, (*pencil.shape[:-1], self.inputs))
         answer: Complex = self.C @ np.linalg.solve(pencil, right) + self.D
         return answer
 

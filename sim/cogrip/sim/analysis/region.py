@@ -1,0 +1,116 @@
+"""The stable region in the plane of two people's stiffnesses, at several delays (P Fig. 4 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
+from cogrip.sim.analysis.outline import Outline, trace
+from cogrip.sim.analysis.stability import largest_stable, radius
+from cogrip.sim.analysis.state_space import Array
+
+EVERYWHERE_NPM = 20_000.0  # how far a picture goes where nothing in it is unstable
+MOST_CELLS = 2000
+PAIR = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """One delay's outline; `grid` is the spectral radius at the cells' centres, (rows of K_2, columns of K_1), if asked for."""
+
+    delay_frames: float
+    session: LinearSession
+    outline: Outline
+    grid: Array | None
+
+
+def regions(
+    settings: Settings,
+    delays_frames: Sequence[float],
+    *,
+    to_npm: tuple[float, float] | None = None,
+    grid_cells: int = 0,
+    estimated: bool = False,
+) -> tuple[list[Region], tuple[float, float]]:
+    """Outlines for users 0 and 1 at each delay, and the box [N/m] they were traced in (`to_npm`, or one that holds them all).
+
+    Further users keep their own stiffness. Raises ModelError for a session of one, or a box or grid that cannot be.
+    """
+    if len(settings.users) < PAIR:
+        raise ModelError(
+            "a region has the stiffnesses of two people for axes, and there is one: add a second [[users]]"
+        )
+    if not 0 <= grid_cells <= MOST_CELLS:
+        raise ModelError(f"a grid of {grid_cells} cells a side is out of 0 to {MOST_CELLS}")
+    sessions = [linear_session(settings, delay_frames=frames, estimated=estimated) for frames in delays_frames]
+    models = [LiftedModel(_springy(session)) for session in sessions]
+    box = to_npm or _box(models)
+    if not all(0.0 < side < np.inf for side in box):
+        raise ModelError(f"a region up to {box[0]:g} by {box[1]:g} N/m has no area: give two numbers above 0")
+    found = [
+        Region(frames, session, trace(model, box, _spread(session)), dense_grid(model, box, grid_cells))
+        for frames, session, model in zip(delays_frames, sessions, models, strict=True)
+    ]
+    return found, box
+
+
+def dense_grid(model: LiftedModel, box_npm: tuple[float, float], cells: int) -> Array | None:
+    """Spectral radius at the centres of cells x cells cells of a box [N/m], (K_2, K_1); None for no cells."""
+    if not cells:
+        return None
+    k1, k2 = grid_axes(box_npm, cells)
+    pairs = np.stack(np.meshgrid(k1, k2), axis=-1)
+    return radius(model, _spread(model.session)(pairs))
+
+
+def grid_axes(box_npm: tuple[float, float], cells: int) -> tuple[Array, Array]:
+    """Centres of the cells along K_1 and K_2 [N/m]."""
+    centres = (np.arange(cells) + 0.5) / cells
+    return centres * box_npm[0], centres * box_npm[1]
+
+
+def stiffnesses(session: LinearSession, pairs_npm: Array) -> Array:
+    """K of all users, (..., N), with users 0 and 1 at `pairs_npm`, (..., 2)."""
+    return _spread(session)(pairs_npm)
+
+
+class _Spread:
+    def __init__(self, rest: Array) -> None:
+        self._rest = rest
+
+    def __call__(self, pairs: Array) -> Array:
+        rest = np.broadcast_to(self._rest, (*pairs.shape[:-1], len(self._rest)))
+        return np.concatenate((pairs, rest), axis=-1)
+
+
+def _spread(session: LinearSession) -> _Spread:
+    return _Spread(np.array(_springy(session).stiffness_npm[PAIR:]))
+
+
+def _springy(session: LinearSession) -> LinearSession:
+    """With no stiffness at 0, where a stretch would be a freedom: 1 mN/m does the same."""
+    people = [replace(person, stiffness_npm=max(person.stiffness_npm, 1e-3)) for person in session.people]
+    return replace(session, people=tuple(people))
+
+
+def _box(models: Sequence[LiftedModel]) -> tuple[float, float]:
+    """A fifth more than the largest limit along either axis and the diagonal, over all delays."""
+    most = 0.0
+    for model in models:
+        users = model.users
+        for ray in ((1.0, 1e-4), (1e-4, 1.0), (1.0, 1.0)):
+            limit = largest_stable(model, (*ray, *([1e-4] * (users - PAIR))), relative=1e-3)
+            most = max(most, limit.stiffness_npm or 0.0)
+    side = _round_up(1.2 * most) if most else EVERYWHERE_NPM
+    return side, side
+
+
+def _round_up(value: float) -> float:
+    """The next 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
+    size = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * size for step in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if step * size >= value))
