@@ -17,6 +17,10 @@ COMMANDS = {
     "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
     "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
     "lab": ("cogrip.cli.lab:lab", "Run a whole session in virtual time, without sleeping."),
+    "stability": (
+        "cogrip.cli.stability:stability",
+        "Say whether a session is stable, up to which stiffness, and in which region.",
+    ),
     "devices": ("cogrip.cli.devices:devices", "List the devices that can be named, with what they can do."),
     "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
 }

@@ -159,20 +159,19 @@ def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[
 
 def rounding_notes(session: LinearSession) -> tuple[str, ...]:
     """What was done about delays that are no whole number of ticks, or of frames; one sentence each, none twice."""
-    notes = []
-    for person in session.people:
-        for name, way in (("up", person.up), ("down", person.down)):
-            if way.whole and not way.frame_wait_ticks:
-                continue
-            ms = 1e3 * session.rates.tick_s
-            ticks = way.link_ticks + way.tick_wait_ticks
-            text = f"delay {name} of {way.link_ticks * ms:g} ms is {way.link_ticks:g} ticks"
-            if not way.whole:
-                text += f", no whole number: taken as {ticks:g}, as a receiver sees it at its next tick"
-            if way.frame_wait_ticks:
-                text += f"; it is played at the next frame border, after {ticks + way.frame_wait_ticks:g} ticks"
-            notes.append(text)
-    return tuple(dict.fromkeys(notes))
+    ways = [way for person in session.people for way in (person.up, person.down)]
+    return tuple(_rounding(way, session.rates) for way in dict.fromkeys(ways) if not way.whole or way.frame_wait_ticks)
+
+
+def _rounding(way: OneWay, rates: Rates) -> str:
+    ticks = way.link_ticks + way.tick_wait_ticks
+    text = f"a delay of {way.link_ticks * rates.tick_s * 1e3:g} ms is {way.link_ticks:g} device ticks"
+    if not way.whole:
+        text += f", no whole number: taken as {ticks:g}, as a receiver sees it at its next tick"
+    if way.frame_wait_ticks:
+        border = ticks + way.frame_wait_ticks
+        text += f"; it is played at the next frame border, after {border:g} ticks or {border / rates.ticks_per_frame:g} frames"
+    return text
 
 
 def _damping(user: User) -> float:

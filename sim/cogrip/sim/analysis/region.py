@@ -35,6 +35,7 @@ def regions(
     *,
     to_npm: tuple[float, float] | None = None,
     grid_cells: int = 0,
+    hands: bool = False,
     estimated: bool = False,
 ) -> tuple[list[Region], tuple[float, float]]:
     """Outlines for users 0 and 1 at each delay, and the box [N/m] they were traced in (`to_npm`, or one that holds them all).
@@ -47,7 +48,9 @@ def regions(
         )
     if not 0 <= grid_cells <= MOST_CELLS:
         raise ModelError(f"a grid of {grid_cells} cells a side is out of 0 to {MOST_CELLS}")
-    sessions = [linear_session(settings, delay_frames=frames, estimated=estimated) for frames in delays_frames]
+    sessions = [
+        linear_session(settings, delay_frames=frames, hands=hands, estimated=estimated) for frames in delays_frames
+    ]
     models = [LiftedModel(_springy(session)) for session in sessions]
     box = to_npm or _box(models)
     if not all(0.0 < side < np.inf for side in box):

@@ -43,8 +43,8 @@ class StateSpace:
         """C (z I - A)^-1 B + D at the points z, shape (...); the result has shape (..., q, p)."""
         identity: Complex = np.eye(self.states, dtype=np.complex128)
         pencil = z[..., None, None] * identity - self.A
-        right = np.broadcast_to(self.B, (*pencil.shape[:-1], self.inputs))
-        answer: Complex = self.C @ np.linalg.solve(pencil, right) + self.D
+        right = np.broadcast_to(self.B, (*pencil.shape[:-1], self.inputs)).astype(np.complex128)
+        answer = np.asarray(self.C @ np.linalg.solve(pencil, right) + self.D, dtype=np.complex128)
         return answer
 
 

@@ -1,0 +1,95 @@
+"""What the commands that analyse have in common: the settings with a scheme put in, the delays, notes, and JSON."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.settings_file import load
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import (
+    LinearSession,
+    ModelError,
+    Scheme,
+    linear_session,
+    rounding_notes,
+    scheme_overrides,
+)
+
+Overrides = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set", negative="", help="Override a setting: section.key=value. Repeatable; a user's are users.0.key."
+    ),
+]
+Json = Annotated[
+    str | None,
+    Parameter(allow_leading_hyphen=True, help="Write the answer as JSON to this file (- for standard output)."),
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """Which linear session a settings file stands for."""
+
+    scheme: Annotated[
+        Scheme | None,
+        Parameter(
+            help="Analyse it as this scheme; paper brings its filter (lowpass) and encoder (velocity). Else the file's."
+        ),
+    ] = None
+    hands: Annotated[
+        bool, Parameter(help="Let the simulated hands hold on; else devices are free, as in the paper.")
+    ] = False
+    estimated: Annotated[
+        bool,
+        Parameter(
+            help="Read the client's velocity estimate where a device gives none; else velocities are exact, as in the paper."
+        ),
+    ] = False
+
+    def settings(self, config: Path, overrides: Sequence[str]) -> Settings:
+        """The file's settings as a session of the scheme; what `--set` says stands above both. Raises BadInput."""
+        of_scheme = [f"{key}={value}" for key, value in scheme_overrides(self.scheme).items()] if self.scheme else []
+        return load(config, [*of_scheme, *overrides])
+
+    def model(self, config: Path, overrides: Sequence[str], delay_frames: float | None) -> LiftedModel:
+        """The lifted model; raises BadInput where there is none, and says what was done about the delays."""
+        settings = self.settings(config, overrides)
+        try:
+            session = linear_session(settings, delay_frames=delay_frames, hands=self.hands, estimated=self.estimated)
+        except (ModelError, DeviceError) as error:
+            raise BadInput(f"{config}: {error}") from None
+        self.tell_rounding(session)
+        return LiftedModel(session)
+
+    @staticmethod
+    def tell_rounding(*sessions: LinearSession) -> None:
+        """On stderr, what was done about delays that are no whole number of ticks or frames."""
+        console = Console(stderr=True, highlight=False, soft_wrap=True)
+        for note in dict.fromkeys(note for session in sessions for note in rounding_notes(session)):
+            console.print(f"note: {note}", markup=False)
+
+
+AS_IT_STANDS = Question()
+
+
+def write_json(answer: Mapping[str, Any], where: str) -> None:
+    """To standard output for "-", else to a file. Raises Problem where that cannot be written."""
+    text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
+    if where == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        Path(where).write_text(text)
+    except OSError as error:
+        raise Problem(f"--json {where}: cannot be written: {error}") from None
