@@ -1,0 +1,147 @@
+"""Can a filter and a downsampler create energy? The exact condition (theory section 3.2; P section II asks less).
+
+Of M fast waves u a filter H makes y = H u, of which one in M is kept, s_n = y_{nM}. With a component U_k of u at each alias
+(w + 2 pi k) / M, k < M, of a slow angle w, the kept samples have the sum of H_k U_k there. By Cauchy-Schwarz
+
+    M sum_n |s_n|^2  <=  max_w S(w) sum_n |u_n|^2        S(w) = sum_{k<M} |H(e^{j (w + 2 pi k) / M})|^2
+
+with equality for U_k in proportion to conj(H_k): the worst input. So the pair creates no energy, whatever comes, if and only
+if max S <= 1. P's rule, a cut-off below pi / M, does not give that.
+
+symbols: M device ticks in a frame, w angle per frame [rad], H at the device rate, S [1]; waves in sqrt(W), energies in J.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, pi
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
+
+from cogrip.protocol.decimation import Decimator
+from cogrip.protocol.rates import Rates
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+_SCAN = 4097
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """H = sum b_i z^-i / sum a_i z^-i at the device rate; taps alone are a finite impulse response.
+
+    Raises ValueError for no taps, numbers that are not finite, or a pole on or outside the unit circle.
+    """
+
+    taps: tuple[float, ...]
+    poles: tuple[float, ...] = (1.0,)  # a
+
+    def __post_init__(self) -> None:
+        if not self.taps or not self.poles or self.poles[0] == 0.0:
+            raise ValueError(f"filter with taps {self.taps} over {self.poles}: give at least one tap, and a_0 that is not 0")
+        if not np.isfinite((*self.taps, *self.poles)).all():
+            raise ValueError(f"filter with taps {self.taps} over {self.poles}: every number must be finite")
+        outermost = np.abs(np.roots(self.poles)).max(initial=0.0)
+        if outermost >= 1.0:
+            raise ValueError(f"filter over {self.poles}: has a pole at radius {outermost:g}, which must be below 1 to be stable")
+
+    def response(self, angle: Array) -> Complex:
+        """H(e^{j angle}), angle [rad per device tick] of any shape."""
+        delay = np.exp(-1j * np.asarray(angle, dtype=float))
+        above = np.polynomial.polynomial.polyval(delay, self.taps)
+        below = np.polynomial.polynomial.polyval(delay, self.poles)
+        return np.asarray(above / below, dtype=np.complex128)
+
+
+def filter_of(kind: str, rates: Rates, lowpass_rad_s: float) -> Filter:
+    """The filter of `protocol.decimation`'s `kind`. Raises KeyError for one there is not."""
+    pole = exp(-lowpass_rad_s * rates.tick_s)
+    M = rates.ticks_per_frame
+    return {
+        "boxcar": Filter((1.0 / M,) * M),
+        "lowpass": Filter((1.0 - pole,), (1.0, -pole)),
+        "none": Filter((1.0,)),
+    }[kind]
+
+
+def aliased_gain(which: Filter, ticks_per_frame: int, angle: Array) -> Array:
+    """S(w) at w = `angle` [rad per frame], any shape. Raises ValueError for M below 1."""
+    gains: Array = (np.abs(_aliases(which, ticks_per_frame, angle)) ** 2).sum(axis=-1)
+    return gains
+
+
+def largest_gain(which: Filter, ticks_per_frame: int) -> tuple[float, float]:
+    """max S and the w in [0, pi] where it is reached, to rounding. Raises ValueError for M below 1."""
+    angles = np.linspace(0.0, pi, _SCAN)
+    gains = aliased_gain(which, ticks_per_frame, angles)
+    near = int(gains.argmax())
+    found = minimize_scalar(
+        lambda angle: -float(aliased_gain(which, ticks_per_frame, np.array(angle))),
+        bounds=(angles[max(near - 1, 0)], angles[min(near + 1, _SCAN - 1)]),
+        method="bounded",
+        options={"xatol": 1e-12},
+    )
+    if -found.fun > gains[near]:
+        return float(-found.fun), float(found.x)
+    return float(gains[near]), float(angles[near])
+
+
+def worst_input(which: Filter, ticks_per_frame: int, frames: int) -> Array:
+    """The real signal of unit peak that comes nearest to max S, shape (frames * M,)."""
+    M = ticks_per_frame
+    _, w = largest_gain(which, M)
+    weights = np.conj(_aliases(which, M, np.array(w)))
+    angles = (w + 2.0 * pi * np.arange(M)) / M
+    ticks = np.arange(frames * M)[:, None] - (M - 1)  # a frame's last tick is the one that is kept
+    signal: Array = (weights * np.exp(1j * angles * ticks)).sum(axis=1).real
+    return signal / np.abs(signal).max()
+
+
+def swept_sine(rates: Rates, seconds: float, from_hz: float = 1.0) -> Array:
+    """A sine of unit peak whose frequency grows exponentially from `from_hz` to half the device rate."""
+    time = np.arange(round(seconds * rates.device_hz)) * rates.tick_s
+    growth = np.log(0.5 * rates.device_hz / from_hz) / seconds
+    signal: Array = np.sin(2.0 * pi * from_hz * np.expm1(growth * time) / growth)
+    return signal
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Energies of an actual run [J]: of all fast waves, of all slow ones, and their difference so far after each frame, (frames,)."""
+
+    fast_j: float
+    slow_j: float
+    margin_j: Array
+
+    @property
+    def gain(self) -> float:
+        """Slow energy over fast: at most max S."""
+        return self.slow_j / self.fast_j if self.fast_j else 0.0
+
+
+def run_energy(decimator: Decimator, signal: Array, rates: Rates) -> Run:
+    """Feed a signal [sqrt(W)] of whole frames, tick by tick, through a decimator of one axis as the client does.
+
+    Raises ValueError for a signal that is no whole number of frames.
+    """
+    M = rates.ticks_per_frame
+    if not len(signal) or len(signal) % M:
+        raise ValueError(f"signal of {len(signal)} ticks: give a whole number of frames of {M}, at least one")
+    slow = []
+    for frame in signal.reshape(-1, M).tolist():
+        for wave in frame:
+            decimator.push((wave,))
+        slow.append(decimator.take()[0])
+    fast_j = np.cumsum((signal.reshape(-1, M) ** 2).sum(axis=1)) * 0.5 * rates.tick_s
+    slow_j = np.cumsum(np.square(slow)) * 0.5 * rates.frame_s
+    return Run(float(fast_j[-1]), float(slow_j[-1]), fast_j - slow_j)
+
+
+def _aliases(which: Filter, ticks_per_frame: int, angle: Array) -> Complex:
+    """H at the M aliases of each slow angle, (..., M)."""
+    M = ticks_per_frame
+    if M < 1:
+        raise ValueError(f"ticks_per_frame = {M} must be at least 1")
+    return which.response((np.asarray(angle)[..., None] + 2.0 * pi * np.arange(M)) / M)
