@@ -1,0 +1,368 @@
+"""The lifted model against one frame of the very classes of a session, and both against theory section 6.
+
+The frame of the cores is linear (in touch: affine), so its matrix has for columns what one frame makes of each unit state.
+Delays are explicit delay lines here: no datagram, no ramp. States stand as in `LiftedModel.layout`.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cogrip.client.velocity import AlphaBeta
+from cogrip.client.virtual_coupling import VirtualCoupling
+from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
+from cogrip.protocol.messages import Stamp, State
+from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.lagged import PaperWorld
+from cogrip.server.worlds.registry import make_world
+from cogrip.server.worlds.world import HandWorld, World
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import (
+    LinearSession,
+    ModelError,
+    Person,
+    linear_session,
+    rounding_notes,
+    scheme_overrides,
+)
+from cogrip.sim.analysis.rigid_motion import Rigid
+from cogrip.sim.analysis.stability import verdict
+
+Array = NDArray[np.float64]
+STIFFNESSES = (100, 500, 1000, 2000, 5000, 10000, 20000)
+PAPER = {
+    0: (1.0000, 1.0000, 1.0000, 1.0090, 2.7265, 6.1203, 13.0476),
+    1: (1.0000, 1.0000, 1.0000, 1.2554, 3.1487, 6.4941, 13.3842),
+    2: (1.0000, 1.0000, 1.0406, 1.4309, 3.1847, 6.5024, 13.3861),
+    4: (1.0000, 1.0202, 1.0817, 1.5043, 3.1884, 6.5026, 13.3861),
+}
+COUPLED = {
+    0: (1.0000, 1.0000, 1.0000, 1.0000),
+    1: (1.0000, 1.0000, 1.0866, 1.3257),
+    2: (1.0000, 1.0378, 1.1401, 1.2511),
+    4: (1.0000, 1.0533, 1.0855, 1.1777),
+}
+TOUCH_M = 10.0  # how deep inside a one-sided contact its map is taken
+NUDGE = 1e-3
+
+
+class CoresFrame:
+    """One frame of the actual cores: `matrix`, in the order of `layout`."""
+
+    def __init__(self, settings: Settings, model: LiftedModel) -> None:
+        self.session: LinearSession = model.session
+        self.layout = model.layout
+        self.size = model.states
+        self.seats = [seat_settings(settings, number) for number in range(len(settings.users))]
+        self.deep = self.seats[0].one_sided
+        self.sides = [seat.side_sign for seat in self.seats]
+        self.ticks = self.session.rates.ticks_per_frame
+
+    def matrix(self) -> Array:
+        base = self.touching()
+        start = self.frame(base)
+        step = NUDGE if self.deep else 1.0
+        return np.array([(self.frame(base + step * unit) - start) / step for unit in np.eye(self.size)]).T
+
+    def touching(self) -> Array:
+        """A state to begin at: nothing, or everyone deep inside a contact that only pushes."""
+        state = np.zeros(self.size)
+        if not self.deep:
+            return state
+        layout = self.layout
+        for number, side in enumerate(self.sides):
+            if self.session.scheme == "coupling":
+                state[layout.clients[number].start] = side * TOUCH_M
+                state[layout.ups[number]][0::2] = side * TOUCH_M
+            else:
+                state[layout.server.start + number] = side * TOUCH_M
+        return state
+
+    def plant(self, person: Person, position: float, velocity: float) -> IdealPlant:
+        settings = IdealSettings(mass_kg=person.device_mass_kg, damping_nspm=person.device_damping_nspm)
+        plant = IdealPlant(settings, 1)
+        hz = self.session.rates.device_hz
+        plant.open(hz, person.hand_stiffness_npm, person.hand_damping_nspm, (position,))
+        plant.velocity_mps = [velocity]
+        return plant
+
+    def push(self, person: Person, client: WaveCoupling | VirtualCoupling) -> float:
+        """What holds a device deep inside a wall that pushes back at the device's own rate."""
+        if not self.deep or isinstance(client, WaveCoupling):
+            return 0.0
+        side = self.sides[self.session.people.index(person)]
+        return side * TOUCH_M * (person.stiffness_npm + person.hand_stiffness_npm)
+
+    def run_ticks(
+        self, client: WaveCoupling | VirtualCoupling, person: Person, plant: IdealPlant, error: float, estimate: float
+    ) -> list[float]:
+        """M ticks in the order of `ClientCore`: law, plant, estimator, books. The estimator's error and estimate after them."""
+        hz = self.session.rates.device_hz
+        estimator = AlphaBeta(1, 1.0 / hz)
+        estimator._position, estimator._velocity = [plant.position_m[0] + error], [estimate]
+        held = self.push(person, client)
+        for _ in range(self.ticks):
+            velocity = [estimator._velocity[0]] if person.estimated else list(plant.velocity_mps)
+            before = plant.position_m[0]
+            plant.step((held,), client.force(plant.position_m, velocity))
+            client.elapse([(plant.position_m[0] - before) * hz], velocity)
+            estimator.update(plant.position_m)
+        if not person.estimated:
+            return []
+        return [estimator._position[0] - plant.position_m[0], estimator._velocity[0]]
+
+    def frame(self, state: Array) -> Array:
+        return self.coupled_frame(state) if self.session.scheme == "coupling" else self.wave_frame(state)
+
+    def wave_frame(self, state: Array) -> Array:
+        layout, out = self.layout, np.empty(self.size)
+        arrived = []
+        for number, (person, seat) in enumerate(zip(self.session.people, self.seats, strict=True)):
+            down, own, up = state[layout.downs[number]], state[layout.clients[number]], state[layout.ups[number]]
+            client, plant = WaveCoupling(seat), self.plant(person, own[0], own[1])
+            client.returning = (float(down[-1]),)
+            if person.decimator == "lowpass":
+                client._decimator._state = [float(own[-1])]  # type: ignore[attr-defined]
+            extra = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
+            (sent,) = client._decimator.take()
+            after = [plant.position_m[0], plant.velocity_mps[0], *extra]
+            out[layout.clients[number]] = [*after, sent] if person.decimator == "lowpass" else after
+            arrived.append(up[-1] if up.size else sent)
+            out[layout.ups[number]] = np.append(sent, up)[:-1] if up.size else []
+        world = self.world(state[layout.server])
+        answers = world.step(np.array(arrived)[:, None])[:, 0]
+        for number, answer in enumerate(answers):
+            out[layout.downs[number]] = np.append(answer, state[layout.downs[number]])[:-1]
+        out[layout.server] = self.read(world)
+        return out
+
+    def coupled_frame(self, state: Array) -> Array:
+        layout, out = self.layout, np.empty(self.size)
+        world = make_world(self.seats)
+        for number in range(len(self.seats)):
+            world.join(number, np.zeros(1))
+        server = state[layout.server]
+        if not self.session.fixed:
+            world.position, world.velocity = server[:1].copy(), server[1:].copy()
+        here = np.concatenate((world.position, world.velocity))
+        inputs = []
+        for number, (person, seat) in enumerate(zip(self.session.people, self.seats, strict=True)):
+            down, own, up = state[layout.downs[number]], state[layout.clients[number]], state[layout.ups[number]]
+            client, plant = VirtualCoupling(seat), self.plant(person, own[0], own[1])
+            seen = down[-2:] if down.size else here
+            client.receive(State(1, 0, (float(seen[0]),), (float(seen[1]),), 0.0, 0, Stamp(0)))
+            client.start_frame()
+            extra = self.run_ticks(client, person, plant, *(own[2:4] if person.estimated else (0.0, 0.0)))
+            told = np.array([own[0], own[3] if person.estimated else own[1]])
+            out[layout.clients[number]] = [plant.position_m[0], plant.velocity_mps[0], *extra]
+            inputs.append(up[-2:] if up.size else told)
+            out[layout.ups[number]] = np.concatenate((told, up))[: up.size]
+            out[layout.downs[number]] = np.concatenate((here, down))[: down.size]
+        world.step(np.array(inputs))
+        out[layout.server] = [] if self.session.fixed else [world.position[0], world.velocity[0]]
+        return out
+
+    def world(self, server: Array) -> World:
+        N = len(self.seats)
+        world = make_world(self.seats)
+        world.stiffness, world.damping = world.target_stiffness.copy(), world.target_damping.copy()
+        world.present[:] = True
+        place = 0.0
+        if not self.session.fixed:
+            world.position, world.velocity = server[N : N + 1].copy(), server[N + 1 : N + 2].copy()
+            place = server[N]
+        if isinstance(world, GripWorld):
+            world.stretch = server[:N, None].copy()
+        else:
+            assert isinstance(world, HandWorld)
+            world.hand = server[:N, None] + place
+        if isinstance(world, PaperWorld):
+            world.force = server[-N:, None].copy()
+        if self.deep and not self.session.fixed:  # what keeps a free object between faces that press unequally
+            K, G = world.stiffness[:, 0], world.damping[:, 0] + world.stiffness[:, 0] * world.frame_s
+            world.external_force[0] = -(world.side * K * TOUCH_M / (1.0 + G / world.impedance[:, 0])).sum()
+        return world
+
+    def read(self, world: World) -> Array:
+        stretch = world.stretch if isinstance(world, GripWorld) else world.hand - world.position  # type: ignore[attr-defined]
+        parts = [stretch[:, 0]]
+        if not self.session.fixed:
+            parts += [world.position, world.velocity]
+        if isinstance(world, PaperWorld):
+            parts.append(world.force[:, 0])
+        return np.concatenate(parts)
+
+
+def both(scheme: str, stiffness: float, delay: int, **coupling: Any) -> tuple[Settings, LiftedModel]:
+    """Theory section 6's two users."""
+    table: dict[str, Any] = {"coupling": coupling, "users": [{"name": "a"}, {"name": "b"}]}
+    resolved = resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})  # type: ignore[arg-type]
+    return resolved, LiftedModel(linear_session(resolved, delay_frames=delay))
+
+
+def largest(matrix: Array) -> float:
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+
+GOLDEN = [
+    *(("paper", delay, K, value) for delay, row in PAPER.items() for K, value in zip(STIFFNESSES, row, strict=True)),
+    *(
+        ("coupling", delay, K, value)
+        for delay, row in COUPLED.items()
+        for K, value in zip(STIFFNESSES, row, strict=False)
+    ),
+    ("coupling", 0, 3000, 1.0000),
+    ("coupling", 0, 4000, 1.1172),
+    *(("passive", delay, K, 1.0000) for delay in (0, 1, 2, 4) for K in (*STIFFNESSES, 100_000, 1_000_000)),
+]
+
+
+@pytest.mark.parametrize(("scheme", "delay", "stiffness", "golden"), GOLDEN)
+def test_golden_numbers_of_theory_6(scheme: str, delay: int, stiffness: int, golden: float) -> None:
+    resolved, model = both(scheme, stiffness, delay)
+    found = verdict(model)
+    assert round(found.spectral_radius, 4) == golden
+    assert found.stable == (golden == 1.0)
+    assert round(largest(CoresFrame(resolved, model).matrix()), 4) == golden
+
+
+@st.composite
+def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
+    """Any session that has a linear model."""
+    scheme = draw(st.sampled_from(("passive", "paper", "coupling")))
+    kind = draw(st.sampled_from(("cube", "wall", "faces") if scheme == "passive" else ("cube", "wall")))
+    M = draw(st.sampled_from((1, 2, 4, 8, 16)))
+    estimated = draw(st.booleans())
+    frame_ms = 1000.0 / 128
+
+    def user(number: int) -> dict[str, Any]:
+        hand = f"hand_stiffness_npm={draw(st.sampled_from((0.0, 300.0)))}&hand_damping_nspm={draw(st.floats(0.0, 8.0))}"
+        return {
+            "name": f"user{number}",
+            "device": "sim:phantom?friction_n=0&resolution_m=0" if estimated else "sim:ideal",
+            "hand": f"hold&{hand}",
+            "side": draw(st.sampled_from(("left", "right"))),
+            "device_mass_kg": draw(st.floats(0.02, 1.0)),
+            "device_damping_nspm": draw(st.sampled_from((0.0, 0.7))),
+            "stiffness_npm": draw(st.floats(1.0, 2e4)),
+            "damping_nspm": draw(st.floats(0.1, 50.0)),
+            "impedance_nspm": draw(st.floats(2.0, 80.0)),
+            "decimator": draw(st.sampled_from(("boxcar", "lowpass", "none"))),
+            "encoder": draw(st.sampled_from(("displacement", "velocity"))),
+        }
+
+    table = {
+        "rates": {"device_hz": 128 * M},
+        "coupling": {
+            "kind": "coupling" if scheme == "coupling" else "wave",
+            "server_step": "paper" if scheme == "paper" else "passive",
+            "lowpass_rad_s": draw(st.floats(5.0, 500.0)),
+        },
+        "object": {
+            "kind": kind,
+            "mass_kg": draw(st.floats(0.05, 3.0)),
+            "damping_nspm": draw(st.sampled_from((0.0, 2.0))),
+        },
+        "link": {
+            "up": {"delay_ms": draw(st.integers(0, 3)) * frame_ms},
+            "down": {"delay_ms": draw(st.integers(0, 3)) * frame_ms},
+        },
+        "playout": {"frames": draw(st.integers(0, 1))},
+        "users": [user(number) for number in range(draw(st.integers(1, 4)))],
+    }
+    resolved = resolve(table)
+    session = linear_session(resolved, hands=True, estimated=estimated)
+    if (
+        scheme == "coupling" and kind == "wall"
+    ):  # a device that is unstable by itself would leave the wall within the frame
+        assume(all(_tame(person, session.rates.tick_s) for person in session.people))
+    return resolved, LiftedModel(session)
+
+
+def _tame(person: Person, tick_s: float) -> bool:
+    stiff = (person.stiffness_npm + person.hand_stiffness_npm) * tick_s**2
+    return person.damping_nspm * tick_s + stiff < 0.5 * person.device_mass_kg
+
+
+@given(sessions())
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+def test_the_model_is_one_frame_of_the_actual_cores(case: tuple[Settings, LiftedModel]) -> None:
+    resolved, model = case
+    ours, cores = model.matrix(), CoresFrame(resolved, model).matrix()
+    assert ours.shape == cores.shape
+    np.testing.assert_allclose(ours, cores, rtol=0.0, atol=1e-9 * max(1.0, np.abs(cores).max()))
+
+
+@given(sessions(), st.floats(0.1, 3.0), st.floats(1.1, 1.5))
+@settings(max_examples=60, deadline=None)
+def test_characteristic_is_the_closed_loops_over_the_open_ones(
+    case: tuple[Settings, LiftedModel], angle: float, size: float
+) -> None:
+    """det(z - A) = det(z - A_G) det(z - A_S) det(I - S G): what a border is traced by vanishes where an eigenvalue is."""
+    _, model = case
+    z = np.array([size * np.exp(1j * angle)])
+    K = np.array(model.session.stiffness_npm)
+    layout = model.layout
+    opened = [model._client(number, K).A for number in range(model.users)]
+    opened.append(model.kind.server(model.session, K).A)
+    lines = sum(cut.stop - cut.start for cut in (*layout.ups, *layout.downs))
+    sign, log = zip(*(np.linalg.slogdet(z[0] * np.eye(len(A)) - A) for A in opened), strict=True)
+    sign_closed, log_closed = np.linalg.slogdet(z[0] * np.eye(model.states) - model.matrix())
+    found = model.characteristic(z, K[None])[0]
+    log_open = sum(log) + lines * np.log(abs(z[0]))
+    assert np.log(abs(found)) + log_open == pytest.approx(log_closed, abs=1e-6)
+    phase = found / abs(found) * np.prod(sign) * (z[0] / abs(z[0])) ** lines / sign_closed
+    assert abs(phase - 1.0) < 1e-6
+
+
+def test_a_batch_of_stiffnesses_is_each_by_itself() -> None:
+    for scheme in ("passive", "paper", "coupling"):
+        _, model = both(scheme, 1000, 2)
+        K = np.array([[[10.0, 20.0], [300.0, 4.0]], [[5e3, 1e2], [7.0, 7.0]]])
+        batch = model.matrix(K)
+        for index in np.ndindex(2, 2):
+            np.testing.assert_allclose(batch[index], model.matrix(K[index]), rtol=1e-12, atol=1e-12)
+
+
+def test_each_way_has_its_own_delay_in_ticks() -> None:
+    table = {
+        "link": {"up": {"delay_ms": 9 * 1000 / 1024}, "down": {"delay_ms": 20.0}},
+        "playout": {"frames": 1},
+        "users": [{"name": "a"}],
+    }
+    session = linear_session(resolve(table))
+    up, down = session.people[0].up, session.people[0].down
+    assert (up.link_ticks, up.tick_wait_ticks, up.frame_wait_ticks, up.frames) == (9.0, 0.0, 7.0, 3)
+    assert (down.tick_wait_ticks, down.frame_wait_ticks, down.frames) == (pytest.approx(0.52), 3.0, 4)
+    notes = rounding_notes(session)
+    assert len(notes) == 2
+    assert "8.78906 ms is 9 device ticks; it is played at the next frame border, after 16 ticks or 2 frames" in notes[0]
+    assert "20.48 device ticks, no whole number: taken as 21" in notes[1]
+
+
+def test_whole_frames_need_no_note() -> None:
+    assert rounding_notes(both("paper", 1000, 3)[1].session) == ()
+
+
+def test_virtual_coupling_has_no_playout() -> None:
+    table = {"coupling": {"kind": "coupling"}, "playout": {"frames": 3}, "users": [{"name": "a"}]}
+    assert linear_session(resolve(table)).people[0].up.frames == 0
+
+
+@pytest.mark.parametrize("scheme", ["paper", "coupling"])
+def test_a_scheme_that_does_not_fit_the_object_is_refused(scheme: str) -> None:
+    table = {"object": {"kind": "faces"}, "users": [{"name": "a"}]}
+    with pytest.raises(ModelError, match='does not fit object.kind = "faces"'):
+        linear_session(resolve(table, scheme_overrides(scheme)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("frames", [-0.1, 256.1])
+def test_a_delay_out_of_bounds_is_refused(frames: float) -> None:
+    with pytest.raises(ModelError, match="out of 0 to 256"):
+        linear_session(resolve({}), delay_frames=frames)

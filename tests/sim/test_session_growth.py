@@ -1,0 +1,73 @@
+"""Sessions in virtual time grow where the lifted model says so, decay where not, and as fast as it says.
+
+Theory section 6's two users. The devices get one small kick; what is watched is the force that client 0 writes, which rigid motion
+does not have. Ramps (0.3 s) are over before anything is measured.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
+from cogrip.sim.analysis.stability import largest_stable, verdict
+from cogrip.sim.laboratory import Laboratory
+
+FRAME_MS = 1000.0 / 128
+SKIPPED = 128  # frames
+WINDOW = 64  # frames: longer than a period of what is watched
+KICKS_MPS = (1e-8, -4e-9)
+
+
+def settings_at(scheme: Any, frames: int, stiffness: float) -> Settings:
+    people = [{"name": name, "device": "sim:ideal", "hand": "push&force_n=0"} for name in ("a", "b")]
+    table = {"seconds": 100.0, "link": {"delay_ms": frames * FRAME_MS}, "users": people}
+    return resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": stiffness})
+
+
+def growth(settings: Settings, frames: int) -> float:
+    """Logarithm of the growth per frame of the force, from the slope of its envelope over `frames` frames."""
+    laboratory = Laboratory(settings)
+    for person, kick in zip(laboratory.people, KICKS_MPS, strict=True):
+        person.device.plant.velocity_mps = [kick]  # type: ignore[attr-defined]
+    forces = []
+    for _ in range(SKIPPED + frames):
+        laboratory.frame()
+        forces.append(abs(laboratory.people[0].core.force_n[0]))
+    assert not laboratory.diverged
+    windows = np.array(forces[SKIPPED:])[: frames // WINDOW * WINDOW].reshape(-1, WINDOW)
+    late = windows[len(windows) // 3 :]  # the slowest mode alone
+    assert late.min() > 0.0
+    assert late.max() < 0.1  # no clamp was ever near
+    slope, _ = np.polyfit(np.arange(len(late)) * WINDOW, np.log(late.max(axis=1)), 1)
+    return float(slope)
+
+
+def long_enough(rate: float) -> int:
+    """Frames in which a growth of `rate` a frame makes e^4, between 6 and 24 s."""
+    return int(min(24 * 128, max(6 * 128, 4.0 / abs(rate))))
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2, 4])
+@pytest.mark.parametrize("scheme", ["paper", "coupling"])
+def test_a_session_grows_beyond_its_limit_and_decays_before(scheme: str, frames: int) -> None:
+    limit = largest_stable(LiftedModel(linear_session(settings_at(scheme, frames, 1.0)))).stiffness_npm
+    assert limit is not None
+    for share, sign in ((0.98, -1.0), (1.02, 1.0)):
+        settings = settings_at(scheme, frames, share * limit)
+        rate = float(np.log(verdict(LiftedModel(linear_session(settings))).decaying))
+        assert np.sign(rate) == sign
+        measured = growth(settings, long_enough(rate))
+        assert np.sign(measured) == sign
+        assert measured == pytest.approx(rate, rel=0.05)
+
+
+@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e6])
+def test_the_passive_scheme_decays_as_predicted(stiffness: float) -> None:
+    settings = settings_at("passive", 4, stiffness)
+    rate = float(np.log(verdict(LiftedModel(linear_session(settings))).decaying))
+    assert rate < 0.0
+    frames = min(24 * 128, max(4 * 128, int(12.0 / -rate)))
+    assert growth(settings, frames) == pytest.approx(rate, rel=0.05)
