@@ -1,7 +1,7 @@
 """Sessions in virtual time grow where the lifted model says so, decay where not, and as fast as it says.
 
-Theory section 6's two users. The devices get one small kick; what is watched is the force that client 0 writes, which rigid motion
-does not have. Ramps (0.3 s) are over before anything is measured.
+Theory section 6's two users. The devices get one small kick; what is watched is the force that client 0 writes, which
+rigid motion does not have. Ramps (0.3 s) are over before anything is measured.
 """
 
 from typing import Any

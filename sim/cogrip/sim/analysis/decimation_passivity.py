@@ -45,7 +45,8 @@ class Filter:
             raise ValueError(f"filter with taps {self.taps} over {self.poles}: every number must be finite")
         outermost = np.abs(np.roots(self.poles)).max(initial=0.0)
         if outermost >= 1.0:
-            raise ValueError(f"filter over {self.poles}: has a pole at radius {outermost:g}, which must be below 1 to be stable")
+            raise ValueError(f"filter over {self.poles}: has a pole at radius {outermost:g}, which must be below 1 to
+            be stable")
 
     def response(self, angle: Array) -> Complex:
         """H(e^{j angle}), angle [rad per device tick] of any shape."""
@@ -109,7 +110,10 @@ def swept_sine(rates: Rates, seconds: float, from_hz: float = 1.0) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Energies of an actual run [J]: of all fast waves, of all slow ones, and their difference so far after each frame, (frames,)."""
+    """Energies of an actual run [J]:
+
+    of all fast waves, of all slow ones, and their difference so far after each frame, (frames,).
+    """
 
     fast_j: float
     slow_j: float

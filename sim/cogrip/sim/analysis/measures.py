@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.feel import Slow, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session
 from cogrip.sim.analysis.stability import largest_stable, verdict
@@ -16,9 +17,18 @@ def _model(settings: Settings) -> LiftedModel:
     return LiftedModel(linear_session(settings))
 
 
+def _slow(settings: Settings) -> Slow:
+    session = linear_session(settings)
+    return slow_feel(on_wall(session, 0), 0)
+
+
 LIFTED: dict[str, Callable[[Settings], Value]] = {
     "lifted.spectral_radius": lambda settings: verdict(_model(settings)).spectral_radius,
     "lifted.decaying_radius": lambda settings: verdict(_model(settings)).decaying,
     "lifted.stable": lambda settings: verdict(_model(settings)).stable,
     "lifted.largest_stable_stiffness_npm": lambda settings: largest_stable(_model(settings)).stiffness_npm,
+    "lifted.felt_stiffness_npm": lambda settings: _slow(settings).stiffness_npm,
+    "lifted.felt_damping_nspm": lambda settings: _slow(settings).damping_nspm,
+    "lifted.felt_inertia_kg": lambda settings: _slow(settings).inertia_kg,
 }
+"""Of the whole session; what is felt is what user 0 feels of an object that cannot move."""

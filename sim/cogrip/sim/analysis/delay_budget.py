@@ -1,0 +1,81 @@
+"""Where the time between a hand and its answer goes, stage by stage.
+
+For waves: from the hand's motion through the forward wave, the server and the returning wave to the force, as the delay of slow
+motion (the group delay at w -> 0). Ages are counted to the frame's end, when a frame is sent. The stages of a boxcar with the
+displacement encoder make T_forward + T_back + T_n, the time of theory section 4. For a lowpass the compliance of theory 4 is a
+little more than the time that motion takes, as the wave that a client sends back passes the filter too.
+
+For virtual coupling: from a device's position as sent, through the object, to its position as held by a client.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import expm1
+
+from cogrip.client.velocity import MEMORY
+from cogrip.protocol.delays import OneWay
+from cogrip.protocol.rates import Rates
+from cogrip.sim.analysis.linear_session import LinearSession, Person
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """way: "up", "server" or "down"."""
+
+    way: str
+    name: str
+    delay_s: float
+    why: str
+
+
+def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
+    """Every stage of one user's way round, those without delay included, in order."""
+    person, rates = session.people[user], session.rates
+    hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
+    if session.scheme == "coupling":
+        server = Stage("server", "step", rates.frame_s, "what a step has moved is seen after it")
+        return (*_line("up", person.up, rates), server, *_line("down", person.down, rates), hold)
+    return (
+        _encoder(person, rates),
+        _decimator(person, rates),
+        *_line("up", person.up, rates),
+        Stage("server", "step", 0.0, "the wave is answered in the step that it reaches"),
+        *_line("down", person.down, rates),
+        hold,
+    )
+
+
+def total_s(stages: tuple[Stage, ...]) -> float:
+    return sum(stage.delay_s for stage in stages)
+
+
+def _encoder(person: Person, rates: Rates) -> Stage:
+    T = rates.tick_s
+    if person.encoder == "displacement":
+        return Stage("up", "encoder", 0.5 * T, "a tick's displacement is known at its end: half a tick old")
+    if not person.estimated:
+        return Stage("up", "encoder", T, "a tick's velocity sample is from its start: one tick old at its end")
+    # alpha-beta with memory m follows a ramp of velocity 2 m / (1 - m) ticks late, half a tick of which the position gives back
+    lag = 2.0 * MEMORY / (1.0 - MEMORY) + 0.5
+    return Stage("up", "encoder", (1.0 + lag) * T, "the velocity estimate of a tick's start, and its own lag")
+
+
+def _decimator(person: Person, rates: Rates) -> Stage:
+    T = rates.tick_s
+    if person.decimator == "boxcar":
+        return Stage("up", "decimator", 0.5 * (rates.ticks_per_frame - 1) * T, "the mean of a frame is from its middle")
+    if person.decimator == "lowpass":
+        lag = T / expm1(person.lowpass_rad_s * T)
+        return Stage("up", "decimator", lag, f"first-order filter at {person.lowpass_rad_s:g} rad/s")
+    return Stage("up", "decimator", 0.0, "no filter: the last wave of a frame")
+
+
+def _line(way: str, delay: OneWay, rates: Rates) -> tuple[Stage, ...]:
+    T = rates.tick_s
+    return (
+        Stage(way, "link", delay.link_ticks * T, "as configured"),
+        Stage(way, "tick wait", delay.tick_wait_ticks * T, "to the receiver's next tick"),
+        Stage(way, "frame wait", delay.frame_wait_ticks * T, "to the next frame border"),
+        Stage(way, "playout", delay.playout_ticks * T, "frames kept in hand against jitter"),
+    )

@@ -1,0 +1,248 @@
+"""What a hand feels through the session: impedance over frequency, and stiffness, damping and inertia at low frequency.
+
+One user's hand moves its device as x(t) = X e^{j w t}, whatever the force; all else answers. With y = j w x, the device's motors give
+
+    Z(w) = F(w) / y        F(w) = (1/M) sum_k F_k e^{-j w k T_c}
+
+the component at w of the force's samples; a force held over frames has images at w + 2 pi n / T_n besides, which do not count.
+The device's own j w m + b_HD comes on top in the hand (`device_impedance`).
+
+Everything is a phasor per network frame, z = e^{j w T_n}. The moving client's port, with s(w) what its encoder makes of the motion and V
+the returning wave held over a frame, is  u = E + R V  with  E = D(w) sqrt(2b) s(w) y, D and R the decimator's answers to a tone and to a
+held wave; the other clients' are G_j V; the server's is v = S u. So (I - S G) v = S e_i E.
+
+Symbols as in `client_blocks`; frequencies w [rad/s] of shape (W,).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import exp, pi, sqrt
+
+import numpy as np
+
+from cogrip.client.velocity import MEMORY
+from cogrip.protocol.rates import Rates
+from cogrip.sim.analysis.lifted_model import KINDS
+from cogrip.sim.analysis.linear_session import LinearSession, Person
+from cogrip.sim.analysis.state_space import Array, Complex
+
+LOWEST_HZ, HIGHEST_HZ, POINTS = 0.1, 64.0, 200
+_SLOW_RAD_S = (1e-3, 0.25, 0.5)
+
+
+def frequencies_hz(rates: Rates) -> Array:
+    """Where impedances are usually asked for, shape (POINTS,).
+
+    Up to just below half the network rate, if that is less: there a tone and its image are one, and a line without loss rings.
+    """
+    return np.geomspace(LOWEST_HZ, min(HIGHEST_HZ, 0.5 * rates.network_hz * (1.0 - 1e-4)), POINTS)
+
+
+# The four conditions: what the session looks like to one user.
+
+
+def no_contact(session: LinearSession, user: int) -> LinearSession:
+    """Nothing is touched: the wave comes back as it is."""
+    person = replace(session.people[user], stiffness_npm=0.0, damping_nspm=0.0)
+    return replace(session, people=(person,), fixed=True, midpoint=False)
+
+
+def alone(session: LinearSession, user: int) -> LinearSession:
+    """Nobody else holds the object."""
+    return replace(session, people=(session.people[user],), fixed=False)
+
+
+def on_wall(session: LinearSession, user: int) -> LinearSession:
+    """The object cannot move, and the contact lasts."""
+    return replace(session, people=(session.people[user],), fixed=True, midpoint=False)
+
+
+def held(session: LinearSession, user: int, hand_stiffness_npm: float, hand_damping_nspm: float) -> LinearSession:
+    """Everybody else holds on with such a hand [N/m, N s/m]."""
+    people = [
+        person
+        if number == user
+        else replace(person, hand_stiffness_npm=hand_stiffness_npm, hand_damping_nspm=hand_damping_nspm)
+        for number, person in enumerate(session.people)
+    ]
+    return replace(session, people=tuple(people), fixed=False)
+
+
+def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
+    """Z [N s/m] at w, shape (W,), of the session as it stands: hands of others are theirs in `session`."""
+    rates, person = session.rates, session.people[user]
+    w = np.asarray(omega_rad_s, dtype=float)
+    z = np.exp(1j * w * rates.frame_s)
+    kind = KINDS[session.scheme]
+    width, N = kind.width, len(session.people)
+    K = np.array(session.stiffness_npm)
+    server = kind.server(session, K).response(z)
+    G = np.zeros((len(w), width * N, width * N), dtype=np.complex128)
+    for number, other in enumerate(session.people):
+        mine = slice(number * width, (number + 1) * width)
+        frames = other.up.frames + other.down.frames + kind.server_delay
+        if number == user:
+            answer = _mirror(other, rates, z) if width == 1 else np.zeros((len(w), width, width))
+        else:
+            answer = kind.client(other, K[number], rates).response(z)
+        G[:, mine, mine] = answer * z[:, None, None] ** -frames
+    port = _wave_port if session.scheme != "coupling" else _coupled_port
+    sent, law = port(person, rates, w)
+    drive = np.zeros((len(w), width * N, 1), dtype=np.complex128)
+    mine = slice(user * width, (user + 1) * width)
+    drive[:, mine, 0] = sent * z[:, None] ** -person.up.frames
+    answers = np.linalg.solve(np.eye(width * N) - server @ G, server @ drive)[:, mine, 0]
+    seen = answers * z[:, None] ** -(person.down.frames + kind.server_delay)
+    return law(seen * _held(rates, w)[:, None])
+
+
+def device_impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
+    """The bare device's j w m + b_HD [N s/m]."""
+    person = session.people[user]
+    return np.asarray(1j * omega_rad_s * person.device_mass_kg + person.device_damping_nspm, dtype=np.complex128)
+
+
+def ideal_impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
+    """Direct contact: the same springs, dampers, masses and hands in continuous time, without a line [N s/m]."""
+    s = 1j * np.asarray(omega_rad_s, dtype=float)
+    own = _spring(session.people[user], s)
+    if session.fixed:
+        return own
+    rest = session.object_mass_kg * s + session.object_damping_nspm
+    for number, other in enumerate(session.people):
+        if number != user:
+            hand = other.hand_stiffness_npm / s + other.hand_damping_nspm
+            rest = rest + _in_series(_spring(other, s), other.device_mass_kg * s + other.device_damping_nspm + hand)
+    return _in_series(own, rest)
+
+
+@dataclass(frozen=True, slots=True)
+class Slow:
+    """The felt spring [N/m], damper [N s/m] and mass [kg] of F = K x + B x' + M x'' as w goes to 0."""
+
+    stiffness_npm: float
+    damping_nspm: float
+    inertia_kg: float
+
+
+def slow_feel(session: LinearSession, user: int) -> Slow:
+    """K, B, M of the impedance's expansion j w Z = K + j w B - w^2 M + ..., the device apart.
+
+    K is read at 1e-3 rad/s, exact to 1e-9; B and M at 0.25 and 0.5 rad/s, extrapolated (their next terms are of order w^2).
+    """
+    w = np.array(_SLOW_RAD_S)
+    stiff = 1j * w * impedance(session, user, w)
+    B = stiff[1:].imag / w[1:]
+    M = (stiff[0].real - stiff[1:].real) / w[1:] ** 2
+    damping, inertia = (float((4.0 * value[0] - value[1]) / 3.0) for value in (B, M))
+    return Slow(float(stiff[0].real) + inertia * _SLOW_RAD_S[0] ** 2, damping, inertia)
+
+
+def _spring(person: Person, s: Complex) -> Complex:
+    return np.asarray(person.stiffness_npm / s + person.damping_nspm, dtype=np.complex128)
+
+
+def _in_series(one: Complex, other: Complex) -> Complex:
+    """Impedances that carry one force."""
+    total = one + other
+    return np.asarray(np.divide(one * other, total, out=np.zeros_like(total), where=total != 0.0), dtype=np.complex128)
+
+
+def _held(rates: Rates, w: Array) -> Complex:
+    """Component at w of a signal that is held over each frame's M ticks."""
+    ticks = np.arange(rates.ticks_per_frame)
+    return np.asarray(np.exp(-1j * w[:, None] * ticks * rates.tick_s).mean(axis=1), dtype=np.complex128)
+
+
+def _velocity_sample(person: Person, rates: Rates, w: Array) -> Complex:
+    """What the force law reads of y = 1: exact, or `AlphaBeta` in closed form."""
+    if not person.estimated:
+        return np.ones(len(w), dtype=np.complex128)
+    back = np.exp(-1j * w * rates.tick_s)
+    beta = (1.0 - MEMORY) ** 2
+    gain = 1.0 - back * MEMORY**2 + back * beta / (1.0 - back)
+    return np.asarray(beta / rates.tick_s / (1j * w) / gain, dtype=np.complex128)
+
+
+def encoded(person: Person, rates: Rates, w: Array) -> Complex:
+    """s(w): the velocity in the waves of a tick, of y = 1 at the tick's start."""
+    if person.encoder == "velocity":
+        return _velocity_sample(person, rates, w)
+    turn = 1j * w * rates.tick_s
+    return np.asarray(np.expm1(turn) / turn, dtype=np.complex128)
+
+
+def decimated(person: Person, rates: Rates, w: Array) -> Complex:
+    """D(w): the wave of a frame, of a tone of 1 at the frame's first tick."""
+    M = rates.ticks_per_frame
+    turn = np.exp(1j * w * rates.tick_s)
+    if person.decimator == "boxcar":
+        return np.asarray((turn[:, None] ** np.arange(M)).mean(axis=1), dtype=np.complex128)
+    last = turn ** (M - 1)
+    if person.decimator == "lowpass":
+        pole = exp(-person.lowpass_rad_s * rates.tick_s)
+        return np.asarray(last * (1.0 - pole) / (1.0 - pole / turn), dtype=np.complex128)
+    return np.asarray(last, dtype=np.complex128)
+
+
+def _mirror(person: Person, rates: Rates, z: Complex) -> Complex:
+    """R: what a client whose device is held still sends back, shape (W, 1, 1)."""
+    if person.decimator != "lowpass":
+        return -np.ones((len(z), 1, 1), dtype=np.complex128)
+    pole = exp(-person.lowpass_rad_s * rates.frame_s)
+    return np.asarray((-(1.0 - pole) / (1.0 - pole / z))[:, None, None], dtype=np.complex128)
+
+
+Law = Callable[[Complex], Complex]
+"""What came back, (W, width), to the force of y = 1, (W,)."""
+
+
+def _wave_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
+    b, root = person.impedance_nspm, sqrt(2.0 * person.impedance_nspm)
+    sent = (root * decimated(person, rates, w) * encoded(person, rates, w))[:, None]
+    read = _velocity_sample(person, rates, w)
+    return sent, lambda back: np.asarray(b * read - root * back[:, 0], dtype=np.complex128)
+
+
+def _coupled_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
+    K, B = person.stiffness_npm, person.damping_nspm
+    state = np.stack((1.0 / (1j * w), _velocity_sample(person, rates, w)), axis=1)
+    law = np.array([K, B])
+    return state, lambda back: np.asarray((state - back) @ law, dtype=np.complex128)
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One way to meet the object: impedance rendered and ideal, (W,) [N s/m], and the slow feel."""
+
+    name: str
+    rendered: Complex
+    ideal: Complex
+    slow: Slow
+
+
+def conditions(
+    session: LinearSession,
+    user: int,
+    frequency_hz: Array,
+    *,
+    hand_stiffness_npm: float = 300.0,
+    hand_damping_nspm: float = 5.0,
+) -> tuple[Condition, ...]:
+    """All that apply: no contact; alone with the object, and with everybody else holding on (not for a wall); against a wall."""
+    cases = {"no contact": no_contact(session, user)}
+    if not session.fixed:
+        cases["alone with the object"] = alone(session, user)
+    cases["on a wall"] = on_wall(session, user)
+    if not session.fixed and len(session.people) > 1:
+        cases["others hold on"] = held(session, user, hand_stiffness_npm, hand_damping_nspm)
+    w = 2.0 * pi * np.asarray(frequency_hz)
+    found = []
+    for name, case in cases.items():
+        index = user if name == "others hold on" else 0
+        found.append(
+            Condition(name, impedance(case, index, w), ideal_impedance(case, index, w), slow_feel(case, index))
+        )
+    return tuple(found)

@@ -1,0 +1,192 @@
+"""Felt impedance and the delay budget against closed forms."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cogrip.protocol.decimation import lag_s
+from cogrip.protocol.felt_stiffness import felt_stiffness, line_compliance
+from cogrip.protocol.settings import resolve
+from cogrip.sim.analysis.delay_budget import budget, total_s
+from cogrip.sim.analysis.feel import (
+    alone,
+    conditions,
+    decimated,
+    encoded,
+    frequencies_hz,
+    held,
+    ideal_impedance,
+    impedance,
+    no_contact,
+    on_wall,
+    slow_feel,
+)
+from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
+
+
+def session(scheme: Any = "passive", frames: float = 1, estimated: bool = False, **keys: Any) -> LinearSession:
+    table = {"coupling": keys, "users": [{"name": "a"}, {"name": "b"}]}
+    return linear_session(resolve(table, scheme_overrides(scheme)), delay_frames=frames, estimated=estimated)
+
+
+@given(
+    st.sampled_from(("passive", "paper")),
+    st.sampled_from(("boxcar", "lowpass", "none")),
+    st.sampled_from(("displacement", "velocity")),
+    st.integers(0, 5),
+    st.floats(50.0, 1e5),
+    st.floats(5.0, 80.0),
+    st.floats(5.0, 300.0),
+    st.booleans(),
+)
+@settings(deadline=None)
+def test_felt_stiffness_is_theory_4(
+    scheme: str, decimator: str, encoder: str, frames: int, K: float, b: float, cutoff: float, estimated: bool
+) -> None:
+    which = session(
+        scheme, frames, estimated, stiffness_npm=K, impedance_nspm=b, lowpass_rad_s=cutoff
+    )  # fmt: skip
+    which = replace(which, people=tuple(replace(one, decimator=decimator, encoder=encoder) for one in which.people))
+    frame_s = which.rates.frame_s
+    lag = lag_s(decimator, frame_s, cutoff) - (2.0 * frame_s if scheme == "paper" else 0.0)
+    theory = felt_stiffness(K, line_compliance(b, 2 * frames * frame_s, lag))
+    assert slow_feel(on_wall(which, 0), 0).stiffness_npm == pytest.approx(theory, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("frames", "boxcar", "lowpass", "paper"),
+    [(0, 836.6, 623.4, 824.1), (1, 630.5, 501.3, 623.4), (3, 422.4, 360.2, 419.2)],
+)
+def test_felt_stiffness_of_the_runtimes_own_numbers(frames: int, boxcar: float, lowpass: float, paper: float) -> None:
+    def felt(which: LinearSession) -> float:
+        return round(slow_feel(on_wall(which, 0), 0).stiffness_npm, 1)
+
+    assert felt(session("passive", frames)) == boxcar
+    assert felt(session("passive", frames, decimator="lowpass")) == lowpass
+    assert felt(session("paper", frames)) == paper
+
+
+def test_virtual_coupling_renders_its_spring_at_rest() -> None:
+    slow = slow_feel(on_wall(session("coupling", 3), 0), 0)
+    assert slow.stiffness_npm == pytest.approx(1000.0, rel=1e-9)
+    assert slow.damping_nspm == pytest.approx(10.0, rel=1e-6)
+    assert slow.inertia_kg == pytest.approx(0.0, abs=1e-6)
+
+
+@given(st.integers(0, 5), st.floats(5.0, 80.0), st.sampled_from(("displacement", "velocity")))
+@settings(deadline=None)
+def test_in_free_motion_the_line_is_a_mass(frames: int, b: float, encoder: str) -> None:
+    """Its delay 2 d + 1 frames times b / 2, a tick's worth apart: energy b y^2 is under way; no drag at constant speed."""
+    which = no_contact(session("passive", frames, impedance_nspm=b, encoder=encoder), 0)
+    slow = slow_feel(which, 0)
+    loop_s = (2 * frames + 1) * which.rates.frame_s
+    assert slow.stiffness_npm == pytest.approx(0.0, abs=2e-6)
+    assert slow.damping_nspm == pytest.approx(0.0, abs=1e-6 * b)
+    assert slow.inertia_kg == pytest.approx(0.5 * b * loop_s, rel=0.15)
+
+
+def test_alone_with_the_object_its_mass_is_felt_beside_the_lines() -> None:
+    which = session("passive", 1)
+    line = slow_feel(no_contact(which, 0), 0).inertia_kg
+    slow = slow_feel(alone(which, 0), 0)
+    assert slow.inertia_kg == pytest.approx(which.object_mass_kg + line, rel=0.02)
+    assert slow.stiffness_npm == pytest.approx(0.0, abs=2e-6)
+
+
+def test_a_second_persons_hand_is_felt_as_springs_in_a_row() -> None:
+    """Hand, their line and spring, my spring and line, all in series; the object and the devices only weigh."""
+    which = held(session("passive", 1), 0, 300.0, 5.0)
+    one = slow_feel(on_wall(which, 0), 0).stiffness_npm
+    assert slow_feel(which, 0).stiffness_npm == pytest.approx(1.0 / (2.0 / one + 1.0 / 300.0), rel=1e-6)
+
+
+@given(
+    st.integers(0, 6),
+    st.floats(10.0, 1e6),
+    st.floats(0.0, 50.0),
+    st.floats(1.0, 40.0),
+)
+@settings(deadline=None)
+def test_the_passive_scheme_gives_no_energy_at_any_frequency(frames: int, K: float, B: float, b: float) -> None:
+    """The work F w of a tick, w = s y its mean velocity, is never less than the sampled damper's own b (y - w) w (theory 3.6)."""
+    which = session("passive", frames, stiffness_npm=K, damping_nspm=B, impedance_nspm=b)
+    w = 2.0 * np.pi * frequencies_hz(which.rates)
+    mean = encoded(which.people[0], which.rates, w)
+    leak = (b * (1.0 - mean) * mean.conj()).real
+    for case in (no_contact(which, 0), alone(which, 0), on_wall(which, 0)):  # a second device has a leak of its own
+        Z = impedance(case, 0, w)
+        assert ((Z * mean.conj()).real >= leak - 1e-9 * np.abs(Z) - 1e-9).all()
+
+
+@pytest.mark.parametrize("condition", range(4))
+def test_without_a_line_to_speak_of_it_is_direct_contact(condition: int) -> None:
+    """As rates grow, delays shrink to a tick and the port gets stiff, the ideal is reached."""
+    rates = {"rates": {"device_hz": 20000, "network_hz": 20000}}
+    keys = {"impedance_nspm": 400.0, "stiffness_npm": 800.0, "damping_nspm": 3.0}
+    table = {**rates, "coupling": keys, "users": [{"name": "a"}, {"name": "b"}]}
+    which = linear_session(resolve(table))
+    found = conditions(which, 0, np.array([0.5, 2.0, 8.0]))[condition]
+    line = 0.5 * 400.0 / 20000  # the line's own mass, small
+    w = 2.0 * np.pi * np.array([0.5, 2.0, 8.0])
+    allowed = 2.5 * (w * line + 0.03 * np.abs(found.ideal))
+    assert (np.abs(found.rendered - found.ideal) < allowed).all()
+
+
+def test_the_ideal_of_each_condition() -> None:
+    which = session("passive", 0)
+    w = np.array([3.0])
+    s = 3.0j
+    spring = 1000.0 / s + 10.0
+    np.testing.assert_allclose(ideal_impedance(on_wall(which, 0), 0, w), [spring])
+    np.testing.assert_allclose(ideal_impedance(alone(which, 0), 0, w), [1 / (1 / spring + 1 / (0.2 * s))])
+    np.testing.assert_allclose(ideal_impedance(no_contact(which, 0), 0, w), [0.0])
+    other = 1 / (1 / spring + 1 / (0.1 * s + 5.0 + 300.0 / s))
+    expected = 1 / (1 / spring + 1 / (0.2 * s + other))
+    np.testing.assert_allclose(ideal_impedance(held(which, 0, 300.0, 5.0), 0, w), [expected])
+
+
+def test_a_wall_has_no_conditions_with_a_free_object() -> None:
+    wall = linear_session(resolve({"object": {"kind": "wall"}}))
+    assert [found.name for found in conditions(wall, 0, np.array([1.0]))] == ["no contact", "on a wall"]
+
+
+@given(
+    st.sampled_from(("boxcar", "lowpass", "none")),
+    st.sampled_from(("displacement", "velocity")),
+    st.booleans(),
+    st.floats(0.0, 90.0),
+    st.floats(0.0, 90.0),
+    st.integers(0, 3),
+    st.floats(5.0, 500.0),
+)
+@settings(deadline=None)
+def test_the_budget_adds_up_to_the_delay_of_slow_motion(
+    decimator: str, encoder: str, estimated: bool, up_ms: float, down_ms: float, playout: int, cutoff: float
+) -> None:
+    table = {
+        "coupling": {"decimator": decimator, "encoder": encoder, "lowpass_rad_s": cutoff},
+        "link": {"up": {"delay_ms": up_ms}, "down": {"delay_ms": down_ms}},
+        "playout": {"frames": playout},
+    }
+    which = linear_session(resolve(table), estimated=estimated)
+    person, rates = which.people[0], which.rates
+    w = np.array([1e-3])
+    frames = person.up.frames + person.down.frames + 1
+    ticks = np.arange(rates.ticks_per_frame)
+    kept = np.exp(-1j * w * ticks * rates.tick_s).mean() * -np.expm1(-1j * w * rates.tick_s) / (1j * w * rates.tick_s)
+    path = encoded(person, rates, w) * decimated(person, rates, w) * np.exp(-1j * w * frames * rates.frame_s) * kept
+    assert total_s(budget(which, 0)) == pytest.approx(float(-np.angle(path)[0] / w[0]), abs=1e-7)
+
+
+def test_the_budget_of_a_boxcar_is_the_time_of_theory_4() -> None:
+    which = session("passive", 3)
+    assert total_s(budget(which, 0)) == pytest.approx(7 * which.rates.frame_s, abs=1e-12)
+
+
+def test_the_budget_of_virtual_coupling() -> None:
+    which = session("coupling", 2)
+    assert total_s(budget(which, 0)) == pytest.approx(5.5 * which.rates.frame_s, abs=1e-12)
