@@ -9,7 +9,7 @@ import pytest
 from cogrip.devices import Capability, DeviceError, Sample, describe, make
 
 RATE_HZ = 1024
-HANDS = ("hold", "push", "reach&direction=1", "tremor&seed=3")
+HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
 ADDRESSES = [f"{listing.address}?hand={hand}" for listing in describe() for hand in HANDS]
 every_device = pytest.mark.parametrize(
     ("address", "axes"), [(address, axes) for address in ADDRESSES for axes in (1, 2, 3)]

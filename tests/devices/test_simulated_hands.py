@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.devices import DeviceError, make
-from cogrip.devices.simulated.hands import ReachSettings, TremorSettings, reach_course, tremor_course
+from cogrip.devices.simulated.hands import (
+    ReachSettings,
+    SineSettings,
+    TremorSettings,
+    reach_course,
+    sine_course,
+    tremor_course,
+)
 from cogrip.devices.simulated.recorded_hand import RecordedSettings, read_recording
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -48,6 +55,24 @@ def test_reach_velocity_is_the_slope_and_the_end_is_rest(amplitude, stroke, dela
     assert course(time)[1] == pytest.approx(slope, abs=1e-6 * (1 + abs(amplitude / stroke)))
     assert course(delay) == (0.0, 0.0)
     assert course(stop + 1e-9 * stop + 1e-12) == (amplitude if strokes % 2 else 0.0, 0.0)
+
+
+@given(st.floats(-0.05, 0.05), st.floats(0.05, 20.0), st.floats(0.0, 2.0), st.floats(-0.05, 0.05), st.floats(0.0, 5.0))
+def test_sine_velocity_is_the_slope(amplitude, frequency, ramp, offset, time) -> None:
+    course = sine_course(
+        SineSettings(amplitude_m=amplitude, frequency_hz=frequency, ramp_s=ramp, offset_m=offset)
+    )  # fmt: skip
+    if abs(time - ramp) < 1e-5 or time < 1e-5:
+        return
+    (before, _), (_, speed), (after, _) = (course(time + step) for step in (-1e-6, 0.0, 1e-6))
+    assert speed == pytest.approx((after - before) / 2e-6, abs=1e-5)
+
+
+def test_sine_swings_evenly_after_a_smooth_start() -> None:
+    course = sine_course(SineSettings(amplitude_m=0.01, frequency_hz=2.0, ramp_s=0.5, offset_m=0.002))
+    assert course(0.0) == (0.0, 0.0)
+    assert course(1.125)[0] == pytest.approx(0.012)
+    assert course(1.375)[0] == pytest.approx(-0.008)
 
 
 def test_reach_goes_to_and_fro() -> None:

@@ -31,7 +31,6 @@ from cogrip.sim.analysis.linear_session import (
     rounding_notes,
     scheme_overrides,
 )
-from cogrip.sim.analysis.rigid_motion import Rigid
 from cogrip.sim.analysis.stability import verdict
 
 Array = NDArray[np.float64]
@@ -358,7 +357,7 @@ def test_virtual_coupling_has_no_playout() -> None:
 @pytest.mark.parametrize("scheme", ["paper", "coupling"])
 def test_a_scheme_that_does_not_fit_the_object_is_refused(scheme: str) -> None:
     table = {"object": {"kind": "faces"}, "users": [{"name": "a"}]}
-    with pytest.raises(ModelError, match='does not fit object.kind = "faces"'):
+    with pytest.raises(ModelError, match=r'does not fit object\.kind = "faces"'):
         linear_session(resolve(table, scheme_overrides(scheme)))  # type: ignore[arg-type]
 
 

@@ -44,6 +44,7 @@ HANDS: dict[str, HandKind] = {
     "hold": HandKind(hands.ImpedanceSettings, hands.make_hold),
     "push": HandKind(hands.PushSettings, hands.PushHand),
     "reach": HandKind(hands.ReachSettings, hands.make_reach),
+    "sine": HandKind(hands.SineSettings, hands.make_sine),
     "tremor": HandKind(hands.TremorSettings, hands.make_tremor),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.make_recorded, takes="FILE"),
 }

@@ -78,6 +78,16 @@ class TremorSettings(ReachSettings, frozen=True, kw_only=True):
     seed: int = 0
 
 
+class SineSettings(ImpedanceSettings, frozen=True, kw_only=True):
+    """Query keys of `sine`. ramp_s: time in which the amplitude grows from 0. offset_m: where it swings about, from home."""
+
+    amplitude_m: Finite = 0.005
+    frequency_hz: Positive = 1.0
+    ramp_s: NotNegative = 0.5
+    offset_m: Finite = 0.0
+    direction: tuple[Finite, ...] = (1.0,)
+
+
 class PushSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Query keys of `push`: force_n along the direction, from start_s on."""
 
@@ -158,6 +168,32 @@ def make_reach(settings: ReachSettings, axes: int) -> Hand:
 def make_tremor(settings: TremorSettings, axes: int) -> Hand:
     """A hand that goes to and fro, or holds, and trembles along the direction."""
     return DirectedHand(settings, tremor_course(settings), fit_axes(settings.direction, axes, "direction"))
+
+
+def make_sine(settings: SineSettings, axes: int) -> Hand:
+    """A hand that swings evenly."""
+    return DirectedHand(settings, sine_course(settings), fit_axes(settings.direction, axes, "direction"))
+
+
+def sine_course(settings: SineSettings) -> Course:
+    """g(t) (offset_m + amplitude_m sin(2 pi frequency_hz t)) with g a smooth step, 3 z^2 - 2 z^3 over z = t / ramp_s <= 1."""
+    amplitude, omega, ramp, offset = (
+        settings.amplitude_m,
+        2.0 * pi * settings.frequency_hz,
+        settings.ramp_s,
+        settings.offset_m,
+    )
+
+    def course(time_s: float) -> tuple[float, float]:
+        s = offset + amplitude * sin(omega * time_s)
+        w = amplitude * omega * cos(omega * time_s)
+        if time_s >= ramp:
+            return s, w
+        z = max(0.0, time_s / ramp)
+        grown = z * z * (3.0 - 2.0 * z)
+        return grown * s, grown * w + 6.0 * z * (1.0 - z) / ramp * s
+
+    return course
 
 
 def reach_course(settings: ReachSettings) -> Course:

@@ -40,13 +40,16 @@ class Filter:
 
     def __post_init__(self) -> None:
         if not self.taps or not self.poles or self.poles[0] == 0.0:
-            raise ValueError(f"filter with taps {self.taps} over {self.poles}: give at least one tap, and a_0 that is not 0")
+            raise ValueError(
+                f"filter with taps {self.taps} over {self.poles}: give at least one tap, and a_0 that is not 0"
+            )
         if not np.isfinite((*self.taps, *self.poles)).all():
             raise ValueError(f"filter with taps {self.taps} over {self.poles}: every number must be finite")
         outermost = np.abs(np.roots(self.poles)).max(initial=0.0)
         if outermost >= 1.0:
-            raise ValueError(f"filter over {self.poles}: has a pole at radius {outermost:g}, which must be below 1 to
-            be stable")
+            raise ValueError(
+                f"filter over {self.poles}: has a pole at radius {outermost:g}, which must be below 1 to be stable"
+            )
 
     def response(self, angle: Array) -> Complex:
         """H(e^{j angle}), angle [rad per device tick] of any shape."""
@@ -97,7 +100,8 @@ def worst_input(which: Filter, ticks_per_frame: int, frames: int) -> Array:
     angles = (w + 2.0 * pi * np.arange(M)) / M
     ticks = np.arange(frames * M)[:, None] - (M - 1)  # a frame's last tick is the one that is kept
     signal: Array = (weights * np.exp(1j * angles * ticks)).sum(axis=1).real
-    return signal / np.abs(signal).max()
+    unit: Array = signal / np.abs(signal).max()
+    return unit
 
 
 def swept_sine(rates: Rates, seconds: float, from_hz: float = 1.0) -> Array:

@@ -1,15 +1,16 @@
 """What a hand feels through the session: impedance over frequency, and stiffness, damping and inertia at low frequency.
 
-One user's hand moves its device as x(t) = X e^{j w t}, whatever the force; all else answers. With y = j w x, the device's motors give
+One user's hand moves its device as x(t) = X e^{j w t}, whatever the force; all else answers. With y = j w x, the device's
+motors give
 
     Z(w) = F(w) / y        F(w) = (1/M) sum_k F_k e^{-j w k T_c}
 
-the component at w of the force's samples; a force held over frames has images at w + 2 pi n / T_n besides, which do not count.
-The device's own j w m + b_HD comes on top in the hand (`device_impedance`).
+the component at w of the force's samples; a force held over frames has images at w + 2 pi n / T_n besides, which do not
+count. The device's own j w m + b_HD comes on top in the hand (`device_impedance`).
 
-Everything is a phasor per network frame, z = e^{j w T_n}. The moving client's port, with s(w) what its encoder makes of the motion and V
-the returning wave held over a frame, is  u = E + R V  with  E = D(w) sqrt(2b) s(w) y, D and R the decimator's answers to a tone and to a
-held wave; the other clients' are G_j V; the server's is v = S u. So (I - S G) v = S e_i E.
+Everything is a phasor per network frame, z = e^{j w T_n}. The moving client's port, with s(w) what its encoder makes of the
+motion and V the returning wave held over a frame, is u = E + R V with E = D(w) sqrt(2b) s(w) y, D and R the decimator's
+answers to a tone and to a held wave; the other clients' are G_j V; the server's is v = S u. So (I - S G) v = S e_i E.
 
 Symbols as in `client_blocks`; frequencies w [rad/s] of shape (W,).
 """
@@ -231,7 +232,10 @@ def conditions(
     hand_stiffness_npm: float = 300.0,
     hand_damping_nspm: float = 5.0,
 ) -> tuple[Condition, ...]:
-    """All that apply: no contact; alone with the object, and with everybody else holding on (not for a wall); against a wall."""
+    """All that apply: no contact; alone with the object, and with everybody else holding on (not for a wall);
+
+    against a wall.
+    """
     cases = {"no contact": no_contact(session, user)}
     if not session.fixed:
         cases["alone with the object"] = alone(session, user)

@@ -1,0 +1,100 @@
+"""The lifted model's impedances and stiffness against sessions of the actual cores with a sinusoidal hand."""
+
+from math import pi
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.analysis.feel import alone, held, impedance, no_contact, on_wall, slow_feel
+from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
+from cogrip.sim.analysis.session_impedance import MeasurementError, measure, static_stiffness
+
+FRAME_MS = 1000.0 / 128
+AMPLITUDE_M = 2e-4
+
+
+def base(scheme: Any, frames: int, kind: str, names: str = "a", **coupling: Any) -> Settings:
+    table = {
+        "object": {"kind": kind},
+        "coupling": coupling,
+        "link": {"delay_ms": frames * FRAME_MS},
+        "users": [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in names],
+    }
+    return resolve(table, scheme_overrides(scheme))
+
+
+def case(condition: str, scheme: str, frames: int) -> tuple[Settings, float, LinearSession]:
+    """Settings to measure, where the hand swings about, and the same condition of the lifted model."""
+    if condition == "no contact":
+        settings = base(scheme, frames, "wall")
+        return settings, -2.0 * AMPLITUDE_M, no_contact(linear_session(settings), 0)
+    if condition == "on a wall":
+        settings = base(scheme, frames, "wall")
+        return settings, 10.0 * AMPLITUDE_M, on_wall(linear_session(settings), 0)
+    if condition == "alone":
+        settings = base(scheme, frames, "cube")
+        return settings, 0.0, alone(linear_session(settings), 0)
+    settings = base(scheme, frames, "cube", "ab")
+    return settings, 0.0, held(linear_session(settings), 0, 300.0, 5.0)
+
+
+CASES = [
+    (condition, scheme, frames)
+    for condition in ("no contact", "on a wall", "alone", "others hold on")
+    for scheme, frames in (("passive", 0), ("passive", 3), ("paper", 1), ("coupling", 0))
+    if not (condition == "no contact" and scheme == "coupling")  # nothing flows there at all
+]
+
+
+@pytest.mark.parametrize(("condition", "scheme", "frames"), CASES)
+@pytest.mark.parametrize("frequency_hz", [1.0, 5.0, 18.0])
+def test_the_model_renders_what_a_session_does(condition: str, scheme: str, frames: int, frequency_hz: float) -> None:
+    settings, offset, session = case(condition, scheme, frames)
+    measured = measure(settings, 0, frequency_hz, amplitude_m=AMPLITUDE_M, offset_m=offset, settle_s=2.5)
+    model = impedance(session, 0, np.array([2.0 * pi * measured.frequency_hz]))[0]
+    assert abs(measured.impedance - model) < 1e-4 * abs(model)  # asked: 3 %
+
+
+@pytest.mark.parametrize("frames", [0, 1, 3])
+@pytest.mark.parametrize("decimator", ["boxcar", "lowpass"])
+@pytest.mark.parametrize("scheme", ["passive", "paper"])
+def test_the_model_feels_as_stiff_as_a_session(scheme: str, decimator: str, frames: int) -> None:
+    settings = resolve(
+        {
+            "object": {"kind": "wall"},
+            "coupling": {"decimator": decimator, "server_step": scheme, "stiffness_npm": 250.0},
+            "link": {"delay_ms": frames * FRAME_MS},
+            "users": [{"name": "a", "device_damping_nspm": 2.0}],
+        }
+    )
+    felt = slow_feel(on_wall(linear_session(settings), 0), 0).stiffness_npm
+    assert static_stiffness(settings, 0) == pytest.approx(felt, rel=0.005)
+
+
+def test_twice_the_swing_is_the_same_impedance() -> None:
+    settings = base("passive", 1, "cube", "ab")
+    small, large = (measure(settings, 0, 3.0, amplitude_m=size, settle_s=4.0) for size in (1e-4, 2e-4))
+    assert large.impedance == pytest.approx(small.impedance, rel=1e-3)
+    assert large.force_n == pytest.approx(2.0 * small.force_n, rel=1e-3)
+    assert large.amplitude_m == pytest.approx(2e-4, rel=1e-6)
+
+
+def test_the_frequency_is_one_of_whole_frames() -> None:
+    measured = measure(base("passive", 0, "cube"), 0, 3.01, periods=2, settle_s=1.0)
+    frames = 2 * 128 / measured.frequency_hz
+    assert frames == pytest.approx(round(frames), abs=1e-9)
+    assert measured.frequency_hz == pytest.approx(3.01, rel=0.01)
+
+
+def test_a_swing_that_meets_a_limit_is_no_measurement() -> None:
+    with pytest.raises(MeasurementError, match="smaller amplitude|diverged"):
+        measure(base("passive", 0, "wall"), 0, 2.0, amplitude_m=0.4, offset_m=0.4)
+
+
+def test_half_the_network_rate_is_the_end() -> None:
+    settings = base("passive", 0, "cube")
+    assert measure(settings, 0, 63.0, amplitude_m=1e-6, periods=63, settle_s=1.0).frequency_hz == 63.0
+    with pytest.raises(MeasurementError, match="half the network rate"):
+        measure(settings, 0, 64.0, periods=64)
