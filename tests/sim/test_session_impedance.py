@@ -52,9 +52,9 @@ CASES = [
 @pytest.mark.parametrize("frequency_hz", [1.0, 5.0, 18.0])
 def test_the_model_renders_what_a_session_does(condition: str, scheme: str, frames: int, frequency_hz: float) -> None:
     settings, offset, session = case(condition, scheme, frames)
-    measured = measure(settings, 0, frequency_hz, amplitude_m=AMPLITUDE_M, offset_m=offset, settle_s=2.5)
+    measured = measure(settings, 0, frequency_hz, amplitude_m=AMPLITUDE_M, offset_m=offset, settle_s=8.0)
     model = impedance(session, 0, np.array([2.0 * pi * measured.frequency_hz]))[0]
-    assert abs(measured.impedance - model) < 1e-4 * abs(model)  # asked: 3 %
+    assert abs(measured.impedance - model) < 1e-3 * abs(model)  # asked: 3 %
 
 
 @pytest.mark.parametrize("frames", [0, 1, 3])
@@ -89,7 +89,7 @@ def test_the_frequency_is_one_of_whole_frames() -> None:
 
 
 def test_a_swing_that_meets_a_limit_is_no_measurement() -> None:
-    with pytest.raises(MeasurementError, match="smaller amplitude|diverged"):
+    with pytest.raises(MeasurementError, match=r"smaller amplitude|diverged"):
         measure(base("passive", 0, "wall"), 0, 2.0, amplitude_m=0.4, offset_m=0.4)
 
 
