@@ -83,7 +83,10 @@ def measure(
         raise MeasurementError(f"frequency of {frequency:g} Hz is out of 0 to {0.5 * hz:g}: half the network rate")
     laboratory = _with_ideal(settings, user, "hold")
     person = laboratory.people[user]
-    swing = SineSettings(amplitude_m=amplitude_m, frequency_hz=frequency, offset_m=offset_m)
+    # a slow start: a line that nothing is touched through has no loss of its own, and would ring on
+    swing = SineSettings(
+        amplitude_m=amplitude_m, frequency_hz=frequency, offset_m=offset_m, ramp_s=0.8 * max(settle_s, _RAMPS_S)
+    )
     person.device = SwungDevice(person.device.capability, swing)
     person.device.open(settings.rates.device_hz)
     _settle(laboratory, max(settle_s, _RAMPS_S))
