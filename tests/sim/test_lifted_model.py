@@ -4,6 +4,7 @@ The frame of the cores is linear (in touch: affine), so its matrix has for colum
 Delays are explicit delay lines here: no datagram, no ramp. States stand as in `LiftedModel.layout`.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from cogrip.client.velocity import AlphaBeta
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
+from cogrip.protocol.delays import one_way
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.worlds.grip import GripWorld
@@ -49,6 +51,7 @@ COUPLED = {
 }
 TOUCH_M = 10.0  # how deep inside a one-sided contact its map is taken
 NUDGE = 1e-3
+FRAME_MS = 1000.0 / 128
 
 
 class CoresFrame:
@@ -238,7 +241,6 @@ def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
     kind = draw(st.sampled_from(("cube", "wall", "faces") if scheme == "passive" else ("cube", "wall")))
     M = draw(st.sampled_from((1, 2, 4, 8, 16)))
     estimated = draw(st.booleans())
-    frame_ms = 1000.0 / 128
 
     def user(number: int) -> dict[str, Any]:
         hand = f"hand_stiffness_npm={draw(st.sampled_from((0.0, 300.0)))}&hand_damping_nspm={draw(st.floats(0.0, 8.0))}"
@@ -268,15 +270,13 @@ def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
             "mass_kg": draw(st.floats(0.05, 3.0)),
             "damping_nspm": draw(st.sampled_from((0.0, 2.0))),
         },
-        "link": {
-            "up": {"delay_ms": draw(st.integers(0, 3)) * frame_ms},
-            "down": {"delay_ms": draw(st.integers(0, 3)) * frame_ms},
-        },
-        "playout": {"frames": draw(st.integers(0, 1))},
         "users": [user(number) for number in range(draw(st.integers(1, 4)))],
     }
     resolved = resolve(table)
     session = linear_session(resolved, hands=True, estimated=estimated)
+    delays = [[one_way(draw(st.integers(0, 4)) * FRAME_MS, 0, session.rates) for _ in "ud"] for _ in session.people]
+    people = zip(session.people, delays, strict=True)
+    session = replace(session, people=tuple(replace(person, up=up, down=down) for person, (up, down) in people))
     if (
         scheme == "coupling" and kind == "wall"
     ):  # a device that is unstable by itself would leave the wall within the frame

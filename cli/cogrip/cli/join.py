@@ -12,13 +12,15 @@ from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.serve import DEFAULT_PORT
 from cogrip.cli.settings_file import load
 from cogrip.client.loop import Ended, JoinError, LiveClient
-from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import make
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
+from cogrip.sim.analysis.advice import advise_seat
+from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.run_folder import client_trace, write_account, write_summary
 from cogrip.sim.summary import of_client
@@ -86,6 +88,7 @@ def join(
 
     def trace_at(seat: SeatSettings) -> Path:
         nonlocal folder
+        _warn(seat, arm.capability, console)
         folder = folder or new_run_folder(runs, f"{seat.room}-{seat.user}")
         return folder / client_trace(seat.user)
 
@@ -114,6 +117,16 @@ def _finish(ended: Ended, folder: Path, console: Console, *, alone: bool, report
             console.print(terminal_summary(summary))
             console.print(f"report: {write_report(folder)}")
     return 0 if not ended.failed and summary["passive"] and not summary["diverged"] else 1
+
+
+def _warn(seat: SeatSettings, record: Capability, console: Console) -> None:
+    """Say where this seat lies outside what is stable, passive or fit for its device, in the words of `cogrip advise`."""
+    try:
+        warnings = advise_seat(seat, record).warnings
+    except ModelError as error:
+        warnings = (f"no advice: {error}",)
+    for text in warnings:
+        console.print(f"warning: {text}", markup=False)
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -17,6 +17,10 @@ COMMANDS = {
     "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
     "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
     "lab": ("cogrip.cli.lab:lab", "Run a whole session in virtual time, without sleeping."),
+    "advise": (
+        "cogrip.cli.advise:advise_command",
+        "Say before anyone holds a device whether a session is stable, what it will feel like, and what would help.",
+    ),
     "stability": (
         "cogrip.cli.stability:stability",
         "Say whether a session is stable, up to which stiffness, and in which region.",

@@ -1,5 +1,6 @@
 """`cogrip serve`: the shared object, for whoever joins."""
 
+from collections.abc import Sequence
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated
@@ -10,8 +11,12 @@ from rich.console import Console
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
+from cogrip.devices.device import DeviceError
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.settings import Settings
 from cogrip.server.loop import LiveServer, ServeError
+from cogrip.sim.analysis.advice import advise
+from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.run_folder import ROOM_TRACE, write_settings, write_summary
 from cogrip.sim.summary import of_room
 
@@ -50,17 +55,8 @@ def serve(
         Write report.html and plots at the end.
     """
     console = Console(highlight=False, soft_wrap=True)
-    if not config:
-        raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
-    if not 0 <= port <= 65535:
-        raise BadInput(f"--port {port} is outside 0 to 65535")
-    rooms = [load(path, overrides) for path in config]
+    rooms = _rooms(config, overrides, port, into)
     names = [room.name for room in rooms]
-    for name in names:
-        if names.count(name) > 1:
-            raise BadInput(f"serve: two rooms are called {name!r}; give each file a `name` of its own")
-    if into is not None and len(rooms) > 1:
-        raise BadInput("serve: --into takes one room; leave it out to get a folder for each")
     folders: dict[str, Path] = {}
     stop = Stop()
 
@@ -80,6 +76,8 @@ def serve(
             console.print(
                 f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed: anyone may join"
             )
+        for settings in rooms:
+            _warn(settings, console)
         console.print(f"listening on {bound[0]}:{bound[1]}; rooms: {', '.join(names)}; Ctrl-C ends")
         server.run()
         console.print(f"stopped: {stop.reason}")
@@ -95,3 +93,28 @@ def serve(
                 console.print(terminal_summary(summary))
                 console.print(f"report: {write_report(folders[room.name])}")
     return 0 if passive else 1
+
+
+def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:
+    if not config:
+        raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
+    if not 0 <= port <= 65535:
+        raise BadInput(f"--port {port} is outside 0 to 65535")
+    rooms = [load(path, overrides) for path in config]
+    names = [room.name for room in rooms]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"serve: two rooms are called {name!r}; give each file a `name` of its own")
+    if into is not None and len(rooms) > 1:
+        raise BadInput("serve: --into takes one room; leave it out to get a folder for each")
+    return rooms
+
+
+def _warn(settings: Settings, console: Console) -> None:
+    """Say where a room lies outside what is stable, passive or fit for its devices, in the words of `cogrip advise`."""
+    try:
+        warnings = advise(settings).warnings
+    except (ModelError, DeviceError) as error:
+        warnings = (f"no advice: {error}",)
+    for text in warnings:
+        console.print(f"warning: room {settings.name}: {text}", markup=False)

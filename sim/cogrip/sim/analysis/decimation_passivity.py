@@ -18,14 +18,14 @@ from math import exp, pi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
 from cogrip.protocol.decimation import Decimator
 from cogrip.protocol.rates import Rates
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-_SCAN = 4097
+_SCAN = 1025
+_ZOOMS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,18 +78,14 @@ def aliased_gain(which: Filter, ticks_per_frame: int, angle: Array) -> Array:
 
 def largest_gain(which: Filter, ticks_per_frame: int) -> tuple[float, float]:
     """max S and the w in [0, pi] where it is reached, to rounding. Raises ValueError for M below 1."""
-    angles = np.linspace(0.0, pi, _SCAN)
-    gains = aliased_gain(which, ticks_per_frame, angles)
-    near = int(gains.argmax())
-    found = minimize_scalar(
-        lambda angle: -float(aliased_gain(which, ticks_per_frame, np.array(angle))),
-        bounds=(angles[max(near - 1, 0)], angles[min(near + 1, _SCAN - 1)]),
-        method="bounded",
-        options={"xatol": 1e-12},
-    )
-    if -found.fun > gains[near]:
-        return float(-found.fun), float(found.x)
-    return float(gains[near]), float(angles[near])
+    low, high, found = 0.0, pi, (0.0, 0.0)
+    for _ in range(_ZOOMS):  # S is even and smooth: each round keeps the two steps beside its largest value
+        angles = np.linspace(low, high, _SCAN)
+        gains = aliased_gain(which, ticks_per_frame, angles)
+        near = int(gains.argmax())
+        found = float(gains[near]), float(angles[near])
+        low, high = angles[max(near - 1, 0)], angles[min(near + 1, _SCAN - 1)]
+    return found
 
 
 def worst_input(which: Filter, ticks_per_frame: int, frames: int) -> Array:

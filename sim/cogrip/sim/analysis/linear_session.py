@@ -6,15 +6,17 @@ face or a wall stays in touch. Hands are left out too unless asked for, as in P 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.delays import OneWay, one_way
 from cogrip.protocol.rates import Rates
-from cogrip.protocol.settings import SeatSettings, Settings, User, seat_settings
+from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_settings
 
 Scheme = Literal["passive", "paper", "coupling"]
 MOST_FRAMES = 256
@@ -71,11 +73,11 @@ class LinearSession:
         return tuple(person.stiffness_npm for person in self.people)
 
 
-def scheme_of(settings: Settings) -> Scheme:
+def scheme_of(coupling: Coupling) -> Scheme:
     """The scheme that the settings ask for."""
-    if settings.coupling.kind == "coupling":
+    if coupling.kind == "coupling":
         return "coupling"
-    return "paper" if settings.coupling.server_step == "paper" else "passive"
+    return "paper" if coupling.server_step == "paper" else "passive"
 
 
 def scheme_overrides(scheme: Scheme) -> dict[str, str]:
@@ -102,46 +104,69 @@ def linear_session(
     estimated: devices that give no velocity use the client's estimate (default: exact velocity, as there)
     Raises ModelError for a scheme that does not fit the object; DeviceError for a device that cannot be had.
     """
-    scheme = scheme_of(settings)
-    kind = settings.object.kind
-    if kind == "faces" and scheme != "passive":
-        raise ModelError(
-            f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is not '
-            'passive a model of lasting contact would promise too much; use object.kind = "cube" or "wall", or scheme "passive"'
-        )
-    people = tuple(_person(settings, seat, delay_frames, hands, estimated) for seat in range(len(settings.users)))
-    return LinearSession(
-        scheme=scheme,
-        rates=Rates(settings.rates.device_hz, settings.rates.network_hz),
-        people=people,
-        fixed=kind == "wall",
-        midpoint=kind == "cube",
-        object_mass_kg=settings.object.mass_kg,
-        object_damping_nspm=settings.object.damping_nspm,
-    )
+    people = []
+    for number, user in enumerate(settings.users):
+        device = make_for(user, settings.object.axes)
+        person = _person(seat_settings(settings, number), device.capability, delay_frames)
+        people.append(_simulated(person, user, device, hands, estimated))
+    return _session(seat_settings(settings, 0), people)
 
 
-def _person(settings: Settings, seat: int, delay_frames: float | None, hands: bool, estimated: bool) -> Person:
-    user, shared = settings.users[seat], seat_settings(settings, seat)
-    device = make_for(user, settings.object.axes)
-    hand = device.hand if hands and isinstance(device, SimulatedDevice) else None
-    up, down = line_delays(shared, delay_frames)
-    coupling = shared.coupling
+def seat_session(seat: SeatSettings, capability: Capability) -> LinearSession:
+    """What one seat alone is, with the device that took it: for a client, which knows nobody else's settings.
+
+    The device's damping is taken as 0, its velocity as estimated where it gives none. Raises ModelError.
+    """
+    return _session(seat, [_person(seat, capability, None)])
+
+
+def _person(seat: SeatSettings, capability: Capability, delay_frames: float | None) -> Person:
+    up, down = line_delays(seat, delay_frames)
+    coupling = seat.coupling
     return Person(
-        name=user.name,
-        device_mass_kg=device.capability.apparent_mass_kg,
-        device_damping_nspm=_damping(user),
+        name=seat.user,
+        device_mass_kg=capability.apparent_mass_kg,
+        device_damping_nspm=0.0,
         impedance_nspm=coupling.impedance_nspm,
-        stiffness_npm=shared.rendered_npm,
+        stiffness_npm=seat.rendered_npm,
         damping_nspm=coupling.damping_nspm,
         decimator=coupling.decimator,
         lowpass_rad_s=coupling.lowpass_rad_s,
         encoder=coupling.encoder,
         up=up,
         down=down,
+        estimated=not capability.gives_velocity,
+    )
+
+
+def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
+    scheme, kind = scheme_of(seat.coupling), seat.object.kind
+    if kind == "faces" and scheme != "passive":
+        raise ModelError(
+            f'scheme "{scheme}" does not fit object.kind = "faces": there contact comes and goes, and for a step that is '
+            "not passive a model of lasting contact would promise too much; "
+            'use object.kind = "cube" or "wall", or scheme "passive"'
+        )
+    return LinearSession(
+        scheme=scheme,
+        rates=seat.rates,
+        people=tuple(people),
+        fixed=kind == "wall",
+        midpoint=kind == "cube",
+        object_mass_kg=seat.object.mass_kg,
+        object_damping_nspm=seat.object.damping_nspm,
+    )
+
+
+def _simulated(person: Person, user: User, device: Device, hands: bool, estimated: bool) -> Person:
+    """With what only the settings know of a simulated device and its hand."""
+    hand = device.hand if hands and isinstance(device, SimulatedDevice) else None
+    return replace(
+        person,
+        device_damping_nspm=_damping(user),
         hand_stiffness_npm=hand.stiffness_npm if hand else 0.0,
         hand_damping_nspm=hand.damping_nspm if hand else 0.0,
-        estimated=estimated and not device.capability.gives_velocity,
+        estimated=estimated and person.estimated,
     )
 
 

@@ -1,0 +1,197 @@
+"""Advice before anyone holds a device: does a session lie inside what is stable, passive, and felt as asked?
+
+`advise` needs the settings of everybody, `advise_seat` those of one seat and its device: a server and a client say the same
+words about what each of them knows. A finding that warns says why and what to do; `advice_change` finds what would help most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from cogrip.devices.device import Capability
+from cogrip.devices.for_user import make_for
+from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
+from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
+from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
+from cogrip.sim.analysis.feel import on_wall, slow_feel
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
+from cogrip.sim.analysis.stability import Limit, Verdict, largest_stable, verdict
+
+AMPLE = 1.5  # times its stiffness that a session should stay stable to
+MUCH_GAIN = 1.1  # of a decimator: more than that warns
+DEVICE_BOUND = 1.0  # b T_c / m, theory section 3.6
+_TINY_GAIN = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One sentence. "warning": the session lies outside; "note": worth knowing."""
+
+    topic: str
+    text: str
+    level: Literal["ok", "note", "warning"] = "ok"
+
+    @property
+    def warns(self) -> bool:
+        return self.level == "warning"
+
+
+@dataclass(frozen=True, slots=True)
+class UserAdvice:
+    """One person's numbers. felt: on a wall, at rest; compensated:
+
+    the K to render for the hand to feel what was asked, if any does.
+    """
+
+    name: str
+    asked_npm: float
+    felt_npm: float
+    compensated_npm: float | None
+    enough_impedance_nspm: float | None
+    b_tc_over_m: float
+    advised_damping_nspm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    verdict: Verdict
+    limit: Limit
+    stiffness_npm: float  # the largest that anybody's spring is rendered with
+    users: tuple[UserAdvice, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(finding.text for finding in self.findings if finding.warns)
+
+
+def advise(settings: Settings) -> Advice:
+    """What there is to say of a room. Raises ModelError or DeviceError where there is no model, or no such device."""
+    session = linear_session(settings, estimated=True)
+    seats = [seat_settings(settings, number) for number in range(len(settings.users))]
+    records = [make_for(user, settings.object.axes).capability for user in settings.users]
+    return _advise(session, seats, records)
+
+
+def advise_seat(seat: SeatSettings, record: Capability) -> Advice:
+    """What there is to say of one seat with its own device, alone with the object. Raises ModelError."""
+    return _advise(seat_session(seat, record), [seat], [record])
+
+
+def _advise(session: LinearSession, seats: Sequence[SeatSettings], records: Sequence[Capability]) -> Advice:
+    model = LiftedModel(session)
+    found, limit, most = verdict(model), _limit(model), max(session.stiffness_npm)
+    users = tuple(_user(session, number, *one) for number, one in enumerate(zip(seats, records, strict=True)))
+    findings = [_stability(found, limit, most), *_passivity(seats)]
+    for user, seat, record in zip(users, seats, records, strict=True):
+        findings += _seat(user, seat, record)
+    return Advice(found, limit, most, users, tuple(findings))
+
+
+def _limit(model: LiftedModel) -> Limit:
+    if not any(model.session.stiffness_npm):
+        return Limit(None, 0.0)  # nobody holds the object by a spring
+    return largest_stable(model, relative=1e-4)
+
+
+def _stability(found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
+    if limit.stiffness_npm == 0.0:
+        text = (
+            "NOT stable at any stiffness: the damper that a device renders is too much for it; "
+            "lower coupling.impedance_nspm (or damping_nspm of virtual coupling)"
+        )
+        return Finding("stability", text, "warning")
+    if not found.stable:
+        reach = "" if limit.stiffness_npm is None else f"; it is up to {limit.stiffness_npm:.4g} N/m"
+        text = f"NOT stable: spectral radius {found.decaying:.4g} at {stiffness_npm:.4g} N/m{reach}"
+        return Finding("stability", text, "warning")
+    if limit.stiffness_npm is None:
+        return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")
+    share = limit.stiffness_npm / stiffness_npm
+    text = f"stable up to {limit.stiffness_npm:.4g} N/m, {share:.2f} times the {stiffness_npm:.4g} N/m that is rendered"
+    if found.scheme == "passive":
+        text += " (what is left to be unstable is each device's own damper, of a sampled or estimated velocity)"
+    return Finding("stability", text, "warning" if share < AMPLE else "ok")
+
+
+def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
+    coupling, rates = seats[0].coupling, seats[0].rates
+    if coupling.kind == "coupling":
+        text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
+        return [Finding("passivity", text, level="note")]
+    found = []
+    if coupling.server_step == "paper":
+        text = "not passive: the paper's server step uses a force one frame old, so stability holds for these very numbers only"
+        found.append(Finding("passivity", text, level="note"))
+    for seat in seats:
+        kind = seat.coupling.decimator
+        gain, _ = largest_gain(filter_of(kind, rates, seat.coupling.lowpass_rad_s), rates.ticks_per_frame)
+        if gain > 1.0 + _TINY_GAIN:
+            text = f'{seat.user}: decimator "{kind}" can make up to {100.0 * (gain - 1.0):.3g} % energy of what aliases'
+            found.append(Finding("passivity", text, level="warning" if gain > MUCH_GAIN else "note"))
+    return found or [Finding("passivity", "line and object are passive by construction, on any network")]
+
+
+def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capability) -> UserAdvice:
+    person, coupling = session.people[number], seat.coupling
+    felt = slow_feel(on_wall(session, number), 0).stiffness_npm
+    compensated = enough = None
+    if session.scheme == "passive" and coupling.stiffness_npm > 0.0:
+        # C_line from the model itself: 1 / K_felt - 1 / K_rendered
+        compliance = 1.0 / felt - 1.0 / seat.rendered_npm
+        try:
+            compensated = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
+        except OutOfReachError:
+            enough = coupling.stiffness_npm * compliance * coupling.impedance_nspm
+    damper = coupling.damping_nspm if coupling.kind == "coupling" else coupling.impedance_nspm
+    share = damper * seat.rates.tick_s / person.device_mass_kg
+    return UserAdvice(
+        person.name, coupling.stiffness_npm, felt, compensated, enough, share, record.damping_nspm
+    )  # fmt: skip
+
+
+def _seat(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[Finding]:
+    coupling = seat.coupling
+    name, key = ("B", "damping_nspm") if coupling.kind == "coupling" else ("b", "impedance_nspm")
+    value = getattr(coupling, key)
+    if user.b_tc_over_m >= DEVICE_BOUND or value > record.damping_nspm:
+        bound = min(record.damping_nspm, value / user.b_tc_over_m * DEVICE_BOUND)
+        yield Finding(
+            "device",
+            f"{user.name}: {name} = {value:g} Ns/m is more than device {record.family}:{record.model} carries: "
+            f"{name} T_c / m = {user.b_tc_over_m:.2f} (bound {DEVICE_BOUND:g}), record {record.damping_nspm:.3g} Ns/m; "
+            f"set coupling.{key} to {bound:.3g} or less",
+            level="warning",
+        )
+    else:
+        yield Finding(
+            "device",
+            f"{user.name}: {name} T_c / m = {user.b_tc_over_m:.2f} (bound {DEVICE_BOUND:g}), "
+            f"{name} = {value:g} of at most {record.damping_nspm:.3g} Ns/m by the device's record",
+        )
+    if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
+        yield Finding(
+            "device",
+            f"{user.name}: a felt {user.felt_npm:.4g} N/m is more than the {record.stiffness_npm:.4g} N/m that the record "
+            f"of device {record.family}:{record.model} advises; set coupling.stiffness_npm lower",
+            level="warning",
+        )
+    if user.asked_npm:
+        yield Finding("feel", _felt_text(user, seat))
+
+
+def _felt_text(user: UserAdvice, seat: SeatSettings) -> str:
+    text = f"{user.name}: {user.asked_npm:.4g} N/m will feel like {user.felt_npm:.4g} N/m at rest"
+    if seat.coupling.compensate:
+        return text
+    if user.compensated_npm is not None:
+        return f"{text}; compensation is possible (it would render {user.compensated_npm:.4g} N/m)"
+    if user.enough_impedance_nspm is not None:
+        return (
+            f"{text}; compensation is out of reach at b = {seat.coupling.impedance_nspm:g} Ns/m, "
+            f"b > {user.enough_impedance_nspm:.3g} would do"
+        )
+    return text

@@ -1,0 +1,95 @@
+"""The one change of settings that would help most: each candidate is put in and looked at, none is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import inf, log
+from typing import Any
+
+import msgspec
+
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise
+from cogrip.sim.analysis.linear_session import ModelError
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One setting that would help, and what it would do."""
+
+    key: str
+    value: Any
+    effect: str
+
+    @property
+    def setting(self) -> str:
+        """As `--set` takes it."""
+        return f"{self.key}={msgspec.json.encode(self.value).decode()}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Score:
+    """Compared in this order: fewer warnings, stable further, felt stiffness nearer to what was asked."""
+
+    warnings: int
+    reach: float  # log of limit over stiffness, up to AMPLE
+    missed: float  # largest |felt / asked - 1|, of what was asked before any change
+
+    def key(self) -> tuple[float, ...]:
+        return self.warnings, -round(self.reach, 6), round(self.missed, 3)
+
+
+def best_change(settings: Settings, now: Advice) -> Change | None:
+    """What helps most of all candidates; None when nothing does."""
+    asked = [user.asked_npm for user in now.users]
+    before = _score(now, asked)
+    table = msgspec.to_builtins(settings)
+    best, best_key = None, before.key()
+    for key, value in _candidates(settings):
+        try:
+            after = _score(advise(resolve(table, {key: value})), asked)
+        except (SettingsError, ModelError, DeviceError):
+            continue
+        if after.key() < best_key:
+            best, best_key = Change(key, value, _effect(before, after)), after.key()
+    return best
+
+
+def _score(advice: Advice, asked_npm: Sequence[float]) -> _Score:
+    limit, most = advice.limit.stiffness_npm, advice.stiffness_npm
+    reach = inf if limit is None else log(limit / most) if limit else -inf
+    pairs = zip(advice.users, asked_npm, strict=True)
+    missed = max((abs(user.felt_npm / asked - 1.0) for user, asked in pairs if asked), default=0.0)
+    return _Score(len(advice.warnings), min(reach, log(AMPLE)), missed)
+
+
+def _candidates(settings: Settings) -> Iterator[tuple[str, Any]]:
+    """Changes worth trying, those that cost least first."""
+    coupling = settings.coupling
+    if coupling.kind == "coupling":
+        yield "coupling.kind", "wave"
+    if coupling.server_step == "paper":
+        yield "coupling.server_step", "passive"
+    if coupling.decimator != "boxcar":
+        yield "coupling.decimator", "boxcar"
+    if not coupling.compensate:
+        yield "coupling.compensate", True
+    if settings.playout.frames:
+        yield "playout.frames", settings.playout.frames - 1
+    for share in (1.25, 1.5, 2.0, 3.0, 0.75, 0.5, 0.25, 0.1):
+        yield "coupling.impedance_nspm", float(f"{share * coupling.impedance_nspm:.3g}")
+    for share in (0.75, 0.5, 0.25, 0.1):
+        yield "coupling.stiffness_npm", float(f"{share * coupling.stiffness_npm:.3g}")
+
+
+def _effect(before: _Score, after: _Score) -> str:
+    parts = []
+    if after.warnings < before.warnings:
+        parts.append(f"{before.warnings - after.warnings} of {before.warnings} warnings would go")
+    if round(after.missed, 3) < round(before.missed, 3):
+        parts.append(
+            f"felt stiffness would miss what is asked by {100.0 * after.missed:.0f} % in place of {100.0 * before.missed:.0f} %"
+        )
+    return "; ".join(parts) or "it would stay stable further up"

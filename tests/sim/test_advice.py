@@ -1,0 +1,121 @@
+"""Advice against the model it is taken from; both sides of every bound that warns."""
+
+from typing import Any
+
+import pytest
+
+from cogrip.devices.for_user import make_for
+from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise, advise_seat
+from cogrip.sim.analysis.advice_change import best_change
+from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
+
+
+def settings_of(scheme: Any = "passive", **overrides: Any) -> Settings:
+    people = [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in ("a", "b")]
+    keys = {key.replace("__", "."): value for key, value in overrides.items()}
+    return resolve({"users": people}, {**scheme_overrides(scheme), **keys})
+
+
+def words(advice: Advice, topic: str) -> str:
+    return " | ".join(finding.text for finding in advice.findings if finding.topic == topic)
+
+
+def test_a_session_as_it_should_be_warns_of_nothing() -> None:
+    advice = advise(settings_of())
+    assert advice.warnings == ()
+    assert "stable, and at any stiffness" in words(advice, "stability")
+    assert "passive by construction" in words(advice, "passivity")
+
+
+@pytest.mark.parametrize(("scheme", "limit"), [("paper", 1977.675), ("coupling", 3299.765)])
+def test_a_margin_below_ample_warns_and_one_above_does_not(scheme: str, limit: float) -> None:
+    for share, warns in ((1.001, False), (0.999, True)):
+        K = limit / AMPLE / share
+        advice = advise(settings_of(scheme, coupling__stiffness_npm=K))
+        assert bool(advice.warnings) == warns
+        assert "not passive" in words(advice, "passivity")
+
+
+def test_an_unstable_session_says_up_to_where_it_is_stable() -> None:
+    advice = advise(settings_of("paper", coupling__stiffness_npm=2500.0))
+    assert "NOT stable: spectral radius 1." in advice.warnings[0]
+    assert "up to 1978 N/m" in advice.warnings[0]
+    assert not advice.verdict.stable
+
+
+def test_the_device_bound_from_both_sides() -> None:
+    """b T_c / m = 1 at b = 102.4 for 0.1 kg; the record of an ideal device advises half of that."""
+    below, above = (advise(settings_of(coupling__impedance_nspm=b)) for b in (51.0, 51.4))
+    assert below.warnings == ()
+    assert len(above.warnings) == 2
+    assert "b = 51.4 Ns/m is more than device sim:ideal carries: b T_c / m = 0.50" in above.warnings[0]
+    assert "set coupling.impedance_nspm to 51.2 or less" in above.warnings[0]
+
+
+def test_felt_more_than_the_record_advises() -> None:
+    quiet, loud = (
+        advise(
+            settings_of(
+                users__0__device="sim:phantom?hand=hold", coupling__impedance_nspm=50.0, coupling__stiffness_npm=K
+            )
+        )
+        for K in (1060.0, 1120.0)
+    )
+    assert not any("record" in text for text in quiet.warnings)
+    assert any("felt 1030" in text and "1000 N/m" in text for text in loud.warnings)
+
+
+@pytest.mark.parametrize(("decimator", "level"), [("boxcar", "ok"), ("lowpass", "note"), ("none", "warning")])
+def test_what_a_decimator_may_make(decimator: str, level: str) -> None:
+    advice = advise(settings_of(coupling__decimator=decimator))
+    assert {finding.level for finding in advice.findings if finding.topic == "passivity"} == {level}
+
+
+def test_compensation_possible_or_which_impedance_would_do() -> None:
+    near, far = (advise(settings_of(link__delay_ms=ms, coupling__stiffness_npm=1000.0)) for ms in (7.8125, 23.4375))
+    assert near.users[0].compensated_npm == pytest.approx(1.0 / (1e-3 - 3 * 7.8125e-3 / 40.0), rel=1e-6)
+    assert "compensation is possible" in words(near, "feel")
+    assert far.users[0].compensated_npm is None
+    assert far.users[0].enough_impedance_nspm == pytest.approx(1000.0 * 7 * 7.8125e-3 / 2.0, rel=1e-6)
+    assert "b > 27.3 would do" in words(far, "feel")
+    assert far.users[0].felt_npm == pytest.approx(422.4, abs=0.05)
+
+
+def test_a_seat_alone_hears_the_same_words_as_its_room() -> None:
+    settings = settings_of(coupling__impedance_nspm=60.0)
+    room = advise(settings)
+    record = make_for(settings.users[0], 1).capability
+    seat = advise_seat(seat_settings(settings, 0), record)
+    assert seat.warnings[0] == room.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "overrides", "key"),
+    [
+        ("coupling", {"coupling.stiffness_npm": 4000.0, "link.delay_ms": 15.625}, "coupling.kind"),
+        ("paper", {"coupling.stiffness_npm": 4000.0, "link.delay_ms": 15.625}, "coupling.server_step"),
+        ("passive", {"coupling.decimator": "none"}, "coupling.decimator"),
+        ("passive", {"coupling.impedance_nspm": 150.0}, "coupling.impedance_nspm"),
+        ("passive", {}, "coupling.compensate"),
+    ],
+)
+def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides: dict[str, Any], key: str) -> None:
+    keys = {name.replace(".", "__"): value for name, value in overrides.items()}
+    settings = settings_of(scheme, **keys)
+    before = advise(settings)
+    change = best_change(settings, before)
+    assert change is not None
+    assert change.key == key
+    after = advise(settings_of(scheme, **{**keys, key.replace(".", "__"): change.value}))
+    assert len(after.warnings) <= len(before.warnings)
+
+
+def test_where_nothing_would_be_better_nothing_is_said() -> None:
+    settings = settings_of(coupling__compensate=True)
+    assert best_change(settings, advise(settings)) is None
+
+
+def test_a_session_without_a_model_is_an_error() -> None:
+    with pytest.raises(ModelError):
+        advise(settings_of("paper", object__kind="faces"))
