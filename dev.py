@@ -100,7 +100,7 @@ def lock(*args: str) -> int:
         return _call(
             Path(folder) / "bin" / "uv",
             *("pip", "compile", PROJECT.name, "--output-file", LOCK.name),
-            *("--group", "build", "--group", "dev"),
+            *("--group", "build", "--group", "dev", "--all-extras"),
             *("--universal", "--python-version", "3.11", "--fork-strategy", "fewest"),
             *("--generate-hashes", "--no-emit-index-url", "--no-emit-find-links", "--quiet"),
             *("--custom-compile-command", "python3 dev.py lock"),

@@ -25,6 +25,8 @@ COMMANDS = {
         "cogrip.cli.stability:stability",
         "Say whether a session is stable, up to which stiffness, and in which region.",
     ),
+    "sweep": ("cogrip.cli.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
+    "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
     "devices": ("cogrip.cli.devices:devices", "List the devices that can be named, with what they can do."),
     "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
 }

@@ -1,0 +1,15 @@
+"""`cogrip bench`: what must be timed, as ratios of what was measured side by side in one run."""
+
+from cyclopts import App
+
+BENCHES = {
+    "stability": (
+        "cogrip.cli.bench_stability:bench_stability",
+        "Trace the stable region's outline, against eigenvalues on a dense grid.",
+    ),
+    "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
+}
+
+bench = App(name="bench", help="Measure this machine: ratios of what is timed side by side in one run.")
+for _name, (_target, _help) in BENCHES.items():
+    bench.command(_target, name=_name, help=_help)

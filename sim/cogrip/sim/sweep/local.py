@@ -1,0 +1,106 @@
+"""Cells on the processors of this machine: spawned workers with one BLAS thread each."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from types import TracebackType
+
+from cogrip.protocol.io.stop import Stop
+from cogrip.sim.sweep.cell import Job, Result, run_cells
+from cogrip.sim.sweep.measures import needs_session
+
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+MOST_DEATHS = 3  # of a worker, before its cells are given up
+_AT_ONCE = 16  # cells of a linear model take milliseconds
+_LOOK_EVERY_S = 0.2
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class LocalWorkers:
+    """`workers` processes, used as a context manager. `deaths` counts workers that ended by themselves."""
+
+    def __init__(self, workers: int, stop: Stop | None = None) -> None:
+        self._workers = workers
+        self._stop = stop or Stop()
+        self._pool: ProcessPoolExecutor | None = None
+        self.deaths = 0
+
+    def __enter__(self) -> LocalWorkers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end()
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+        """Results as they come, in any order. Ends early once `stop` is set; what was under way then is lost."""
+        at_once = 1 if jobs and needs_session(jobs[0].columns) else _AT_ONCE
+        todo = [list(jobs[start : start + at_once]) for start in range(0, len(jobs), at_once)]
+        under_way: dict[Future[list[Result]], list[Job]] = {}
+        while todo or under_way:
+            pool = self._begin()
+            try:
+                while todo and len(under_way) < 2 * self._workers:
+                    under_way[pool.submit(run_cells, todo[0])] = todo[0]
+                    todo.pop(0)
+                done, _ = wait(under_way, timeout=_LOOK_EVERY_S, return_when=FIRST_COMPLETED)
+                if self._stop.reason:
+                    self._end()
+                    return
+                for future in done:
+                    results = future.result()
+                    del under_way[future]
+                    yield from results
+            except BrokenProcessPool:
+                self.deaths += 1
+                self._end()
+                lost = list(under_way.values())
+                under_way.clear()
+                if self.deaths > MOST_DEATHS:
+                    for jobs_lost in (*lost, *todo):
+                        yield from (Result(job.cell, {}, "a worker process died again and again") for job in jobs_lost)
+                    return
+                todo = lost + todo
+
+    def _begin(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            before = {name: os.environ.get(name) for name in BLAS_THREADS}
+            os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # read where numpy is first imported: in the workers
+            try:
+                context = multiprocessing.get_context("spawn")
+                self._pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_ignore_interrupts)
+                for _ in range(self._workers):
+                    self._pool.submit(run_cells, [])  # starts a worker, while the environment is theirs
+            finally:
+                for name, value in before.items():
+                    if value is None:
+                        os.environ.pop(name, None)
+                    else:
+                        os.environ[name] = value
+        return self._pool
+
+    def _end(self) -> None:
+        if self._pool is None:
+            return
+        mine = list((self._pool._processes or {}).values())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in mine:
+            process.terminate()
+        for process in mine:
+            process.join()
+        self._pool = None
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C reaches the whole group; the parent decides."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,82 @@
+"""What a sweep reads of each cell: paths into `summary.json`, or numbers of the lifted model, by name.
+
+A path is keys and list indices with dots between, as `users.0.peak_force_n`; `*` takes every item of a list, a column each.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from cogrip.sim.analysis.measures import LIFTED
+
+DEFAULT = ("passive", "diverged", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")
+PREFIX = "lifted."
+
+
+class MeasureError(ValueError):
+    """There is no such measure; the text names near ones."""
+
+
+def expanded(measures: Sequence[str], example: Mapping[str, Any]) -> tuple[str, ...]:
+    """Every column's path, `*` taken apart, checked against an example summary. Raises MeasureError."""
+    columns: list[str] = []
+    for measure in measures:
+        if measure.startswith(PREFIX):
+            if measure not in LIFTED:
+                raise MeasureError(_unknown(measure, LIFTED))
+            found = [measure]
+        else:
+            found = [path for path in leaves(example) if _matches(measure.split("."), path.split("."))]
+            if not found:
+                raise MeasureError(_unknown(measure, [*leaves(example), *LIFTED]))
+        columns += [column for column in found if column not in columns]
+    return tuple(columns)
+
+
+def needs_session(measures: Sequence[str]) -> bool:
+    return not all(measure.startswith(PREFIX) for measure in measures)
+
+
+def leaves(value: Any, path: str = "") -> Iterator[str]:
+    """Every path of a summary that leads to a number, a word, a truth value or null."""
+    items: Iterator[tuple[Any, Any]]
+    if isinstance(value, Mapping):
+        items = iter(value.items())
+    elif isinstance(value, list):
+        items = enumerate(value)
+    else:
+        yield path
+        return
+    for key, item in items:
+        yield from leaves(item, f"{path}.{key}" if path else str(key))
+
+
+def read(summary: Mapping[str, Any], column: str) -> Any:
+    """The value at a path, None where a cell has none; a number that is not finite is None too."""
+    value: Any = summary
+    for part in column.split("."):
+        try:
+            value = value[int(part)] if isinstance(value, list) else value[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return finite(value)
+
+
+def finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _matches(pattern: Sequence[str], path: Sequence[str]) -> bool:
+    return len(pattern) == len(path) and all(one in ("*", other) for one, other in zip(pattern, path, strict=True))
+
+
+def _unknown(measure: str, known: Any) -> str:
+    near = difflib.get_close_matches(measure, list(known), n=3, cutoff=0.5)
+    inside = [path for path in known if path.startswith(f"{measure}.")][:3]
+    cure = (
+        f"did you mean {', '.join(inside or near)}?" if inside or near else "see a run's summary.json for what there is"
+    )
+    return f"--measure {measure}: there is no such measure; {cure}"
