@@ -14,6 +14,8 @@ from cogrip.sim.analysis.linear_session import LinearSession, linear_session, sc
 from cogrip.sim.analysis.rigid_motion import Rigid
 from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, largest_stable, radius, verdict
 
+HELD_HANDS = pytest.mark.xfail(strict=True, reason="the tension that hands hold is not taken out yet")
+
 
 def session(
     scheme: Any = "paper", delay: float = 1, overrides: dict[str, Any] | None = None, users: int = 2
@@ -56,6 +58,18 @@ def test_the_limit_goes_along_the_ray_of_the_settings() -> None:
     assert limit.stiffness_npm is not None
     K = limit.stiffness_npm * np.array([[0.25, 1.0]])
     assert radius(model, K * 0.9999)[0] < 1.0 < radius(model, K * 1.0001)[0]
+
+
+def test_a_session_that_is_stable_again_beyond_its_limit_says_so() -> None:
+    """P's scheme, one person with little damping: unstable from 453 N/m on, but stable between 9.8 and 13.4 kN/m."""
+    model = LiftedModel(session("paper", 1, {"coupling.damping_nspm": 1.0, "coupling.impedance_nspm": 60.0}, users=1))
+    limit = largest_stable(model)
+    assert limit.stiffness_npm == pytest.approx(453.11, rel=1e-4)
+    assert limit.stable_again
+    below, beyond, again, above = radius(model, np.array([[400.0], [5000.0], [12000.0], [14000.0]]))
+    assert below < 1.0 < beyond
+    assert again < 1.0 < above
+    assert not largest_stable(LiftedModel(session("paper", 1))).stable_again
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0), (1.0, -1.0), (float("nan"), 1.0)])
@@ -106,33 +120,31 @@ def test_virtual_coupling_has_one_freedom() -> None:
     assert len(names(loose)) == 4
 
 
-@given(
-    st.sampled_from(("passive", "paper", "coupling")),
-    st.sampled_from(("cube", "wall")),
-    st.integers(0, 3),
-    st.lists(
-        st.tuples(
-            st.sampled_from((0.0, 40.0, 900.0, 6000.0)),  # K
-            st.sampled_from((0.0, 7.0)),  # B
-            st.sampled_from((0.0, 0.4)),  # device damping
-            st.sampled_from((0.0, 250.0)),  # hand stiffness
-            st.booleans(),  # estimated
-            st.sampled_from(("boxcar", "lowpass")),
-        ),
-        min_size=1,
-        max_size=3,
-    ),
-)
-@settings(max_examples=200, deadline=None)
-def test_what_is_taken_out_lies_at_one_and_the_rest_stays(
-    scheme: str, kind: str, delay: int, people: list[tuple[float, float, float, float, bool, str]]
-) -> None:
-    which = session(scheme, delay, {"object.kind": kind}, users=len(people))
-    for number, (K, B, damping, hand, estimated, decimator) in enumerate(people):
+@st.composite
+def any_session(draw: st.DrawFn) -> LinearSession:
+    """One to three people, any of whose K, B, damping and hand may be missing."""
+    scheme = draw(st.sampled_from(("passive", "paper", "coupling")))
+    kind = draw(st.sampled_from(("cube", "wall", "faces") if scheme == "passive" else ("cube", "wall")))
+    users = draw(st.integers(1, 3))
+    which = session(scheme, draw(st.integers(0, 3)), {"object.kind": kind}, users)
+    for number in range(users):
         which = with_person(
-            which, number, stiffness_npm=K, damping_nspm=B, device_damping_nspm=damping, hand_stiffness_npm=hand,
-            estimated=estimated, decimator=decimator, device_mass_kg=0.1 + 0.05 * number,
-        )  # fmt: skip
+            which,
+            number,
+            stiffness_npm=draw(st.sampled_from((0.0, 40.0, 900.0, 6000.0))),
+            damping_nspm=draw(st.sampled_from((0.0, 7.0))),
+            device_damping_nspm=draw(st.sampled_from((0.0, 0.4))),
+            hand_stiffness_npm=draw(st.sampled_from((0.0, 250.0))),
+            estimated=draw(st.booleans()),
+            decimator=draw(st.sampled_from(("boxcar", "lowpass"))),
+            device_mass_kg=0.1 + 0.05 * number,
+        )
+    return which
+
+
+@given(any_session())
+@settings(max_examples=200, deadline=None)
+def test_what_is_taken_out_lies_at_one_and_the_rest_stays(which: LinearSession) -> None:
     model = LiftedModel(which)
     A, rigid = model.matrix(), Rigid(model)
     assert rigid.residual(A) < 1e-8
@@ -145,6 +157,47 @@ def test_what_is_taken_out_lies_at_one_and_the_rest_stays(
         ones = (z - 1.0) ** len(rigid.names)
         assert left.logabsdet + np.log(abs(ones)) == pytest.approx(whole.logabsdet, abs=1e-6)
         assert abs(left.sign * ones / abs(ones) - whole.sign) < 1e-6
+
+
+@HELD_HANDS
+@given(any_session())
+@settings(max_examples=200, deadline=None)
+def test_nothing_that_lies_at_one_by_structure_is_left(which: LinearSession) -> None:
+    """Else rounding would say whether it is stable. Nothing here is slower than 1e-5 a frame."""
+    model = LiftedModel(which)
+    rest = np.linalg.eigvals(Rigid(model).removed(model.matrix()))
+    assert np.abs(rest - 1.0).min(initial=1.0) > 1e-6
+
+
+@HELD_HANDS
+def test_hands_that_hold_springs_leave_a_tension() -> None:
+    """No wave says from where a held device started, so any force may stand between its hand and the spring."""
+    wall, cube = (
+        with_person(with_person(which, 0, hand_stiffness_npm=300.0), 1, hand_stiffness_npm=200.0)
+        for which in (session("passive", overrides={"object.kind": "wall"}), session("passive"))
+    )
+    assert names(wall) == ["tension of u0", "tension of u1"]
+    assert names(cube) == ["object position", "tension between u0 and u1"]
+    assert names(with_person(cube, 1, stiffness_npm=0.0)) == ["object position", "stretch of u1"]
+    for held in (wall, cube):
+        model = LiftedModel(held)
+        assert verdict(model).stable
+        assert largest_stable(model).stiffness_npm is None
+        K = np.array([[30.0, 2000.0], [700.0, 5.0]])
+        each = [verdict(LiftedModel(with_stiffness(held, row))).decaying for row in K.tolist()]
+        np.testing.assert_allclose(radius(model, K), each, rtol=1e-9)
+
+
+def with_stiffness(which: LinearSession, K: list[float]) -> LinearSession:
+    return with_person(with_person(which, 0, stiffness_npm=K[0]), 1, stiffness_npm=K[1])
+
+
+@pytest.mark.xfail(strict=True, reason="the largest of no eigenvalues is not said yet")
+def test_a_session_that_is_rigid_motion_alone_is_stable() -> None:
+    loose = session("coupling", 0, {"coupling.stiffness_npm": 0.0, "coupling.damping_nspm": 0.0}, users=1)
+    found = verdict(LiftedModel(loose))
+    assert len(found.structural) == found.states == 4
+    assert (found.spectral_radius, found.decaying, found.stable) == (1.0, 0.0, True)
 
 
 def test_an_unstable_session_stays_unstable() -> None:

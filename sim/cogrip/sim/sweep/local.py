@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -78,7 +79,7 @@ class LocalWorkers:
             os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # read where numpy is first imported: in the workers
             try:
                 context = multiprocessing.get_context("spawn")
-                self._pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_ignore_interrupts)
+                self._pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin_worker)
                 for _ in range(self._workers):
                     self._pool.submit(run_cells, [])  # starts a worker, while the environment is theirs
             finally:
@@ -101,6 +102,14 @@ class LocalWorkers:
         self._pool = None
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C reaches the whole group; the parent decides."""
+def _begin_worker() -> None:
+    """In a worker: Ctrl-C reaches the whole group, and the parent decides; a parent that was killed leaves nobody behind."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

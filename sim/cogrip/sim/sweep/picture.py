@@ -72,7 +72,10 @@ def _maps(up: Axis, across: Axis, table: Array, names: Sequence[str], measure: s
         panel.set_visible(False)
     figure = sheet.finish(across.key, [up.key] * rows)
     assert mesh is not None
-    bar = figure.colorbar(mesh, ax=list(sheet.panels.flat), fraction=0.04, pad=0.015)
+    area = sheet.panels[0, 0].get_position()
+    foot = sheet.panels[-1, 0].get_position().y0
+    figure.subplots_adjust(right=0.88)
+    bar = figure.colorbar(mesh, cax=figure.add_axes((0.9, foot, 0.018, area.y1 - foot)))
     bar.set_label(measure, fontsize=10, color=INK)
     bar.ax.tick_params(labelsize=9, colors=INK)
     return figure

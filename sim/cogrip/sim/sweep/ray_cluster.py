@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any
@@ -15,6 +16,7 @@ from cogrip.sim.sweep.measures import needs_session
 _AT_ONCE = 16
 _UNDER_WAY = 4  # tasks kept in the cluster's queue for each of its processors
 _LOOK_EVERY_S = 0.2
+_KNOCK_S = 3.0
 _RETRIES = 20  # of a task whose node or worker died
 
 
@@ -37,6 +39,7 @@ class RayWorkers:
         except ImportError:
             raise ClusterError("--cluster ray needs the package ray: pip install 'cogrip[cluster]'") from None
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        self._knock()
         try:
             if self._address:
                 ray.init(address=self._address, log_to_driver=False, logging_level=logging.ERROR)
@@ -51,6 +54,18 @@ class RayWorkers:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._ray.shutdown()
+
+    def _knock(self) -> None:
+        """Ray itself waits a minute for a cluster that is not there."""
+        host, colon, port = self._address.rpartition(":")
+        if not (colon and port.isdigit()) or "/" in host:
+            return  # "auto", ray://...: Ray's own to resolve
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), timeout=_KNOCK_S).close()
+        except OSError as error:
+            raise ClusterError(
+                f"no Ray cluster at {self._address}: {error.strerror or error}; start one: ray start --head"
+            ) from None
 
     def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
         """Results as they come, in any order. Ends early once `stop` is set."""

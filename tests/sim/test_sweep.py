@@ -1,0 +1,328 @@
+"""Sweeps: what a grid is, what is kept, and what a kill, an interrupt or a dead worker costs."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.analysis.measures import LIFTED
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.plots.style import NotDrawnError
+from cogrip.sim.sweep.cell import Job, Result, run_cell, run_cells
+from cogrip.sim.sweep.folder import CELLS, MANIFEST, TABLE, FolderError, SweepFolder
+from cogrip.sim.sweep.grid import Axis, Grid, GridError, parse_axis
+from cogrip.sim.sweep.local import LocalWorkers
+from cogrip.sim.sweep.measures import MeasureError, expanded, read
+from cogrip.sim.sweep.picture import draw_measure
+from cogrip.sim.sweep.run import prepare, run_sweep
+
+TWO: dict[str, Any] = {"name": "two", "seconds": 0.5, "users": [{"name": "a"}, {"name": "b"}]}
+RADIUS = "lifted.spectral_radius"
+
+
+class InProcess:
+    """Workers of the very simplest kind."""
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+        return map(run_cell, jobs)
+
+
+@given(st.floats(1e-3, 1e6), st.floats(1e-3, 1e6), st.integers(2, 60), st.booleans())
+def test_a_span_has_its_ends_its_count_and_even_steps(first: float, last: float, count: int, log: bool) -> None:
+    if abs(first - last) < 1e-3 * first:
+        return
+    axis = parse_axis(f"key={first!r}:{last!r}:{count}{'log' if log else ''}")
+    assert axis.values[0] == first
+    assert axis.values[-1] == last
+    assert len(axis.values) == count
+    assert axis.log == log
+    pairs = list(zip(axis.values, axis.values[1:], strict=False))
+    steps = [b / a for a, b in pairs] if log else [b - a for a, b in pairs]
+    assert max(steps) - min(steps) <= 1e-6 * max(abs(step) for step in steps)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("seed=1:4:4", (1, 2, 3, 4)),
+        ("k=1:2:3", (1.0, 1.5, 2.0)),
+        ("k=5:5:1", (5,)),
+        ("link.loss=0,0.05,0.2", (0, 0.05, 0.2)),
+        ("coupling.kind=wave,coupling", ("wave", "coupling")),
+        ("coupling.compensate=true,false", (True, False)),
+        ("users.0.hand = reach&amplitude_m=0.02", ("reach&amplitude_m=0.02",)),
+    ],
+)
+def test_values_as_they_are_written(text: str, values: tuple[Any, ...]) -> None:
+    axis = parse_axis(text)
+    assert axis.values == values
+    assert [type(value) for value in axis.values] == [type(value) for value in values]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("stiffness", "write it as key="),
+        ("k=", "write it as key="),
+        ("k=1:2", "three parts"),
+        ("k=1:2:0", "at least 2"),
+        ("k=1:2:1", "at least 2"),
+        ("k=3:3:2", "no 2 different"),
+        ("k=0:2:3log", "above 0"),
+        ("k=-1:2:3log", "above 0"),
+        ("k=1:inf:3", "finite"),
+        ("k=a:b:3", "is no span"),
+        ("k=1,,2", "missing"),
+        ("k=1,2,1", "stands twice"),
+    ],
+)
+def test_what_cannot_be_varied(text: str, words: str) -> None:
+    with pytest.raises(GridError, match=words):
+        parse_axis(text)
+
+
+@given(st.lists(st.integers(1, 5), min_size=1, max_size=4))
+def test_every_combination_is_one_cell(sizes: list[int]) -> None:
+    grid = Grid({}, [Axis(f"k{number}", tuple(range(size))) for number, size in enumerate(sizes)])
+    seen = {tuple(grid.values(cell).values()) for cell in grid}
+    assert len(seen) == grid.cells
+    assert all(list(grid.values(cell)) == [axis.key for axis in grid.axes] for cell in grid)
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ([], "nothing to vary"),
+        ([Axis("seed", (1,)), Axis("seed", (2,))], "stands twice"),
+        ([Axis("seed", tuple(range(1000))), Axis("seconds", tuple(range(1, 102)))], "more than 100000"),
+    ],
+)
+def test_what_is_no_grid(axes: list[Axis], words: str) -> None:
+    with pytest.raises(GridError, match=words):
+        Grid(TWO, axes)
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ("coupling.stifness_npm=1,2", "cell 0 .* did you mean coupling.stiffness_npm"),
+        ("coupling.stiffness_npm=10,-1", "cell 1 .*Expected float >= 0.0"),
+        ("users.2.stiffness_npm=10", "no user number 2"),
+        ("coupling.kind=wave,waves", "cell 1 .*coupling.kind"),
+    ],
+)
+def test_every_cell_is_checked_before_any_is_run(vary: str, words: str) -> None:
+    with pytest.raises(GridError, match=words):
+        prepare(resolve(TWO), [parse_axis(vary)], [RADIUS])
+
+
+def test_measures_by_path_by_star_and_by_name() -> None:
+    example = run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
+    columns = expanded(["passive", "users.*.peak_force_n", "users.0.position_m.0", RADIUS], example)
+    assert columns == ("passive", "users.0.peak_force_n", "users.1.peak_force_n", "users.0.position_m.0", RADIUS)
+    assert read(example, "passive") is True
+    assert read(example, "users.1.nothing") is None
+    assert read({"a": [float("nan")]}, "a.0") is None
+
+
+@pytest.mark.parametrize(
+    ("measure", "words"),
+    [
+        ("pasive", "did you mean passive"),
+        ("users.0.energy", "did you mean users.0.energy.up_margin_j"),
+        ("users.7.peak_force_n", "did you mean users"),
+        ("lifted.spectral", "did you mean lifted.spectral_radius"),
+    ],
+)
+def test_a_measure_there_is_not(measure: str, words: str) -> None:
+    example = run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
+    with pytest.raises(MeasureError, match=words):
+        expanded([measure], example)
+
+
+def sweep_of(
+    settings: Settings, folder: Path, *vary: str, measures: Sequence[str] = ("passive", "users.0.peak_force_n")
+) -> Any:
+    sweep = prepare(settings, [parse_axis(text) for text in vary], measures)
+    return sweep, SweepFolder(folder, sweep.asked)
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    with (folder / TABLE).open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_cell_is_the_session_it_says(tmp_path: Path) -> None:
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "coupling.stiffness_npm=100:1000:2log", "link.loss=0,0.2")
+    report = run_sweep(sweep, folder, InProcess())
+    assert (report.cells, report.computed, report.kept, report.failed) == (4, 4, 0, {})
+    rows = table(tmp_path)
+    assert [row["cell"] for row in rows] == ["0", "1", "2", "3"]
+    assert [(row["coupling.stiffness_npm"], row["link.loss"]) for row in rows][:2] == [("100", "0"), ("100", "0.2")]
+    alone = run_laboratory(resolve(TWO, {"coupling.stiffness_npm": 1000.0, "link.loss": 0.2})).summary
+    assert float(rows[3]["users.0.peak_force_n"]) == pytest.approx(alone["users"][0]["peak_force_n"], rel=1e-9)
+
+
+def test_lifted_measures_need_no_session(tmp_path: Path) -> None:
+    settings = resolve({**TWO, "seconds": 1e5})  # a session of this would never end
+    sweep, folder = sweep_of(settings, tmp_path, "coupling.stiffness_npm=100,2000", measures=tuple(LIFTED))
+    run_sweep(sweep, folder, InProcess())
+    rows = table(tmp_path)
+    assert rows[0]["lifted.stable"] == "true"
+    assert float(rows[1]["lifted.felt_stiffness_npm"]) == pytest.approx(1.0 / (1.0 / 2000.0 + 7.8125e-3 / 40.0))
+
+
+def test_workers_give_what_one_process_gives_in_the_grids_order(tmp_path: Path) -> None:
+    vary = ("coupling.stiffness_npm=100:1000:3log", "seed=1:2:2")
+    for name, workers in (("here", InProcess()), ("there", LocalWorkers(2))):
+        sweep, folder = sweep_of(resolve({**TWO, "link": {"loss": 0.2}}), tmp_path / name, *vary)
+        if isinstance(workers, LocalWorkers):
+            with workers:
+                run_sweep(sweep, folder, workers)
+        else:
+            run_sweep(sweep, folder, workers)
+    assert (tmp_path / "here" / TABLE).read_bytes() == (tmp_path / "there" / TABLE).read_bytes()
+
+
+def test_a_cell_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
+    class Failing(InProcess):
+        def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+            for job in jobs:
+                yield Result(job.cell, {}, "broken") if job.cell == 1 else run_cell(job)
+
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
+    assert run_sweep(sweep, folder, Failing()).failed == {"broken": 1}
+    assert table(tmp_path)[1]["error"] == "broken"
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
+    report = run_sweep(sweep, folder, InProcess())
+    assert (report.kept, report.computed, report.failed) == (2, 1, {})
+
+
+def test_an_error_inside_a_cell_is_its_result() -> None:
+    result = run_cell(Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
+    assert result.error.startswith("DeviceError")
+    assert run_cells([]) == []
+
+
+def test_a_torn_last_line_is_no_cell(tmp_path: Path) -> None:
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
+    run_sweep(sweep, folder, InProcess())
+    path = tmp_path / CELLS
+    whole = path.read_text()
+    path.write_text(whole[:-20])
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
+    report = run_sweep(sweep, folder, InProcess())
+    assert (report.kept, report.computed) == (3, 1)
+    assert path.read_text() == whole
+
+
+@pytest.mark.parametrize("what", ["other", "foreign", "file"])
+def test_nothing_of_anybody_else_is_touched(tmp_path: Path, what: str) -> None:
+    path = tmp_path / "folder"
+    if what == "other":
+        sweep, folder = sweep_of(resolve(TWO), path, "seed=1:2:2", measures=[RADIUS])
+        run_sweep(sweep, folder, InProcess())
+    elif what == "foreign":
+        path.mkdir()
+        (path / "thesis.txt").write_text("years of work")
+    else:
+        path.write_text("years of work")
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    words = "another sweep .other vary." if what == "other" else "no sweep's folder"
+    with pytest.raises(FolderError, match=words):
+        sweep_of(resolve(TWO), path, "seed=1:3:3", measures=[RADIUS])
+    assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
+
+
+def test_a_dead_worker_costs_its_cell_a_second_run(tmp_path: Path) -> None:
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")
+    with LocalWorkers(2) as workers:
+
+        def kill_one_at_half(finished: int) -> None:
+            if finished == 4 and workers._pool is not None and not workers.deaths:
+                os.kill(next(iter(workers._pool._processes)), signal.SIGKILL)
+
+        report = run_sweep(sweep, folder, workers, kill_one_at_half)
+    assert workers.deaths == 1
+    assert (report.computed, report.failed) == (8, {})
+    cells = [json.loads(line)["cell"] for line in (tmp_path / CELLS).read_text().splitlines()]
+    assert sorted(cells) == list(range(8))
+
+
+def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
+    stop = Stop()
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")
+
+    def stop_at_half(finished: int) -> None:
+        if finished >= 4:
+            stop.reason = "interrupted"
+
+    with LocalWorkers(1, stop) as workers:
+        report = run_sweep(sweep, folder, workers, stop_at_half)
+    assert 4 <= report.computed < 8
+    assert len(table(tmp_path)) == report.computed
+
+
+def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+    """The whole parent process by SIGKILL at half; then the same command: no finished cell is run again."""
+    config = tmp_path / "two.toml"
+    config.write_text('name = "two"\nseconds = 2.0\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
+    command = [
+        sys.executable, "-m", "cogrip.cli.main", "sweep", str(config), "--vary", "seed=1:12:12", "--measure", "passive",
+        "--out", str(tmp_path / "out"), "--jobs", "1", "--json", "-",
+    ]  # fmt: skip
+    cells = tmp_path / "out" / CELLS
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None and not (cells.exists() and cells.read_text().count("\n") >= 5):
+            pass
+        process.kill()
+    kept = [line for line in cells.read_text().splitlines(keepends=True) if line.endswith("\n")]
+    assert 5 <= len(kept) < 12
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    answer = json.loads(done.stdout)
+    assert answer["kept"] == len(kept)
+    assert answer["computed"] == 12 - len(kept)
+    assert cells.read_text().splitlines(keepends=True)[: len(kept)] == kept
+    assert [row["cell"] for row in table(tmp_path / "out")] == [str(cell) for cell in range(12)]
+
+
+@pytest.mark.parametrize(
+    ("vary", "panels"),
+    [
+        (["coupling.stiffness_npm=100:1000:4log"], 1),
+        (["coupling.stiffness_npm=100:1000:4log", "coupling.kind=wave,coupling"], 1),
+        (["coupling.stiffness_npm=100:1000:4log", "coupling.damping_nspm=5,10", "coupling.kind=wave,coupling"], 2),
+    ],
+)
+def test_a_picture_of_one_two_or_three_settings(tmp_path: Path, vary: list[str], panels: int) -> None:
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, *vary, measures=[RADIUS])
+    run_sweep(sweep, folder, InProcess())
+    figure = draw_measure(sweep.grid, folder.finished, RADIUS)
+    shown = [axes for axes in figure.axes if axes.get_visible() and axes.get_xlabel()]
+    assert len(shown) == panels
+
+
+def test_what_is_no_number_is_not_drawn(tmp_path: Path) -> None:
+    sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:2:2", measures=["users.0.state"])
+    run_sweep(sweep, folder, InProcess())
+    with pytest.raises(NotDrawnError, match="no number"):
+        draw_measure(sweep.grid, folder.finished, "users.0.state")
+
+
+def test_the_manifest_says_what_was_asked(tmp_path: Path) -> None:
+    _, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:2:2", measures=[RADIUS])
+    folder.close()
+    asked = json.loads((tmp_path / MANIFEST).read_text())
+    assert asked["vary"] == [{"key": "seed", "values": [1, 2], "log": False}]
+    assert asked["settings"]["name"] == "two"
