@@ -14,8 +14,6 @@ from cogrip.sim.analysis.linear_session import LinearSession, linear_session, sc
 from cogrip.sim.analysis.rigid_motion import Rigid
 from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, largest_stable, radius, verdict
 
-HELD_HANDS = pytest.mark.xfail(strict=True, reason="the tension that hands hold is not taken out yet")
-
 
 def session(
     scheme: Any = "paper", delay: float = 1, overrides: dict[str, Any] | None = None, users: int = 2
@@ -159,7 +157,6 @@ def test_what_is_taken_out_lies_at_one_and_the_rest_stays(which: LinearSession) 
         assert abs(left.sign * ones / abs(ones) - whole.sign) < 1e-6
 
 
-@HELD_HANDS
 @given(any_session())
 @settings(max_examples=200, deadline=None)
 def test_nothing_that_lies_at_one_by_structure_is_left(which: LinearSession) -> None:
@@ -169,7 +166,6 @@ def test_nothing_that_lies_at_one_by_structure_is_left(which: LinearSession) -> 
     assert np.abs(rest - 1.0).min(initial=1.0) > 1e-6
 
 
-@HELD_HANDS
 def test_hands_that_hold_springs_leave_a_tension() -> None:
     """No wave says from where a held device started, so any force may stand between its hand and the spring."""
     wall, cube = (
@@ -192,7 +188,6 @@ def with_stiffness(which: LinearSession, K: list[float]) -> LinearSession:
     return with_person(with_person(which, 0, stiffness_npm=K[0]), 1, stiffness_npm=K[1])
 
 
-@pytest.mark.xfail(strict=True, reason="the largest of no eigenvalues is not said yet")
 def test_a_session_that_is_rigid_motion_alone_is_stable() -> None:
     loose = session("coupling", 0, {"coupling.stiffness_npm": 0.0, "coupling.damping_nspm": 0.0}, users=1)
     found = verdict(LiftedModel(loose))

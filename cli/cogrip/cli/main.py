@@ -25,6 +25,8 @@ COMMANDS = {
         "cogrip.cli.stability:stability",
         "Say whether a session is stable, up to which stiffness, and in which region.",
     ),
+    "feel": ("cogrip.cli.feel:feel", "Say what a hand will feel: stiffness, damping, inertia, impedance, delays."),
+    "figures": ("cogrip.cli.figures:figures", "Draw the paper's figures, and ours beside them."),
     "sweep": ("cogrip.cli.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
     "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
     "devices": ("cogrip.cli.devices:devices", "List the devices that can be named, with what they can do."),

@@ -7,22 +7,24 @@ coordinates of what is left, and
 
     A' = A_kk - R A_pk
 
-has all eigenvalues of A but those of J. No tolerance is involved: an eigenvalue above 1 stays where it is. The
-vectors are known in closed form; `Rigid.residual` says how well A V = V J holds.
+has all eigenvalues of A but those of J; leading axes are a batch of stiffnesses. No tolerance is involved: an
+eigenvalue above 1 stays where it is. The vectors are known in closed form; `Rigid.residual` says how well A V = V J
+holds.
 
 Freedoms:
     device position i    waves carry velocities alone, so no force depends on it (virtual coupling: where K_i = 0)
     object position      forces depend on stretches alone; with virtual coupling it goes with the devices that are sprung to it
     stretch i            of a spring with K_i = 0
-    uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes
-    it; a person
-                         without coupling (K_i = B_i = 0) by themself. Virtual coupling brakes it by its old
+    tension i            where a hand's spring pulls the coupling's (K_h, K_i > 0): waves do not say where a device
+                         started, so any force may stand, f = K_i e_i = -K_h x_i. On an object that may move these
+                         forces sum to 0: one freedom less.
+    uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes it;
+                         a person without coupling (K_i = B_i = 0) by themself. Virtual coupling brakes it by its old
                          positions, unless K = 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -35,7 +37,7 @@ from cogrip.sim.analysis.state_space import Array
 
 @dataclass(frozen=True, slots=True)
 class Freedom:
-    """One vector, shape (n,), and the state to leave out for it."""
+    """One vector, shape (..., n), and the state to leave out for it."""
 
     name: str
     vector: Array
@@ -43,16 +45,22 @@ class Freedom:
 
 
 class Rigid:
-    """All freedoms of a model with stiffnesses K [N/m], shape (N,) (None: the session's); only which of them are 0 matters."""
+    """All freedoms of a model with stiffnesses K [N/m], shape (..., N), the same ones of them 0 in all cases.
 
-    def __init__(self, model: LiftedModel, stiffness_npm: Sequence[float] | None = None) -> None:
-        K = model.session.stiffness_npm if stiffness_npm is None else tuple(stiffness_npm)
-        found = _of_coupling(model, K) if model.session.scheme == "coupling" else _of_waves(model, K)
+    None: the session's. vectors: V, (n, f), or (..., n, f) where hands hold tension.
+    """
+
+    def __init__(self, model: LiftedModel, stiffness_npm: Array | None = None) -> None:
+        K = np.array(model.session.stiffness_npm) if stiffness_npm is None else stiffness_npm
+        some = tuple(K.reshape(-1, model.users)[0].tolist())
+        waves = model.session.scheme != "coupling"
+        found = [*_of_waves(model, some), *_tensions(model, K)] if waves else _of_coupling(model, some)
         self.names = tuple(freedom.name for freedom in found)
-        self.vectors = np.column_stack([np.zeros((model.states, 0)), *(freedom.vector for freedom in found)])
+        vectors = np.broadcast_arrays(np.zeros(model.states), *(freedom.vector for freedom in found))
+        self.vectors: Array = np.stack(vectors, axis=-1)[..., 1:]
         self._pivots = np.array([freedom.pivot for freedom in found], dtype=np.intp)
         self._others = np.setdiff1d(np.arange(model.states), self._pivots)
-        self._R = self.vectors[self._others] @ np.linalg.inv(self.vectors[self._pivots])
+        self._R = self.vectors[..., self._others, :] @ np.linalg.inv(self.vectors[..., self._pivots, :])
 
     def removed(self, matrix: Array) -> Array:
         """A', (..., n - f, n - f), of a closed-loop matrix (..., n, n)."""
@@ -93,6 +101,38 @@ def _of_waves(model: LiftedModel, K: tuple[float, ...]) -> list[Freedom]:
         pivot = first + N + 1 if with_object else layout.clients[group[0]].start + 1
         found.append(Freedom(f"uniform motion of {name}", vector, pivot))
     return found
+
+
+def _tensions(model: LiftedModel, stiffness: Array) -> list[Freedom]:
+    session, layout = model.session, model.layout
+    people = session.people
+    sprung = (stiffness.reshape(-1, model.users)[0] > 0.0).tolist()
+    held = [i for i in range(model.users) if sprung[i] and people[i].hand_stiffness_npm > 0.0]
+    found = []
+    for i in held if session.fixed else held[1:]:
+        vector = np.zeros((*stiffness.shape[:-1], model.states))
+        _pull(model, i, stiffness[..., i], stiffness[..., i], vector)
+        name = f"tension of {people[i].name}"
+        if not session.fixed:
+            _pull(model, held[0], -stiffness[..., i], stiffness[..., held[0]], vector)
+            name = f"tension between {people[held[0]].name} and {people[i].name}"
+        found.append(Freedom(name, vector, layout.server.start + i))
+    return found
+
+
+def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector: Array) -> None:
+    """Enter one user's part of a standing force f: nothing moves, so u = -v = f / sqrt(2b) (theory section 1)."""
+    layout = model.layout
+    person = model.session.people[user]
+    wave = (force / sqrt(2.0 * person.impedance_nspm))[..., None]
+    own = layout.clients[user]
+    vector[..., own.start] = -force / person.hand_stiffness_npm
+    if person.decimator == "lowpass":
+        vector[..., own.stop - 1] = wave[..., 0]
+    vector[..., layout.ups[user]], vector[..., layout.downs[user]] = wave, -wave
+    vector[..., layout.server.start + user] = force / stiffness
+    if model.session.scheme == "paper":
+        vector[..., layout.server.stop - model.users + user] = force
 
 
 def _moving_together(model: LiftedModel, coupled: list[int]) -> list[tuple[list[int], str]]:

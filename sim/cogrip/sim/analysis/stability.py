@@ -50,15 +50,16 @@ def verdict(model: LiftedModel) -> Verdict:
 def radius(model: LiftedModel, stiffness_npm: Array) -> Array:
     """Spectral radius without the structural eigenvalues, shape (...), for stiffnesses K [N/m], (..., N), all above 0."""
     flat = stiffness_npm.reshape(-1, stiffness_npm.shape[-1])
-    rigid = Rigid(model, np.ones(model.users).tolist())
-    parts = [
-        _radius(rigid.removed(model.matrix(flat[start : start + _CHUNK]))) for start in range(0, len(flat), _CHUNK)
-    ]
+    parts = [_decaying(model, flat[start : start + _CHUNK]) for start in range(0, len(flat), _CHUNK)]
     return np.concatenate(parts).reshape(stiffness_npm.shape[:-1])
 
 
+def _decaying(model: LiftedModel, stiffness: Array) -> Array:
+    return _radius(Rigid(model, stiffness).removed(model.matrix(stiffness)))
+
+
 def _radius(matrices: Array) -> Array:
-    largest: Array = np.abs(np.linalg.eigvals(matrices)).max(axis=-1)
+    largest: Array = np.abs(np.linalg.eigvals(matrices)).max(axis=-1, initial=0.0)
     return largest
 
 
@@ -103,5 +104,4 @@ def largest_stable(model: LiftedModel, direction: Sequence[float] | None = None,
 
 
 def _along(model: LiftedModel, ray: Array, sizes: Array) -> Array:
-    rigid = Rigid(model, ray.tolist())
-    return _radius(rigid.removed(model.matrix(sizes[:, None] * ray)))
+    return _decaying(model, sizes[:, None] * ray)

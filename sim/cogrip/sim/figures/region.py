@@ -14,11 +14,12 @@ from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.outline import Outline
 from cogrip.sim.analysis.region import Region, grid_axes
 from cogrip.sim.figures.page import Page, Table
-from cogrip.sim.plots.style import DASHED, DOTTED, INK, Legend, Sheet, colour, label, title
+from cogrip.sim.plots.style import DASHED, DOTTED, INK, Legend, Sheet, Style, colour, label, title
 
 _LINES: tuple[Any, ...] = ("-", DASHED, (0, (6, 1.5, 1, 1.5)), DOTTED)
-_SCHEMES = {"paper": "the paper's scheme", "coupling": "virtual coupling", "passive": "cogrip's passive scheme"}
+SCHEME_NAMES = {"paper": "the paper's scheme", "coupling": "virtual coupling", "passive": "cogrip's passive scheme"}
 _PANEL_IN = 4.6
+COLUMNS = ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius_inside", "radius_outside")
 
 
 def region_page(regions: Sequence[Region], box_npm: tuple[float, float]) -> Page:
@@ -27,24 +28,24 @@ def region_page(regions: Sequence[Region], box_npm: tuple[float, float]) -> Page
     session = regions[0].session
     draw_regions(sheet.panels[0, 0], regions, box_npm)
     names = [label(person.name) for person in session.people[:2]]
-    title(sheet.panels[0, 0], f"Stable region, {_SCHEMES[session.scheme]}")
+    title(sheet.panels[0, 0], f"Stable region, {SCHEME_NAMES[session.scheme]}")
     figure = sheet.finish(
         f"stiffness of {names[0]} (kN/m)", [f"stiffness of {names[1]} (kN/m)"], legend_of(regions), columns=2
     )
     return Page("region", "Stable region", caption_of(regions), figure, region_table(regions, box_npm))
 
 
-def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, float], first: int = 0) -> None:
+def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, float]) -> None:
     """Outlines in a panel whose axes are in kN/m."""
     panel.set_xlim(0.0, box_npm[0] * 1e-3)
     panel.set_ylim(0.0, box_npm[1] * 1e-3)
     for number, region in enumerate(regions):
-        outline, tint = region.outline, colour(first + number)
+        outline, tint = region.outline, colour(number)
         points = outline.points_npm * 1e-3
         corner = np.concatenate(([[0.0, 0.0]], points))
         panel.add_patch(Polygon(corner, facecolor=tint, alpha=0.08, lw=0))
         border = np.where(outline.open[:, None], np.nan, points)  # the frame of the picture is no border
-        panel.plot(border[:, 0], border[:, 1], color=tint, lw=1.8, linestyle=_LINES[number % len(_LINES)])
+        panel.plot(border[:, 0], border[:, 1], **line_style(number))
         if region.grid is not None:
             k1, k2 = grid_axes(box_npm, len(region.grid))
             panel.contour(k1 * 1e-3, k2 * 1e-3, region.grid, levels=[1.0], colors=[tint], linewidths=0.6, alpha=0.6)
@@ -55,11 +56,16 @@ def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, f
         )  # fmt: skip
 
 
+def line_style(number: int) -> Style:
+    """Of line number n: colour and dashes, as some are told apart by one alone."""
+    return {"color": colour(number), "lw": 1.8, "linestyle": _LINES[number % len(_LINES)]}
+
+
 def legend_of(regions: Sequence[Region]) -> Legend:
     return [
         (
             f"{frames(region.delay_frames)} each way ({_ms(region):.3g} ms): {extent(region.outline)}",
-            {"color": colour(number), "lw": 1.8, "linestyle": _LINES[number % len(_LINES)]},
+            line_style(number),
         )
         for number, region in enumerate(regions)
     ]
@@ -98,6 +104,10 @@ def caption_of(regions: Sequence[Region]) -> str:
 
 
 def region_table(regions: Sequence[Region], box_npm: tuple[float, float]) -> Table:
+    return Table(COLUMNS, region_rows(regions, box_npm))
+
+
+def region_rows(regions: Sequence[Region], box_npm: tuple[float, float]) -> list[list[Any]]:
     """Every point of every outline, then the cells of the grids, if any."""
     rows: list[list[Any]] = []
     for region in regions:
@@ -119,9 +129,7 @@ def region_table(regions: Sequence[Region], box_npm: tuple[float, float]) -> Tab
                     [region.delay_frames, "cell", k1, k2, value, ""]
                     for k1, value in zip(k1s.tolist(), line, strict=True)
                 ]
-    return Table(
-        ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius_inside", "radius_outside"), rows
-    )
+    return rows
 
 
 def region_record(
