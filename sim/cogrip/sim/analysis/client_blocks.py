@@ -103,18 +103,20 @@ def pushed_wave_frame(person: Person, rates: Rates) -> StateSpace:
 
 def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
     """One tick of virtual coupling: inputs x_o, v_o, f; outputs x, y_est, F. `stiffness` is K, shape (...)."""
+    device = device_block(person, rates)
+    speed, place, push = device.C[0:1], device.C[2:3], device.B[:, :1]
     K, B = stiffness[..., None, None], person.damping_nspm
-    zero = np.zeros_like(K)
-    law = np.concatenate((np.concatenate((B + zero, zero, K), axis=-1), np.zeros((*K.shape[:-2], 1, 3))), axis=-2)
-    drive = np.concatenate((-K, -B + zero, zero), axis=-1)
-    external = np.concatenate((drive, np.broadcast_to([[0.0, 0.0, 1.0]], (*K.shape[:-2], 1, 3))), axis=-2)
-    loop = close(device_block(person, rates), law, external)
-    read = np.concatenate((np.broadcast_to(_STATE, (*K.shape[:-2], 2, 3)), law[..., :1, :]), axis=-2)
-    straight = np.concatenate((np.zeros((*K.shape[:-2], 2, 3)), drive), axis=-2)
-    return StateSpace(loop.A, loop.B, read @ loop.C, read @ loop.D + straight)
-
-
-_STATE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # x, y_est from a device block's outputs
+    own = K * place + B * speed  # F = K (x - x_o) + B (y_est - v_o): what the states make of it ...
+    drive = np.zeros((*stiffness.shape, 1, 3))  # ... and the inputs
+    drive[..., 0] = -K[..., 0]
+    drive[..., 1] = -B
+    inputs = push @ drive
+    inputs[..., 2:] += device.B[:, 1:]
+    C = np.empty((*stiffness.shape, 3, device.states))
+    C[..., 0:1, :], C[..., 1:2, :], C[..., 2:3, :] = place, speed, own
+    D = np.zeros((*stiffness.shape, 3, 3))
+    D[..., 2:3, :] = drive
+    return StateSpace(device.A + push @ own, inputs, C, D)
 
 
 def coupled_frame(person: Person, stiffness: Array, rates: Rates) -> StateSpace:

@@ -121,6 +121,8 @@ def _merged(one: _Rays, other: _Rays) -> _Rays:
 class _Tracer:
     def __init__(self, model: LiftedModel, box: Array, spread: Spread) -> None:
         self._model, self._box, self._spread = model, box, spread
+        rigid = Rigid(model, spread(box[None]))
+        self._rigid = rigid if rigid.for_any_stiffness else None
 
     def _end(self, t: Array) -> Array:
         """p(t) times the box, (..., 2)."""
@@ -131,7 +133,8 @@ class _Tracer:
     def _critical(self, K: Array) -> tuple[Array, Array]:
         """Spectral radius and the angle of the eigenvalue that has it, for stiffnesses of the two (..., 2)."""
         stiffness = self._spread(K)
-        values = np.linalg.eigvals(Rigid(self._model, stiffness).removed(self._model.matrix(stiffness)))
+        rigid = self._rigid or Rigid(self._model, stiffness)
+        values = np.linalg.eigvals(rigid.removed(self._model.matrix(stiffness)))
         sizes = np.abs(values)
         most = sizes.argmax(axis=-1)[..., None]
         angles = np.abs(np.angle(np.take_along_axis(values, most, axis=-1)))

@@ -62,6 +62,11 @@ class Rigid:
         self._others = np.setdiff1d(np.arange(model.states), self._pivots)
         self._R = self.vectors[..., self._others, :] @ np.linalg.inv(self.vectors[..., self._pivots, :])
 
+    @property
+    def for_any_stiffness(self) -> bool:
+        """Whether the same vectors hold for all stiffnesses above 0: no hand holds a tension."""
+        return self.vectors.ndim == 2
+
     def removed(self, matrix: Array) -> Array:
         """A', (..., n - f, n - f), of a closed-loop matrix (..., n, n)."""
         columns = matrix[..., self._others]

@@ -1,0 +1,240 @@
+"""`stability`, `advise`, `feel`, `figures` and `sweep` as their users type them."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cogrip.cli.main import main
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+DEMO = str(CONFIGS / "demo.toml")
+PAPER = str(CONFIGS / "paper.toml")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(arguments)
+    streams = capsys.readouterr()
+    return code, streams.out, streams.err
+
+
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
+    code, out, _ = run(capsys, *arguments, "--json", "-")
+    assert code == 0
+    return json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "delay", "stiffness", "radius", "structural", "states"),
+    [("paper", 2, 1000, 1.0406, 4, 22), ("coupling", 1, 2000, 1.3257, 1, 14), ("passive", 4, 20000, 1.0, 4, 26)],
+)
+def test_radius_is_the_contract_to_the_letter(
+    capsys, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int
+) -> None:
+    found = answer(
+        capsys, "stability", "radius", DEMO, "--scheme", scheme, "--delay-frames", str(delay),
+        "--set", f"coupling.stiffness_npm={stiffness}",
+    )  # fmt: skip
+    assert list(found) == ["scheme", "spectral_radius", "structural", "states", "stable"]
+    assert found["scheme"] == scheme
+    assert round(found["spectral_radius"], 4) == radius
+    assert (found["structural"], found["states"]) == (structural, states)
+    assert found["stable"] == (radius == 1.0)
+
+
+def test_limit_is_the_contract_to_the_letter(capsys) -> None:
+    found = answer(capsys, "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "0")
+    assert found == {"largest_stable_stiffness_npm": pytest.approx(1977.675, rel=1e-4), "searched_to_npm": 1e7}
+    found = answer(capsys, "stability", "limit", DEMO)
+    assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
+
+
+def test_a_users_own_stiffness_counts(capsys) -> None:
+    both, uneven = (
+        answer(capsys, "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "1", *more)
+        for more in ((), ("--set", "users.0.stiffness_npm=100"))
+    )
+    assert uneven["largest_stable_stiffness_npm"] > 1.1 * both["largest_stable_stiffness_npm"]
+
+
+def test_the_papers_scheme_brings_its_filter_but_a_set_stands_above_it(capsys) -> None:
+    radii = [
+        answer(capsys, "stability", "radius", DEMO, "--scheme", "paper", "--delay-frames", "4", *more)[
+            "spectral_radius"
+        ]
+        for more in ((), ("--set", "coupling.decimator=lowpass"), ("--set", "coupling.decimator=boxcar"))
+    ]
+    assert radii[0] == radii[1] == pytest.approx(1.0817, abs=5e-5)
+    assert radii[2] != radii[0]
+
+
+def test_words_for_people(capsys) -> None:
+    _, out, _ = run(capsys, "stability", "radius", DEMO, "--scheme", "coupling")
+    assert "virtual coupling: NOT stable" in out
+    assert "structural eigenvalues at 1: joint position" in out
+    _, out, _ = run(capsys, "stability", "limit", DEMO)
+    assert "stable at any stiffness up to 1e+07 N/m" in out
+    _, out, _ = run(capsys, "stability", "limit", DEMO, "--set", "coupling.impedance_nspm=300")
+    assert "stable at no stiffness" in out
+
+
+def test_a_delay_that_is_no_whole_number_of_ticks_says_what_was_done(capsys) -> None:
+    code, out, err = run(capsys, "stability", "radius", DEMO, "--delay-frames", "1.3", "--json", "-")
+    assert code == 0
+    assert json.loads(out)["states"] == 18  # two frames each way
+    assert "10.4 device ticks, no whole number: taken as 11" in err
+    assert "after 16 ticks or 2 frames" in err
+    _, _, err = run(capsys, "stability", "radius", DEMO, "--delay-frames", "2", "--json", "-")
+    assert err == ""
+
+
+def test_region_leaves_picture_numbers_and_record(capsys, tmp_path: Path) -> None:
+    command = ["stability", "region", DEMO, "--scheme", "paper", "--delays-frames", "0,1,2,4", "--out", str(tmp_path)]
+    code, out, _ = run(capsys, *command, "--grid", "8")
+    assert code == 0
+    assert "0 frames each way: to 1978 N/m if both are alike" in out
+    assert {path.name for path in tmp_path.iterdir()} == {"region.png", "region.svg", "region.csv", "region.json"}
+    assert (tmp_path / "region.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "region.svg").read_text().startswith("<?xml")
+    with (tmp_path / "region.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    outline = [row for row in rows if row["kind"] == "outline"]
+    assert all(float(row["radius_inside"]) < 1.0 < float(row["radius_outside"]) for row in outline)
+    assert sum(row["kind"] == "cell" for row in rows) == 4 * 64
+    record = json.loads((tmp_path / "region.json").read_text())
+    assert [each["delay_frames"] for each in record["outlines"]] == [0, 1, 2, 4]
+    assert all(each["verified"] for each in record["outlines"])
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert run(capsys, *command, "--grid", "8")[0] == 0  # the same question may be asked again
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    code, _, err = run(capsys, *command)
+    assert code == 2
+    assert "answers another question (other grid)" in err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_region_does_not_write_over_what_is_no_answer(capsys, tmp_path: Path) -> None:
+    (tmp_path / "region.png").write_text("my holiday")
+    code, _, err = run(capsys, "stability", "region", DEMO, "--scheme", "paper", "--out", str(tmp_path))
+    assert code == 2
+    assert "in the way" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["region.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["stability", "radius", DEMO, "--set", "users.0.device_mass_kg=-1"], "device_mass_kg = -1: Expected float > 0"),
+        (["stability", "radius", DEMO, "--delay-frames", "-1"], "delay of -1 frames each way is out of 0 to 256"),
+        (["stability", "radius", DEMO, "--delay-frames", "nan"], "delay of nan frames"),
+        (["stability", "radius", DEMO, "--scheme", "paper", "--set", "object.kind=faces"], "does not fit object.kind"),
+        (["stability", "limit", DEMO, "--set", "coupling.stiffness_npm=0"], "must have a part above 0"),
+        (["stability", "region", PAPER, "--out", "x"], "two people"),
+        (["stability", "region", DEMO, "--out", "x", "--delays-frames", "0,zwei"], "write numbers with commas"),
+        (["stability", "region", DEMO, "--out", "x", "--delays-frames", "1,1"], "stands twice"),
+        (["stability", "region", DEMO, "--out", "x", "--to-npm", "1,2,3"], "--to-npm '1,2,3'"),
+        (["stability", "region", DEMO, "--out", "x", "--to-npm", "-5"], "has no area"),
+        (["stability", "region", DEMO, "--out", "x", "--grid", "5000"], "out of 0 to 2000"),
+        (["advise", "configs/none.toml"], "there is no such file"),
+        (["advise", DEMO, "--set", "users.0.device=sim:nothing"], "nothing"),
+        (["feel", DEMO, "--user", "2"], "users are numbered 0 to 1"),
+        (["figures", "fig7"], "there is no 'fig7'; there are fig4"),
+        (["sweep", DEMO, "--vary", "coupling.stifness_npm=1,2"], "did you mean coupling.stiffness_npm"),
+        (["sweep", DEMO, "--vary", "coupling.stiffness_npm"], "write it as key=first:last:count"),
+        (["sweep", DEMO, "--vary", "seed=1,2", "--measure", "lifted.radius"], "did you mean lifted.spectral_radius"),
+        (["sweep", DEMO, "--vary", "seed=1,2", "--jobs", "0"], "--jobs 0 must be at least 1"),
+        (["sweep", DEMO, "--vary", "seed=1,2", "--address", "x:1"], "give --cluster ray"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_named_and_leaves_nothing(
+    capsys, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, *arguments)
+    assert code == 2
+    assert out == ""
+    assert words in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_advice_in_words_and_in_numbers(capsys) -> None:
+    code, out, err = run(capsys, "advise", DEMO)
+    assert code == 0
+    assert "anna: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 Ns/m" in out
+    assert "b T_c / m = 0.20" in out
+    assert "most helpful: --set coupling.impedance_nspm=" in out
+    assert "20.48 device ticks" in err
+    found = answer(capsys, "advise", DEMO, "--set", "coupling.kind=coupling")
+    assert not found["stable"]
+    assert found["warnings"][0].startswith("NOT stable: spectral radius 1.13")
+    assert found["change"]["set"] == 'coupling.kind="wave"'
+    assert found["users"][0]["delay_ms"]["up link"] == pytest.approx(20.0)
+
+
+def test_serve_warns_in_the_words_of_advise(capsys, tmp_path: Path) -> None:
+    outside = ["--set", "coupling.impedance_nspm=60"]
+    warnings = answer(capsys, "advise", DEMO, *outside)["warnings"]
+    assert warnings
+    code, out, _ = run(
+        capsys, "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report", *outside
+    )
+    assert code == 0
+    for text in warnings:
+        assert f"warning: room demo: {text}" in out
+    _, out, _ = run(capsys, "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report")
+    assert "warning" not in out
+
+
+def test_feel_in_words_numbers_and_a_picture(capsys, tmp_path: Path) -> None:
+    found = answer(capsys, "feel", DEMO, "--delay-frames", "1", "--out", str(tmp_path))
+    assert found["conditions"]["on a wall"]["stiffness_npm"] == pytest.approx(630.5, abs=0.05)
+    assert set(found["conditions"]) == {"no contact", "alone with the object", "on a wall", "others hold on"}
+    assert found["delay_total_ms"] == pytest.approx(3 * 7.8125)
+    assert {path.name for path in tmp_path.iterdir()} == {"feel.png", "feel.svg", "feel.csv"}
+    code, out, _ = run(capsys, "feel", DEMO, "--delay-frames", "1")
+    assert code == 0
+    assert "630.5" in out
+
+
+def test_figures_by_name(capsys, tmp_path: Path) -> None:
+    code, out, _ = run(capsys, "figures", "fig4", "fig5", "decimators", "--out", str(tmp_path))
+    assert code == 0
+    names = {f"{name}.{suffix}" for name in ("fig4", "fig5", "decimators") for suffix in ("png", "svg", "csv")}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert "the paper's scheme at 10 ms: 501 N/m measured, 501 predicted" in out
+    assert "compensated, b = 20 Ns/m at 10 ms: 1000 N/m measured, 1000 predicted" in out
+    assert "devices of 0.045 kg: 567, 567, 567, 567 N/m; devices of 0.1 kg: 1978, 1299, 716, 325 N/m" in out
+
+
+def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(capsys, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [
+        "sweep",
+        DEMO,
+        "--vary",
+        "coupling.stiffness_npm=100:10000:3log",
+        "--vary",
+        "coupling.kind=wave,coupling",
+    ]
+    command += ["--measure", "lifted.spectral_radius", "--jobs", "1", "--out", str(out)]
+    found = answer(capsys, *command)
+    assert (found["cells"], found["computed"], found["kept"], found["failed"]) == (6, 6, 0, 0)
+    assert {"sweep.json", "cells.jsonl", "table.csv", "heatmap-lifted.spectral_radius.png"} <= {
+        path.name for path in out.iterdir()
+    }
+    found = answer(capsys, *command)
+    assert (found["computed"], found["kept"]) == (0, 6)
+    table = (out / "table.csv").read_bytes()
+    code, _, err = run(capsys, *command, "--measure", "lifted.stable")
+    assert code == 2
+    assert "holds another sweep (other columns)" in err
+    assert (out / "table.csv").read_bytes() == table
+
+
+def test_bench_stability_prints_its_ratios(capsys) -> None:
+    code, out, _ = run(capsys, "bench", "stability", "--rounds", "1", "--cells", "6")
+    assert code in (0, 1)  # how fast this machine is today is no test
+    assert "eigvals" in out
+    assert "MB" in out
