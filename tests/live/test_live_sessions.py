@@ -67,6 +67,18 @@ def test_two_people_hold_one_cube(run, serve, tmp_path):
     assert alone["users"][0]["proxy_m"] is not None, "the farewell carries the server's part"
 
 
+def test_both_ends_warn_in_the_same_words_of_a_session_that_lies_outside(run, serve, tmp_path):
+    outside = ["--set", "coupling.impedance_nspm=60", "--set", "users.0.device=sim:ideal"]
+    server, port = serve(DEMO, *outside)
+    text = server.hear(r"warning: room demo: (anna: b = 60 Ns/m is more than .*)")[1]
+    person = run(
+        "join", f"127.0.0.1:{port}", "--name", "anna", "--device", "sim:ideal?hand=hold", "--seconds", "0.5",
+        *leaving(tmp_path / "anna"),
+    )  # fmt: skip
+    assert person.end() == 0, person.said
+    assert f"warning: {text}" in person.said
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
     server, port = serve(DEMO)
