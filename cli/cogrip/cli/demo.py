@@ -95,7 +95,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
                 log,
                 ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *common],
             )
-        table = LiveTable(folder, list(clients))
+        table = LiveTable(folder, settings.name, list(clients))
         told = begun = False
         with Live(table.table(), console=console, refresh_per_second=10, transient=False) as live:
             while any(client.poll() is None for client in clients.values()):

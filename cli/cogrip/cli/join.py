@@ -1,13 +1,15 @@
 """`cogrip join`: one person, one device, one server."""
 
 import secrets
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from cogrip.cli.new_run import new_run_folder
+from cogrip.cli.leave_files import leave_files
+from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.serve import DEFAULT_PORT
 from cogrip.cli.settings_file import load
@@ -22,7 +24,7 @@ from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.link import LinkEmulator
-from cogrip.sim.run_folder import client_trace, write_account, write_summary
+from cogrip.sim.run_folder import client_recording, write_account
 from cogrip.sim.summary import of_client
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
@@ -86,36 +88,31 @@ def join(
     )  # fmt: skip
     folder: Path | None = into
 
-    def trace_at(seat: SeatSettings) -> Path:
+    def record_at(seat: SeatSettings) -> Path | None:
         nonlocal folder
         _warn(seat, arm.capability, console)
-        folder = folder or new_run_folder(runs, f"{seat.room}-{seat.user}")
-        return folder / client_trace(seat.user)
+        folder = folder or live_run_folder(runs, f"{seat.room}-{seat.user}", console.print)
+        return folder / client_recording(seat.user) if folder else None
 
     stop = Stop()
-    client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, trace_at, seconds)
+    client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, record_at, seconds)
     with on_signals(stop):
         try:
             ended = client.run()
         except (JoinError, DeviceError) as error:
             raise Problem(str(error)) from None
-        assert folder is not None
         return _finish(ended, folder, console, alone=into is None, report=report)
 
 
-def _finish(ended: Ended, folder: Path, console: Console, *, alone: bool, report: bool) -> int:
-    write_account(folder, ended.seat.user, ended.account)
+def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
+    if folder is not None:
+        with suppress(OSError):  # the server has heard the same; where it has not, the missing part is named
+            write_account(folder, ended.seat.user, ended.account)
     summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
     if ended.failed:
         console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}")
     if alone:
-        write_summary(folder, summary)
-        if report:
-            from cogrip.cli.summary_table import terminal_summary
-            from cogrip.sim.report import write_report
-
-            console.print(terminal_summary(summary))
-            console.print(f"report: {write_report(folder)}")
+        leave_files(folder, summary, console, shown=report or folder is None, report=report)
     return 0 if not ended.failed and summary["passive"] and not summary["diverged"] else 1
 
 

@@ -1,15 +1,19 @@
-"""What a running session looks like from outside: its traces read ten times a second, as a table."""
+"""What a running session looks like from outside: its recordings followed ten times a second, as a table."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
+import msgspec
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from cogrip.client.safety import STATES
-from cogrip.protocol.io.trace import TraceReader
-from cogrip.sim.run_folder import ROOM_TRACE, client_trace
+from cogrip.protocol.recording.reader import Follower, RecordingError
+from cogrip.protocol.recording.records import Record, Row, Step, Tick
+from cogrip.server.recorded import step_topic
+from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+
+R = TypeVar("R", bound=Record)
 
 _HEADINGS = (
     "person",
@@ -24,54 +28,58 @@ _HEADINGS = (
 
 
 class LiveTable:
-    """Reads the traces of one run folder as they appear; never slows those who write them."""
+    """Reads the recordings of one run folder as they grow; never slows those who write them."""
 
-    def __init__(self, folder: Path, people: Sequence[str]) -> None:
+    def __init__(self, folder: Path, room: str, people: Sequence[str]) -> None:
         self._folder = folder
+        self._room = room
         self._people = people
-        self._readers: dict[str, TraceReader] = {}
+        self._followers: dict[str, Follower] = {}
 
-    def _newest(self, file: str) -> dict[str, float]:
-        reader = self._readers.get(file)
-        if reader is None:
-            try:
-                reader = self._readers[file] = TraceReader(self._folder / file)
-            except (OSError, ValueError):  # not there yet, or not whole yet
-                return {}
-        return reader.newest() or {}
+    def _newest(self, file: str, topic: str, kind: type[R]) -> R | None:
+        follower = self._followers.get(file)
+        try:
+            if follower is None:
+                follower = self._followers[file] = Follower(self._folder / file)
+            message = follower.look().get(topic)
+        except (OSError, RecordingError):  # not there yet, not whole yet, or gone
+            return None
+        return msgspec.json.decode(message.payload, type=kind) if message else None
+
+    def _tick(self, name: str) -> Tick | None:
+        return self._newest(client_recording(name), f"/{name}/tick", Tick)
 
     def everyone(self) -> bool:
         """True once every person's client has begun."""
-        return all(self._newest(client_trace(name)) for name in self._people)
+        return all(self._tick(name) for name in self._people)
 
     def table(self) -> Table:
         """One row a person."""
-        room = self._newest(ROOM_TRACE)
-        place = " ".join(f"{value * 1e3:+6.1f}" for value in _vector(room, "object_m"))
+        step = self._newest(SERVER_RECORDING, step_topic(self._room), Step)
+        place = _vector(step.object_m, 1e3, "+6.1f") if step else ""
         table = Table(title=f"object at {place or 'rest'} mm", title_justify="left", box=SIMPLE_HEAD)
         for heading in _HEADINGS:
             table.add_column(heading, justify="left" if heading in ("person", "state") else "right")
         for number, name in enumerate(self._people):
-            row = self._newest(client_trace(name))
-            if not row:
+            tick = self._tick(name)
+            if tick is None:
                 table.add_row(name, "joining", *[""] * 6)
                 continue
-            margin = min(
-                row["down_margin_j"], room.get(f"{number}.up_margin_j", 0.0), room.get(f"{number}.line_margin_j", 0.0)
-            )
-            rtt = row["rtt_ms"]
+            seat = step.seats[number] if step else None
+            margins = (tick.margin_j, *((seat.up_margin_j, seat.line_margin_j) if seat else ()))
+            lost = tick.lost + (seat.lost if seat else 0)
             table.add_row(
                 name,
-                STATES[int(row["state"])],
-                " ".join(f"{value * 1e3:+6.1f}" for value in _vector(row, "position_m")),
-                " ".join(f"{value:+5.2f}" for value in _vector(row, "force_n")),
-                "" if math.isnan(rtt) else f"{rtt:.1f}",
-                f"{row['lost'] + room.get(f'{number}.lost', 0.0):.0f}",
-                f"{row['skipped']:.0f}",
-                f"{margin * 1e3:.3f}",
+                tick.state,
+                _vector(tick.position_m or (), 1e3, "+6.1f"),
+                _vector(tick.force_n, 1.0, "+5.2f"),
+                "" if tick.rtt_ms is None else f"{tick.rtt_ms:.1f}",
+                f"{lost}",
+                f"{tick.skipped}",
+                f"{min(0.0, *(margin for margin in margins if margin is not None)) * 1e3:.3f}" if seat else "",
             )
         return table
 
 
-def _vector(row: dict[str, float], name: str) -> list[float]:
-    return [row[f"{name}.{axis}"] for axis in range(3) if f"{name}.{axis}" in row]
+def _vector(values: Row, scale: float, form: str) -> str:
+    return " ".join(format(value * scale, form) for value in values if value is not None)

@@ -8,7 +8,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from cogrip.cli.new_run import new_run_folder
+from cogrip.cli.leave_files import leave_files
+from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
 from cogrip.devices.device import DeviceError
@@ -17,7 +18,7 @@ from cogrip.protocol.settings import Settings
 from cogrip.server.loop import LiveServer, ServeError
 from cogrip.sim.analysis.advice import advise
 from cogrip.sim.analysis.linear_session import ModelError
-from cogrip.sim.run_folder import ROOM_TRACE, write_settings, write_summary
+from cogrip.sim.run_folder import SERVER_RECORDING, write_settings
 from cogrip.sim.summary import of_room
 
 DEFAULT_PORT = 47800
@@ -33,7 +34,7 @@ def serve(
     into: Path | None = None,
     report: bool = True,
 ) -> int:
-    """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder for each room.
+    """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def serve(
     seconds
         Stop by yourself after so long.
     runs
-        Folder in which the run folders are made.
+        Folder in which the run folder is made; of several rooms each has a folder in it.
     into
         Write into this existing folder instead, and leave its report to its owner (one room only).
     report
@@ -57,20 +58,19 @@ def serve(
     console = Console(highlight=False, soft_wrap=True)
     rooms = _rooms(config, overrides, port, into)
     names = [room.name for room in rooms]
-    folders: dict[str, Path] = {}
     stop = Stop()
-
-    def trace_at(name: str) -> Path:
-        return folders[name] / ROOM_TRACE
-
-    server = LiveServer(rooms, host, port, stop, console.print, trace_at, seconds)
+    server = LiveServer(rooms, host, port, stop, console.print, None, seconds)
     try:
         bound = server.listen()
     except ServeError as error:
         raise Problem(str(error)) from None
-    for settings in rooms:
-        folders[settings.name] = into or new_run_folder(runs, settings.name)
-        write_settings(folders[settings.name], settings)
+    folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", console.print)
+    folders: dict[str, Path] = {}
+    if folder is not None:
+        server.record_at = folder / SERVER_RECORDING
+        folders = {name: folder if len(names) == 1 else folder / name for name in names}
+        for settings in rooms:
+            write_settings(folders[settings.name], settings)
     with on_signals(stop):
         if not ip_address(bound[0]).is_loopback:
             console.print(
@@ -83,15 +83,9 @@ def serve(
         console.print(f"stopped: {stop.reason}")
         passive = True
         for room in server.core.rooms:
-            summary = of_room(room, server.elapsed_s, server.core.dropped)
-            write_summary(folders[room.name], summary)
+            summary = of_room(room, server.elapsed_s, {**server.core.dropped, **server.losses()})
             passive = passive and bool(summary["passive"]) and not summary["diverged"]
-            if into is None and report:
-                from cogrip.cli.summary_table import terminal_summary
-                from cogrip.sim.report import write_report
-
-                console.print(terminal_summary(summary))
-                console.print(f"report: {write_report(folders[room.name])}")
+            leave_files(folders.get(room.name), summary, console, shown=into is None, report=into is None and report)
     return 0 if passive else 1
 
 
@@ -106,7 +100,7 @@ def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Pa
         if names.count(name) > 1:
             raise BadInput(f"serve: two rooms are called {name!r}; give each file a `name` of its own")
     if into is not None and len(rooms) > 1:
-        raise BadInput("serve: --into takes one room; leave it out to get a folder for each")
+        raise BadInput("serve: --into takes one room; leave it out to get a folder")
     return rooms
 
 

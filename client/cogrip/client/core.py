@@ -101,12 +101,32 @@ class ClientCore:
         if self.safety.event("rearm"):
             self.safety.event("go")
 
+    def fail(self, reason: str) -> None:
+        """The device failed: latch a fault."""
+        if self.seat is not None:
+            self.safety.fail(reason)
+
     def poll(self, now_ns: int) -> None:
-        """Session timers; call at least every 100 ms."""
+        """Session timers, where no ticks are run; call at least every 100 ms."""
         self.session.poll(now_ns)
 
+    def keep_seat(self, now_ns: int) -> None:
+        """Let the server hear of us before the first tick."""
+        self.session.heartbeat(now_ns)
+
+    def leave(self, reason: str, account: ClientAccount, now_ns: int) -> None:
+        """Say goodbye with what this end knows; or answer the goodbye of a server that stopped first."""
+        if self.session.state == "seated":
+            self.session.leave(reason, account, now_ns)
+        elif self.session.farewell is not None:
+            self.session.answer_farewell(account)
+
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
-        """Book the ticks since the last call with the sample read now."""
+        """Book the ticks since the last call with the sample read now; session timers run as well."""
+        self._sense(tick, sample, now_ns)
+        self.session.poll(now_ns)
+
+    def _sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         elapsed = tick - self.tick if self.tick >= 0 else 0
         if self.tick < 0:
             self.session.last_heard_ns = now_ns  # silence counts from the first tick: opening the device took its time

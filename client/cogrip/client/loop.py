@@ -10,20 +10,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.client import trace_row
-from cogrip.client.core import ClientCore
+from cogrip.client.recorded import RecordedClient, client_topics
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
+from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.io.trace import TraceWriter, open_trace
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Farewell, Hello
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.settings import LinkProfile, SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
-TRACE_SECONDS = 120.0  # kept of a session without an end
 
 
 class Link(Protocol):
@@ -62,9 +62,9 @@ class LiveClient:
     stop: Stop
     say: Callable[[str], None]
     make_link: Callable[[LinkProfile, str], Link]
-    trace_at: Callable[[SeatSettings], Path | None]
+    record_at: Callable[[SeatSettings], Path | None]
     seconds: float | None = None
-    _core: ClientCore = field(init=False)
+    _core: RecordedClient = field(init=False)
     _socket: socket.socket = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
@@ -72,7 +72,7 @@ class LiveClient:
 
     def run(self) -> Ended:
         """Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened."""
-        self._core = ClientCore(self.hello, self.device.capability)
+        self._core = RecordedClient(self.hello, self.device.capability)
         host, port = self.server
         try:
             family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -116,42 +116,56 @@ class LiveClient:
         device = self.device = first_axes(self.device, seat.object.axes)
         device.open(seat.rates.device_hz)
         self._keep_seat()
-        trace = open_trace(
-            self.trace_at(seat), trace_row.columns(seat.object.axes), rate_hz=seat.rates.device_hz,
-            seconds=self.seconds or TRACE_SECONDS, who=seat.user, say=self.say,
-        )  # fmt: skip
+        recorder = self._record(seat)
         self._keep_seat()
         measures += engage(["fifo"])  # last of all preparations: they would starve others
         self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
         start_ns = time.monotonic_ns() + LEAD_NS
-        if trace is not None:
-            trace.begin(start_ns)
         pacer = Pacer(seat.rates.device_hz, start_ns)
         try:
-            failed = self._loop(pacer, trace)
+            failed = self._loop(pacer)
+            account = core.account(pacer.count())
+            self._leave(failed, account)
         finally:
             device.close()
-            if trace is not None:
-                trace.close()
+            core.record(Nowhere())
+            if recorder is not None:
+                recorder.close()
         seconds = pacer.due / seat.rates.device_hz
-        account = core.account(pacer.count())
-        self._leave(failed, account)
         counts = {**core.session.dropped, **core.safety.counts, **self._counts, "skipped tick": pacer.skipped}
+        if recorder is None or recorder.trouble:
+            counts["recording stopped"] = 1
+        if recorder is not None and recorder.lost:
+            counts["not recorded"] = recorder.lost
         return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures)
+
+    def _record(self, seat: SeatSettings) -> Recorder | None:
+        """Begin to record, from the first hello on."""
+        core, path = self._core, self.record_at(seat)
+        recorder = None
+        if path is not None:
+            epoch_ns = time.time_ns() - time.monotonic_ns()
+            header = Header(
+                "client", seat.user, core.start, seat.rates.device_hz, seat.seed, epoch_ns, False, versions_here(),
+                client_topics(seat.user),
+            )  # fmt: skip
+            recorder = open_recorder(path, header, self.say)
+        core.record(recorder or Nowhere())
+        return recorder
 
     def _keep_seat(self) -> None:
         """Let the server hear of us while the device and the rest are being made ready."""
         now_ns = time.monotonic_ns()
-        self._core.session.heartbeat(now_ns)
+        self._core.keep_seat(now_ns)
         self._send(now_ns)
 
-    def _loop(self, pacer: Pacer, trace: TraceWriter | None) -> str:
+    def _loop(self, pacer: Pacer) -> str:
         """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
         core, device, safety = self._core, self.device, self._core.safety
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         said, failed, ending = safety.state, "", False
-        work_us = 0.0
+        work_us = 0
         while True:
             tick = pacer.wait()
             now_ns = clock()
@@ -159,18 +173,16 @@ class LiveClient:
                 sample = device.read(tick)
             except DeviceError as error:
                 sample = None
-                safety.fail(f"device: {error}")
+                core.fail(f"device: {error}")
             core.sense(tick, sample, now_ns)
-            core.poll(now_ns)
             self._send(now_ns)
             self._drain(now_ns)
+            core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
             force = core.act(now_ns)
             try:
                 device.write(force)
             except DeviceError as error:
-                safety.fail(f"device: {error}")
-            if trace is not None:
-                trace.append(trace_row.row(core, tick / pacer.rate_hz, pacer.late_ns * 1e-3, work_us, pacer.skipped))
+                core.fail(f"device: {error}")
             if safety.state != said:
                 self._tell(said, safety.state)
                 said = safety.state
@@ -183,7 +195,7 @@ class LiveClient:
                         core.stop()
             elif safety.quiet:
                 return failed
-            work_us = (clock() - now_ns) * 1e-3
+            work_us = (clock() - now_ns) // 1000
             pacer.done()
 
     def _tell(self, before: str, after: str) -> None:
@@ -197,20 +209,19 @@ class LiveClient:
 
     def _leave(self, failed: str, account: ClientAccount) -> None:
         """Say goodbye and wait a moment for the answer."""
-        session = self._core.session
+        core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
-        if session.state == "seated":
-            session.leave((failed or self.stop.reason or "the session is over")[:300], account, now_ns)
-            while session.state == "leaving":
-                now_ns = time.monotonic_ns()
-                session.poll(now_ns)
-                self._send(now_ns)
-                self._drain(now_ns)
-                time.sleep(0.002)
-        elif session.farewell is not None:  # the server stopped first: it waits for our account
-            session.answer_farewell(account)
+        answers = session.state != "seated"
+        core.leave((failed or self.stop.reason or "the session is over")[:300], account, now_ns)
+        if answers:  # the server stopped first: it waits for our account
             self._up = None
             self._send(now_ns)
+        while session.state == "leaving":
+            now_ns = time.monotonic_ns()
+            core.poll(now_ns)
+            self._send(now_ns)
+            self._drain(now_ns)
+            time.sleep(0.002)
 
     def _send(self, now_ns: int) -> None:
         outbox, up = self._core.outbox, self._up

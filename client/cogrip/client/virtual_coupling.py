@@ -12,7 +12,7 @@ from cogrip.protocol.settings import SeatSettings
 
 
 class VirtualCoupling:
-    """Same calls as WaveCoupling. `forward` and `returning` stay zero: there are no waves."""
+    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves."""
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
@@ -23,7 +23,7 @@ class VirtualCoupling:
         self._receiver = StateReceiver()
         self._last_force: Sequence[float] = (0.0,) * axes
         self._number = -1
-        self.forward = self.returning = (0.0,) * axes
+        self.forward = self.returning = self.sent = (0.0,) * axes
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
         self.made_j = self.used_j = self.port_j = 0.0
         self.down_margin_j: float | None = None

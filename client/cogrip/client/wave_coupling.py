@@ -32,6 +32,7 @@ class WaveCoupling:
         self._frame = 0
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
         self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
+        self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
         self.made_j = 0.0
         self.used_j = 0.0
@@ -66,7 +67,8 @@ class WaveCoupling:
             self.used_j += v * v * self._half_tick_s
 
     def end_frame(self) -> None:
-        self._sender.push(self._decimator.take())
+        self.sent = self._decimator.take()
+        self._sender.push(self.sent)
 
     def start_frame(self) -> None:
         """The returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""

@@ -12,18 +12,17 @@ from pathlib import Path
 
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
+from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.io.trace import TraceWriter, open_trace
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
-from cogrip.server import trace_row
-from cogrip.server.core import ServerCore
-from cogrip.server.room import Room
+from cogrip.server.recorded import WHO, RecordedServer, server_topics
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
-TRACE_SECONDS = 300.0
 
 
 class ServeError(Exception):
@@ -39,9 +38,10 @@ class LiveServer:
     port: int
     stop: Stop
     say: Callable[[str], None]
-    trace_at: Callable[[str], Path | None]
+    record_at: Path | None
     seconds: float | None = None
-    core: ServerCore = field(init=False)
+    core: RecordedServer = field(init=False)
+    recorder: Recorder | None = field(init=False, default=None)
     _socket: socket.socket = field(init=False)
     _start_ns: int = field(init=False, default=0)
 
@@ -59,7 +59,7 @@ class LiveServer:
             ) from None
         self._socket.setblocking(False)
         host, port = self._socket.getsockname()[:2]
-        self.core = ServerCore(self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1)
+        self.core = RecordedServer(self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1)
         return host, port
 
     @property
@@ -69,36 +69,49 @@ class LiveServer:
 
     def run(self) -> None:
         """Serve until stopped, say goodbye, and leave with the socket closed."""
-        traces: dict[str, TraceWriter] = {}
-        for room in self.core.rooms:
-            trace = open_trace(
-                self.trace_at(room.name), trace_row.columns(room.world.axes, len(room.seats)),
-                rate_hz=room.settings.rates.network_hz, seconds=max(TRACE_SECONDS, room.settings.seconds), who=room.name,
-                say=self.say,
-            )  # fmt: skip
-            if trace is not None:
-                traces[room.name] = trace
+        self.recorder = self._record()
         measures = engage()
         self._start_ns = time.monotonic_ns()
         pacers = {}
         for room in self.core.rooms:
             pacers[room.name] = pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
-            room.ticks = pacer.count
-            if room.name in traces:
-                traces[room.name].begin(self._start_ns)
+            self.core.count_ticks(room, pacer.count)
         try:
             with self._socket:
-                self._loop(pacers, traces)
+                self._loop(pacers)
                 self._farewell()
+            self.core.close_books()
         finally:
             release(measures)
-            for trace in traces.values():
-                trace.close()
+            self.core.record(Nowhere())
+            if self.recorder is not None:
+                self.recorder.close()
 
-    def _loop(self, pacers: dict[str, Pacer], traces: dict[str, TraceWriter]) -> None:
+    def _record(self) -> Recorder | None:
+        """Begin to record, before anything is heard."""
+        if self.record_at is None:
+            self.core.record(Nowhere())
+            return None
+        first, epoch_ns = self.rooms[0], time.time_ns() - time.monotonic_ns()
+        header = Header(
+            "server", WHO, self.core.start, first.rates.network_hz, first.seed, epoch_ns, False, versions_here(),
+            server_topics([room.name for room in self.rooms]),
+        )  # fmt: skip
+        recorder = open_recorder(self.record_at, header, self.say)
+        self.core.record(recorder or Nowhere())
+        return recorder
+
+    def losses(self) -> dict[str, int]:
+        """What of this run is not in its recording, by name."""
+        if self.recorder is None:
+            return {"recording stopped": 1} if self.record_at else {}
+        stopped = {"recording stopped": 1} if self.recorder.trouble else {}
+        return {**stopped, "not recorded": self.recorder.lost} if self.recorder.lost else stopped
+
+    def _loop(self, pacers: dict[str, Pacer]) -> None:
         core, clock = self.core, time.monotonic_ns
         last = dict.fromkeys(pacers, -1)
-        work_us = dict.fromkeys(pacers, 0.0)
+        work_us = dict.fromkeys(pacers, 0)
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
         while not self.stop.reason:
             if end_ns is not None and clock() >= end_ns:
@@ -115,18 +128,14 @@ class LiveServer:
                 pacer, tick = pacers[room.name], ticks[room.name]
                 if tick is None:
                     continue
+                core.timing[room.name] = (pacer.late_ns // 1000, work_us[room.name], pacer.skipped)
                 core.tick(room, now_ns, tick - last[room.name])
                 last[room.name] = tick
                 self._send()
-                if room.name in traces:
-                    traces[room.name].append(self._row(room, tick, pacer, work_us[room.name]))
-                work_us[room.name] = (clock() - now_ns) * 1e-3
+                work_us[room.name] = (clock() - now_ns) // 1000
                 pacer.done()
             while core.events:
                 self.say(core.events.popleft())
-
-    def _row(self, room: Room, tick: int, pacer: Pacer, work_us: float) -> list[float]:
-        return trace_row.row(room, tick / pacer.rate_hz, pacer.late_ns * 1e-3, work_us, pacer.skipped)
 
     def _farewell(self) -> None:
         self.core.stop(self.stop.reason)

@@ -8,18 +8,26 @@ exactly d frames therefore means d frames.
 from collections.abc import Callable
 from itertools import count
 
-from cogrip.client.core import ClientCore
+from cogrip.client.recorded import RecordedClient
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.rates import due_ns
+from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import LinkProfile, Settings, digest
 from cogrip.protocol.version import VERSION
-from cogrip.server.core import ServerCore
+from cogrip.server.recorded import RecordedServer
 from cogrip.sim.link import LinkEmulator
 
 Watch = Callable[["Laboratory"], None]
+Record = Callable[[RecordedClient | RecordedServer, str], Sink]
+"""Where an end's recording goes: called with its core and, for a client, the person's name (else "")."""
+
+
+def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:
+    """No recording."""
+    return Nowhere()
 
 
 class Person:
@@ -34,7 +42,7 @@ class Person:
             software=VERSION, nonce=number + 1, room=settings.name, name=user.name, digest=digest(settings),
             device=address_of(user), axes=settings.object.axes, rate_hz=float(self.device.capability.rate_hz),
         )  # fmt: skip
-        self.core = ClientCore(hello, self.device.capability)
+        self.core = RecordedClient(hello, self.device.capability)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
 
@@ -42,17 +50,20 @@ class Person:
 class Laboratory:
     """One session of `settings`. `run` to the end, or `frame` by frame."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, record: Record = unrecorded) -> None:
         self.settings = settings
         self.people = [Person(settings, number) for number in range(len(settings.users))]
         sessions = count(1)
-        self.server = ServerCore([settings], VERSION, lambda: next(sessions))
+        self.server = RecordedServer([settings], VERSION, lambda: next(sessions))
         self.room = self.server.rooms[0]
         self.now_ns = 0
         self.tick = 0
         self._device_hz = settings.rates.device_hz
         self._ticks_per_frame = settings.rates.device_hz // settings.rates.network_hz
         self.frames = max(1, round(settings.seconds * settings.rates.network_hz))
+        for person in self.people:
+            person.core.record(record(person.core, person.name))
+        self.server.record(record(self.server, ""))
         self._seat_everyone()
 
     def _seat_everyone(self) -> None:
@@ -136,6 +147,16 @@ class Laboratory:
             self.frame(each_tick)
             if each_frame is not None:
                 each_frame(self)
+
+    def close_books(self) -> None:
+        """Note what every end knows; nothing is recorded after."""
+        ticks = self.ticks()
+        for person in self.people:
+            person.core.account(ticks)
+        self.server.close_books()
+        self.server.record(Nowhere())
+        for person in self.people:
+            person.core.record(Nowhere())
 
     @property
     def diverged(self) -> str:

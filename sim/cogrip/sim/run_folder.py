@@ -1,4 +1,4 @@
-"""The folder a run leaves: `runs/<time>-<name>/` with settings, traces, summary, report and plots."""
+"""The folder a run leaves: `runs/<time>-<name>/` with settings, recordings, summary, report and plots."""
 
 import json
 from collections.abc import Sequence
@@ -13,12 +13,13 @@ from cogrip.protocol.settings import Settings
 
 SUMMARY = "summary.json"
 SETTINGS = "settings.json"
-ROOM_TRACE = "room.trace"
+SERVER_RECORDING = "server.mcap"
+CLOCKS = "clocks.json"  # of a run that was merged from several machines
 
 
-def client_trace(name: str) -> str:
-    """File name of one person's trace."""
-    return f"client-{_file_name(name)}.trace"
+def client_recording(name: str) -> str:
+    """File name of one person's recording."""
+    return f"client-{_file_name(name)}.mcap"
 
 
 def client_log(name: str) -> str:
@@ -50,14 +51,15 @@ def write_settings(folder: Path, settings: Settings) -> None:
 
 def write_account(folder: Path, name: str, account: ClientAccount) -> None:
     """What one client knows, for whoever joins the parts."""
-    (folder / client_trace(name)).with_suffix(".json").write_bytes(msgspec.json.encode(account))
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / client_recording(name)).with_suffix(".json").write_bytes(msgspec.json.encode(account))
 
 
 def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount | None]:
     """What the clients of these names left by `write_account`; None for one that left nothing."""
     found: dict[str, ClientAccount | None] = {}
     for name in names:
-        path = (folder / client_trace(name)).with_suffix(".json")
+        path = (folder / client_recording(name)).with_suffix(".json")
         try:
             found[name] = msgspec.json.decode(path.read_bytes(), type=ClientAccount)
         except (OSError, msgspec.MsgspecError):
@@ -71,4 +73,5 @@ def summary_text(summary: dict[str, Any]) -> str:
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)  # it may have been removed while the session ran
     (folder / SUMMARY).write_text(summary_text(summary))

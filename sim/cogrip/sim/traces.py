@@ -1,10 +1,12 @@
-"""What a run folder holds, as numpy columns in time order: traces, summary, settings, and what is missing of them.
+"""What a run folder holds, as numpy columns in time order: recordings, summary, settings, and what is missing of them.
 
-A column is read from the file when it is asked for, so that half an hour of many people stays on the disk.
+A recording is read once, into a temporary file for each column; a column is read when it is asked for. So half an hour
+of many people stays on the disk.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,46 +15,54 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cogrip.protocol.io.trace import HEADER_BYTES, TraceReader
-from cogrip.sim.run_folder import ROOM_TRACE, SETTINGS, SUMMARY, client_trace
+from cogrip.client.safety import STATES
+from cogrip.protocol.recording.reader import Damage, RecordingError
+from cogrip.server.recorded import step_topic
+from cogrip.sim.records import End, open_run
+from cogrip.sim.run_folder import SERVER_RECORDING, SETTINGS, SUMMARY, client_recording
 
 Array = NDArray[np.float64]
 MOST_PEOPLE = 12  # that a plot shows: more are not told apart
+_STATE_NUMBER = {state: float(number) for number, state in enumerate(STATES)}
+_TICK_SCALARS = ("tick", "late_us", "work_us", "skipped", "rtt_ms", "lost", "work_j", "port_j")
+_TICK_VECTORS = ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down", "object_m")
+_STEP_SCALARS = ("step", "late_us", "work_us", "skipped")
+_SEAT_SCALARS = ("seated", "up_margin_j", "line_margin_j", "up_used_j", "down_made_j", "lost")
+_SEAT_VECTORS = ("proxy_m", "force_n")
 
 
 class Columns(Mapping[str, Array]):
-    """Column name to its values, oldest first, shape (rows,), a copy. Each look-up reads the file.
+    """Column name to its values, oldest first, shape (rows,), a copy. Each look-up reads the disk."""
 
-    The file is mapped: it must not lose these rows meanwhile. A writer that closes gives back only what it never wrote.
-    """
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="cogrip-columns-")
+        self._files: dict[str, Path] = {}
 
-    def __init__(self, names: tuple[str, ...], rows: Array, oldest: int) -> None:
-        self._index = {name: index for index, name in enumerate(names)}
-        self._rows = rows
-        self._oldest = oldest
+    def extend(self, columns: Mapping[str, Sequence[float] | Array]) -> None:
+        """More rows, the same columns every time."""
+        for name, values in columns.items():
+            path = self._files.setdefault(name, Path(self._folder.name) / f"{len(self._files)}.f64")
+            with path.open("ab") as file:
+                np.asarray(values, dtype=np.float64).tofile(file)
 
     def __getitem__(self, name: str) -> Array:
-        column = self._rows[:, self._index[name]]
-        return np.concatenate((column[self._oldest :], column[: self._oldest]))
+        return np.fromfile(self._files[name], dtype=np.float64)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._index)
+        return iter(self._files)
 
     def __len__(self) -> int:
-        return len(self._index)
+        return len(self._files)
 
 
 @dataclass
 class Trace:
-    """One file. `overwritten` rows were too old for the ring, `cut` rows were promised by the header and are not there."""
+    """One end of a run."""
 
     who: str
     rate_hz: int
-    start_ns: int
     columns: Columns
     rows: int
-    overwritten: int
-    cut: int
 
     def vector(self, name: str) -> Array:
         """`position_m.0`, `position_m.1` ... side by side, shape (rows, axes). KeyError without the first."""
@@ -63,58 +73,58 @@ class Trace:
 
     @cached_property
     def time_s(self) -> Array:
-        """Seconds on the run's clock (the file's own before `align`)."""
+        """Seconds on the run's clock."""
         return self.columns["time_s"]
 
-    def shift(self, seconds: float) -> None:
-        self.time_s = self.time_s + seconds
+
+def tick_trace(end: End) -> Trace:
+    """A client's ticks."""
+    columns, rows = Columns(), 0
+    for times, ticks in end.chunks("tick"):
+        rows += len(ticks)
+        axes = len(ticks[0].force_n)
+        table: dict[str, Any] = {"time_s": times, "state": [_STATE_NUMBER[tick.state] for tick in ticks]}
+        for name in _TICK_SCALARS:
+            table[name] = [getattr(tick, name) for tick in ticks]
+        table["leak_j"] = np.array(table["work_j"], dtype=float) - np.array(table["port_j"], dtype=float)
+        table["down_margin_j"] = [tick.margin_j or 0.0 for tick in ticks]
+        for name in _TICK_VECTORS:
+            _spread(table, name, [getattr(tick, name) for tick in ticks], axes)
+        columns.extend(table)
+    return Trace(end.who, end.rate_hz, columns, rows)
 
 
-def read_trace(path: Path) -> Trace:
-    """Whatever rows are whole, of a trace that is finished, being written, or cut short. ValueError if it is not one."""
-    try:
-        reader = TraceReader(path)
-    except (KeyError, TypeError, ValueError) as error:  # the header or its JSON is damaged, or the file is empty
-        raise ValueError(f"{path.name} is not a readable trace: {error}") from None
-    width, capacity, count = len(reader.columns), reader.capacity, reader.count
-    reader.close()
-    if not width or capacity < 1 or "time_s" not in reader.columns:
-        raise ValueError(f"{path.name} is not a readable trace: its header names no rows with a time_s")
-    promised = min(count, capacity)
-    rows = min(promised, (path.stat().st_size - HEADER_BYTES) // (8 * width))
-    body: Array
-    if rows:
-        body = np.memmap(path, dtype="<f8", mode="r", offset=HEADER_BYTES, shape=(rows, width))
-    else:
-        body = np.empty((0, width))
-    overwritten = max(0, count - capacity)
-    oldest = min(count % capacity, rows) if overwritten else 0
-    columns = Columns(reader.columns, body, oldest)
-    return Trace(reader.who, reader.rate_hz, reader.start_ns, columns, rows, overwritten, promised - rows)
+def step_trace(end: End, room: str) -> Trace:
+    """A room's steps; columns of a seat begin with its number (`0.proxy_m.0`)."""
+    columns, rows = Columns(), 0
+    for times, steps in end.chunks(step_topic(room)):
+        rows += len(steps)
+        axes = len(steps[0].object_m)
+        table: dict[str, Any] = {"time_s": times}
+        for name in _STEP_SCALARS:
+            table[name] = [getattr(step, name) for step in steps]
+        for name in ("object_m", "object_mps"):
+            _spread(table, name, [getattr(step, name) for step in steps], axes)
+        for number in range(len(steps[0].seats)):
+            seats = [step.seats[number] for step in steps]
+            for name in _SEAT_SCALARS:
+                table[f"{number}.{name}"] = [getattr(seat, name) or 0.0 for seat in seats]
+            for name in _SEAT_VECTORS:
+                _spread(table, f"{number}.{name}", [getattr(seat, name) for seat in seats], axes)
+        columns.extend(table)
+    return Trace(room, end.rate_hz, columns, rows)
 
 
-def align(clients: Iterable[Trace], room: Trace | None) -> bool:
-    """Put traces of one clock on one axis that begins with the first client; False, and nothing done, if they are not.
-
-    A server may have run for hours before anybody came. Machines have clocks of their own: then the files hardly overlap.
-    """
-    people = list(clients)
-    traces = [*people, room] if room else people
-    if not traces:
-        return True
-    spans = [(trace.start_ns * 1e-9 + trace.time_s[0], trace.start_ns * 1e-9 + trace.time_s[-1]) for trace in traces]
-    longest = max(spans, key=lambda span: span[1] - span[0])
-    if any(start > longest[1] or end < longest[0] for start, end in spans):
-        return False
-    first_ns = min(trace.start_ns for trace in people or traces)
-    for trace in traces:
-        trace.shift((trace.start_ns - first_ns) * 1e-9)
-    return True
+def _spread(table: dict[str, Any], name: str, rows: Sequence[Sequence[float | None] | None], axes: int) -> None:
+    missing = (np.nan,) * axes
+    values = np.array([missing if row is None else row for row in rows], dtype=float)
+    for axis in range(axes):
+        table[f"{name}.{axis}"] = values[:, axis]
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run folder. Seat n of the room is names[n]; `clients` has those whose trace is there; `notes` say what is not."""
+    """One run folder. Seat n of the room is names[n]; `clients` has those whose recording is there; `notes` say what is not."""
 
     folder: Path
     summary: dict[str, Any]
@@ -129,30 +139,36 @@ def load_run(folder: Path) -> Run:
     """Everything that can be read. FileNotFoundError if the folder holds nothing of a run."""
     notes: list[str] = []
     summary, settings = (_read_json(folder / name, notes) for name in (SUMMARY, SETTINGS))
-    found: dict[str, Trace] = {}
-    for path in sorted(folder.glob("*.trace")):
-        try:
-            trace = read_trace(path)
-        except ValueError as error:
-            notes.append(f"{error}; it is left out.")
-            continue
-        found[path.name] = trace
-        notes += _losses(path.name, trace)
-    if not (summary or settings or found):
-        raise FileNotFoundError(f"{folder} holds no {SUMMARY}, no {SETTINGS} and no trace; name the folder of a run")
-    room = found.pop(ROOM_TRACE, None)
-    names = _names(summary, settings, found.values())
-    clients = {trace.who: trace for trace in found.values() if trace.rows}
-    if room is None:  # one that has no rows has its note already
-        notes.append(f"{ROOM_TRACE} is not here: no proxies, and no line up, in the plots.")
+    clients: dict[str, Trace] = {}
+    room: Trace | None = None
+    try:
+        records = open_run(folder)
+    except (FileNotFoundError, RecordingError) as error:
+        if not (summary or settings):
+            raise FileNotFoundError(
+                f"{folder} holds no {SUMMARY}, no {SETTINGS} and no recording; name the folder of a run"
+            ) from None
+        notes.append(f"{error}.")
+    else:
+        notes += records.notes
+        for name, end in records.clients.items():
+            trace = tick_trace(end)
+            notes += losses(end)
+            if trace.rows:
+                clients[name] = trace
+        of_room = records.settings()
+        if records.server is not None and of_room is not None:
+            trace = step_trace(records.server, of_room.name)
+            notes += losses(records.server)
+            room = trace if trace.rows else None
+    names = _names(summary, settings, clients.values())
+    if room is None:
+        notes.append(f"{SERVER_RECORDING} is not here: no proxies, and no line up, in the plots.")
     notes += [
-        f"{client_trace(name)} is not here: the plots do not show the hand of {name}."
+        f"{client_recording(name)} is not here: the plots do not show the hand of {name}."
         for name in names
         if name not in clients
     ]
-    room = room if room and room.rows else None
-    if not align(clients.values(), room):
-        notes.append("The traces come from machines whose clocks are not one: each is drawn from its own start.")
     return Run(folder, summary, settings, names, clients, room, tuple(notes))
 
 
@@ -171,15 +187,24 @@ def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:
     return {}
 
 
-def _losses(name: str, trace: Trace) -> list[str]:
-    notes = []
-    if trace.overwritten:
-        notes.append(f"{name}: the first {trace.overwritten} rows were overwritten by later ones (the file is a ring).")
-    if trace.cut:
-        notes.append(f"{name}: the last {trace.cut} rows are cut off.")
-    if not trace.rows:
-        notes.append(f"{name} has no rows.")
+def losses(end: End) -> list[str]:
+    """What is not in a recording that has been read to its end."""
+    notes = [f"{end.path.name}: {describe(each, end.offset_s)}." for each in end.damage]
+    missing = sum(timed.record.messages for timed in end.records("gap"))
+    if missing:
+        notes.append(f"{end.path.name}: {missing} messages were not recorded, the writer was too slow.")
+    if not end.recording.complete and not end.damage:
+        notes.append(f"{end.path.name} was not closed: its run was cut short; all that was written is here.")
     return notes
+
+
+def describe(damage: Damage, offset_s: float) -> str:
+    """A damage in words, on the run's clock."""
+    size = f"{damage.length} bytes at {damage.offset}"
+    if damage.from_ns is None or damage.to_ns is None:
+        return f"{damage.reason} ({size})"
+    span = f"from {damage.from_ns * 1e-9 + offset_s:.3f} s to {damage.to_ns * 1e-9 + offset_s:.3f} s"
+    return f"{damage.reason}, {span} ({size})"
 
 
 def _names(summary: dict[str, Any], settings: dict[str, Any], traces: Iterable[Trace]) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ from cogrip.sim.plots.style import (
     DASHED,
     FAINT,
     INK,
-    Array,
     Legend,
     NotDrawnError,
     Sheet,
@@ -21,7 +20,7 @@ from cogrip.sim.plots.style import (
     title,
 )  # fmt: skip
 from cogrip.sim.traces import Run
-from cogrip.sim.verdict import dig, is_number
+from cogrip.sim.verdict import dig
 
 _LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
 _DETAIL_S = 5.0
@@ -57,35 +56,13 @@ def waves(run: Run) -> Figure:
         raise NotDrawnError("virtual coupling sends no waves" if kind == "coupling" else "every wave was 0")
     rows = 1 + max(axis for axis, _ in up)
     sheet = Sheet(rows, 2, row_in=2.7 if rows == 1 else 1.8)
-    ticks = _ticks_per_frame(run)
-    for axis, line in up:
-        _draw_frames(sheet.panels[axis, 0], line, ticks)
-    for axis, line in down:
-        draw(sheet.panels[axis, 1], line.time, line.values, **line.style)
-    for panel, heading in zip(sheet.panels[0], ("up, mean of each frame; pale: its ticks", "down"), strict=True):
+    for column, lines in enumerate((up, down)):
+        for axis, line in lines:
+            draw(sheet.panels[axis, column], line.time, line.values, **line.style)
+    for panel, heading in zip(sheet.panels[0], ("up, as sent", "down, as played"), strict=True):
         title(panel, heading)
         panel.set_xlim(*extent(run))
     return sheet.finish("time [s]", _labels(rows, "wave", "√W"), people_legend(run))
-
-
-def _ticks_per_frame(run: Run) -> int:
-    device_hz, network_hz = (dig(run.settings, "rates", key) for key in ("device_hz", "network_hz"))
-    known = is_number(device_hz) and is_number(network_hz) and device_hz >= network_hz > 0
-    return int(device_hz // network_hz) if known else 8
-
-
-def _draw_frames(panel: Axes, line: Line, ticks: int) -> None:
-    """The mean of every frame, on a band from the least to the largest tick."""
-    frames = len(line.values) // ticks
-    if not frames:
-        return
-    values = line.values[: frames * ticks].reshape(frames, ticks)
-    time: Array = line.time[: frames * ticks : ticks]
-    starts = np.arange(0, frames, 1 + frames // _GROUPS)
-    low = np.minimum.reduceat(values.min(axis=1), starts)
-    high = np.maximum.reduceat(values.max(axis=1), starts)
-    panel.fill_between(time[starts], low, high, color=line.style["color"], alpha=0.16, lw=0)
-    draw(panel, time, values.mean(axis=1), **line.style)
 
 
 def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: str, legend: Legend) -> Figure:

@@ -1,0 +1,150 @@
+"""A client core that notes every call and everything that comes of it: the same core, live, in virtual time, in replay.
+
+What is noted stands in the order in which it happened. A tick is noted when its force is known, so the datagrams that
+came between its two halves stand before it.
+"""
+
+import json
+from collections.abc import Iterable
+from math import isfinite
+
+import msgspec
+
+from cogrip.client.core import ClientCore
+from cogrip.devices.device import Capability, Sample
+from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.messages import Hello
+from cogrip.protocol.recording.noted import Noted
+from cogrip.protocol.recording.records import Command, Datagram, Event, Ledger, Tick
+from cogrip.protocol.recording.sink import Held, Sink, encode, topics
+
+KINDS = ("tick", "datagram_in", "datagram_out", "command", "event", "account", "gap", "clock")
+TICK, DATAGRAM_IN, DATAGRAM_OUT, COMMAND, EVENT, ACCOUNT = range(6)
+
+
+def client_topics(who: str) -> tuple[str, ...]:
+    """Topics of one person's recording."""
+    return topics(who, KINDS)
+
+
+class RecordedClient(ClientCore):
+    """Messages are held until `record` says where they go. `timing` is the driver's: see `Tick`."""
+
+    def __init__(self, hello: Hello, capability: Capability) -> None:
+        super().__init__(hello, capability)
+        self.start = start_text(hello, capability)
+        self.timing = (0, 0, 0)  # late [us], work [us], skipped
+        self._held = Held()
+        self._sink: Sink = self._held
+        self._now_ns = 0
+        self._sample: Sample | None = None
+        self._state = ""
+        self.session.outbox = Noted(self._sent)
+
+    def record(self, sink: Sink) -> None:
+        """Give what was noted so far to `sink`, and all that follows."""
+        self._sink = sink
+        self._held.pour(sink)
+
+    def _sent(self, datagram: bytes) -> None:
+        self._sink.put(DATAGRAM_OUT, self._now_ns, encode(Datagram(datagram)))
+
+    def _command(self, verb: str, now_ns: int, reason: str = "", ticks: str = "") -> None:
+        self._now_ns = now_ns
+        self._sink.put(COMMAND, now_ns, encode(Command(verb, reason, ticks)))
+
+    def call(self, now_ns: int) -> None:
+        self._command("call", now_ns)
+        super().call(now_ns)
+
+    def poll(self, now_ns: int) -> None:
+        self._command("poll", now_ns)
+        super().poll(now_ns)
+
+    def keep_seat(self, now_ns: int) -> None:
+        self._command("keep_seat", now_ns)
+        super().keep_seat(now_ns)
+
+    def fail(self, reason: str) -> None:
+        self._command("fail", self._now_ns, reason)
+        super().fail(reason)
+
+    def stop(self) -> None:
+        self._command("stop", self._now_ns)
+        super().stop()
+
+    def rearm(self) -> None:
+        self._command("rearm", self._now_ns)
+        super().rearm()
+
+    def leave(self, reason: str, account: ClientAccount, now_ns: int) -> None:
+        self._command("leave", now_ns, reason)
+        super().leave(reason, account, now_ns)
+
+    def account(self, ticks: TickCount) -> ClientAccount:
+        account = super().account(ticks)
+        self._command("account", self._now_ns, ticks=msgspec.json.encode(ticks).decode())
+        self._sink.put(ACCOUNT, self._now_ns, encode(Ledger(msgspec.json.encode(account).decode())))
+        return account
+
+    def receive(self, datagram: bytes, now_ns: int) -> None:
+        self._now_ns = now_ns
+        self._sink.put(DATAGRAM_IN, now_ns, encode(Datagram(datagram)))
+        super().receive(datagram, now_ns)
+
+    def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
+        self._now_ns = now_ns
+        self._sample = sample
+        super().sense(tick, sample, now_ns)
+
+    def act(self, now_ns: int) -> tuple[float, ...]:
+        force = super().act(now_ns)
+        sample, velocity, coupling, safety = self._sample, tuple(self.velocity_mps), self.coupling, self.safety
+        position = given = unfit = None
+        if sample is not None:
+            position = sample.position_m
+            given = sample.velocity_mps
+            if not isfinite(sum(position) + (sum(given) if given else 0.0)):
+                unfit = (_texts(position), _texts(given) if given else None)
+                position = None
+            if unfit or given == velocity:
+                given = None
+        late_us, work_us, skipped = self.timing
+        rtt_ms = self.rtt_ms
+        self._sink.put(TICK, now_ns, encode(Tick(
+            self.tick, position, velocity, force, tuple(coupling.sent), coupling.returning,
+            coupling.object_state[: len(force)], self.work_j, coupling.port_j, safety.state, coupling.down_margin_j,
+            rtt_ms if rtt_ms == rtt_ms else None, coupling.lost(), late_us, work_us, skipped, given, unfit,
+        )))  # fmt: skip
+        if safety.state != self._state:
+            self._state = safety.state
+            self._sink.put(
+                EVENT, now_ns, encode(Event(f"{safety.state}: {safety.reason}" if safety.reason else safety.state))
+            )
+        return force
+
+
+def _texts(values: Iterable[float]) -> tuple[str, ...]:
+    return tuple(map(repr, values))
+
+
+def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
+    """The sample that a tick was sensed with."""
+    if tick.unfit is not None:
+        position, velocity = tick.unfit
+        return Sample(tuple(map(float, position)), tuple(map(float, velocity)) if velocity else None)
+    if tick.position_m is None:
+        return None
+    velocity_mps = (tick.given_mps or tick.velocity_mps) if gives_velocity else None
+    return Sample(tick.position_m, velocity_mps)  # type: ignore[arg-type]  # finite, or it would stand in `unfit`
+
+
+def start_text(hello: Hello, capability: Capability) -> str:
+    """What a client core is made from, as JSON text (Python's: a record's bounds may be Infinity)."""
+    return json.dumps({"hello": msgspec.to_builtins(hello), "capability": msgspec.to_builtins(capability)})
+
+
+def start_of(text: str) -> tuple[Hello, Capability]:
+    """The way back. Raises ValueError (msgspec's among them) or KeyError for anything else."""
+    table = json.loads(text)
+    return msgspec.convert(table["hello"], Hello), msgspec.convert(table["capability"], Capability)

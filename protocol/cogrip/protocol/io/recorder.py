@@ -1,0 +1,105 @@
+"""Recording a live loop: the loop puts messages into a ring, a process of its own writes them.
+
+The writer outlives a killed loop long enough to write what is in the ring. Whatever happens to it, to the disk or to
+the folder, the loop goes on; `trouble` says what is wrong, once, and `lost` counts what is not in the file.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from cogrip.protocol.io.ring import Ring, make_ring
+from cogrip.protocol.recording.header import Header
+
+RING_BYTES = 8 * 2**20
+"""Several seconds of a client or of a room of many."""
+END_LIMIT_S = 20.0
+_LOOK_EVERY = 64  # messages between two looks at what the writer says
+
+
+class Recorder:
+    """A `Sink` of one loop. Make it with `open_recorder`."""
+
+    __slots__ = ("_count", "_process", "_ring", "_say", "_told", "path", "trouble")
+
+    def __init__(self, path: Path, ring: Ring, process: subprocess.Popen[bytes], say: Callable[[str], None]) -> None:
+        self.path = path
+        self.trouble = ""
+        self._ring = ring
+        self._process = process
+        self._say = say
+        self._count = 0
+        self._told = False
+
+    @property
+    def lost(self) -> int:
+        """Messages that are not in the file because the ring was full."""
+        return self._ring.lost
+
+    def put(self, topic: int, time_ns: int, payload: bytes) -> None:
+        """See `Sink.put`: one copy."""
+        self._ring.put(topic, time_ns, payload)
+        self._count += 1
+        if self._count % _LOOK_EVERY == 0:
+            self._look()
+
+    def _look(self) -> None:
+        if not self.trouble:
+            self.trouble = self._ring.said
+            if not self.trouble and self._process.poll():
+                self.trouble = "its writer was ended from outside; what it had written can be recovered"
+            if self.trouble:
+                self._say(f"recording of {self.path.name} has stopped: {self.trouble}")
+        if self._ring.lost and not self._told:
+            self._told = True
+            if not self.trouble:
+                self._say(f"recording of {self.path.name} is too slow: messages are left out, and counted")
+
+    def close(self) -> None:
+        """Wait until everything is written."""
+        self._ring.finish()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._look()
+        self._ring.close()
+
+
+def open_recorder(
+    path: Path, header: Header, say: Callable[[str], None], ring_bytes: int = RING_BYTES
+) -> Recorder | None:
+    """Begin a recording in a new file at `path`; where that cannot be, it is said, and the session goes on without.
+
+    Call it before the loop takes real-time priority: the writer would inherit it.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        out = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
+    except FileExistsError:
+        say(f"this session is not recorded: {path} exists, and no recording is overwritten")
+        return None
+    except OSError as error:
+        say(f"this session is not recorded: {path}: {error.strerror}; choose another folder with --runs")
+        return None
+    try:
+        ring = make_ring(ring_bytes)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cogrip.protocol.io.recording_process", str(ring.fd), str(out)],
+            stdin=subprocess.PIPE, pass_fds=(ring.fd, out), start_new_session=True,
+        )  # fmt: skip
+        assert process.stdin is not None
+        process.stdin.write(json.dumps({"path": str(path.absolute()), "header": header.metadata()}).encode() + b"\n")
+        process.stdin.flush()
+    except OSError as error:
+        say(f"this session is not recorded: {error.strerror or error}")
+        return None
+    finally:
+        os.close(out)
+    return Recorder(path, ring, process, say)

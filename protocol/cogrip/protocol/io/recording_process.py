@@ -1,0 +1,156 @@
+"""The writer of one recording: `python -m cogrip.protocol.io.recording_process RING_FD FILE_FD`, its task on standard input.
+
+It ends when the loop has said that nothing more will come, or is gone: then its end of standard input closes. Meanwhile
+it takes what is in the ring twenty times a second and flushes whole chunks four times a second and more.
+"""
+
+import json
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, cast
+
+import msgspec
+
+from cogrip.protocol.io.ring import Ring
+from cogrip.protocol.recording.header import header_of
+from cogrip.protocol.recording.records import Clock, Gap
+from cogrip.protocol.recording.writer import RecordingWriter
+
+TAKE_EVERY_S = 0.05
+FLUSH_EVERY_S = 0.2
+CLOCK_EVERY_S = 1.0
+MOST_HELD_BYTES = 1 << 20
+_encode = msgspec.json.Encoder().encode
+
+
+class WholePieces:
+    """The file: holds what is written until `flush`, which writes all of it or, when the disk is full, nothing."""
+
+    def __init__(self, fd: int) -> None:
+        self.fd = fd
+        self._held = bytearray()
+        self._at = 0
+
+    def write(self, data: bytes) -> int:
+        self._held += data
+        if len(self._held) >= MOST_HELD_BYTES:
+            self.flush()
+        return len(data)
+
+    def tell(self) -> int:
+        return self._at + len(self._held)
+
+    def flush(self) -> None:
+        piece, whole = memoryview(bytes(self._held)), len(self._held)
+        self._held.clear()
+        try:
+            while piece:
+                piece = piece[os.write(self.fd, piece) :]
+        except OSError:
+            os.ftruncate(self.fd, self._at)
+            raise
+        self._at += whole
+
+
+class Task:
+    """One recording, from its first message to its last."""
+
+    def __init__(self, ring: Ring, fd: int, task: dict[str, object]) -> None:
+        self.ring = ring
+        self._path = Path(str(task["path"]))
+        metadata = task["header"]
+        assert isinstance(metadata, dict)
+        header = header_of(metadata)
+        self._gap, self._clock = header.topics.index(f"/{header.who}/gap"), header.topics.index(f"/{header.who}/clock")
+        self._lost = 0
+        self._last_ns = 0
+        self._well = True
+        self._stream = WholePieces(fd)
+        self._writer = RecordingWriter(cast(IO[bytes], self._stream), header)
+        self._try(self._writer.flush)
+
+    def _try(self, act: Callable[..., None], *arguments: object) -> None:
+        if not self._well:
+            return
+        try:
+            act(*arguments)
+        except OSError as error:
+            self._well = False
+            self.ring.say(f"{self._path}: {error.strerror}; what was written before stays readable")
+
+    def take(self) -> None:
+        """Write what the ring holds; without a file it is let go, so that the loop's count stays true."""
+        for topic, time_ns, payload in self.ring.take():
+            self._last_ns = time_ns
+            lost = self.ring.lost_there
+            if lost > self._lost:
+                gap = Gap(lost - self._lost, "the ring was full")
+                self._lost = lost
+                self._try(self._writer.put, self._gap, time_ns, _encode(gap))
+            self._try(self._writer.put, topic, time_ns, payload)
+
+    def anchor(self) -> None:
+        """Read both clocks together."""
+        now_ns = time.monotonic_ns()
+        self._try(self._writer.put, self._clock, now_ns, _encode(Clock(now_ns, time.time_ns())))
+
+    def flush(self) -> None:
+        self._try(self._writer.flush)
+        if self._well and os.name == "posix" and not os.fstat(self._stream.fd).st_nlink:
+            self._try(self._rescue)
+
+    def _rescue(self) -> None:
+        """The file was removed under us: what it held is still here, so it is put back and goes on."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+        size = os.fstat(self._stream.fd).st_size
+        done = 0
+        while done < size:
+            done += os.sendfile(fd, self._stream.fd, done, size - done)
+        os.dup2(fd, self._stream.fd)
+        os.close(fd)
+
+    def finish(self) -> None:
+        self.take()
+        lost = self.ring.lost_there
+        if lost > self._lost:
+            self._try(self._writer.put, self._gap, self._last_ns, _encode(Gap(lost - self._lost, "the ring was full")))
+        self._try(self._writer.flush)
+        self._try(self._writer.finish)
+        self._try(self._stream.flush)
+
+
+def main(arguments: list[str]) -> int:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # it ends when the loop does, not before
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(OSError):
+        os.nice(5)
+    source = sys.stdin.buffer
+    task = Task(Ring(int(arguments[0])), int(arguments[1]), json.loads(source.readline()))
+    ring = task.ring
+    flushed = anchored = 0.0
+    while not ring.finished:
+        now = time.monotonic()
+        task.take()
+        if now - anchored >= CLOCK_EVERY_S:
+            anchored = now
+            task.anchor()
+        if now - flushed >= FLUSH_EVERY_S - TAKE_EVERY_S:
+            flushed = now
+            task.flush()
+        if select.select([source], [], [], TAKE_EVERY_S)[0]:  # closed: nobody is left on the other side
+            break
+    task.finish()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,71 @@
+"""What a recording says of itself before its first message: MCAP metadata `cogrip`, text to text."""
+
+import platform
+import sys
+from importlib.metadata import version
+from typing import Any
+
+import msgspec
+
+from cogrip.protocol.messages import PROTOCOL_VERSION
+from cogrip.protocol.version import VERSION
+
+NAME = "cogrip"
+FORMAT = 1
+
+
+class Versions(msgspec.Struct, frozen=True):
+    """What computed a recording: the same numbers can be had again only from the same."""
+
+    cogrip: str
+    protocol: str
+    python: str
+    numpy: str
+    machine: str
+
+    def differences(self, other: "Versions") -> list[str]:
+        """`name: this -> other` for all that differs."""
+        mine, theirs = msgspec.structs.asdict(self), msgspec.structs.asdict(other)
+        return [f"{name}: {mine[name]} -> {theirs[name]}" for name in mine if mine[name] != theirs[name]]
+
+
+def versions_here() -> Versions:
+    python = ".".join(map(str, sys.version_info[:3]))
+    return Versions(VERSION, str(PROTOCOL_VERSION), python, version("numpy"), platform.machine())
+
+
+class Header(msgspec.Struct, frozen=True):
+    """role `client` or `server`; `start` is the JSON text that a core of that role was made from.
+
+    epoch_ns   what is added to the recording's clock to give a message's log_time
+    virtual    the clock was that of a laboratory
+    rate_hz    of the loop
+    topics     by channel, from 1 on: a file whose first chunk is damaged can still be read
+    """
+
+    role: str
+    who: str
+    start: str
+    rate_hz: int
+    seed: int
+    epoch_ns: int
+    virtual: bool
+    versions: Versions
+    topics: tuple[str, ...]
+    format: int = FORMAT
+
+    def metadata(self) -> dict[str, str]:
+        return {
+            key: value if isinstance(value, str) else msgspec.json.encode(value).decode()
+            for key, value in msgspec.structs.asdict(self).items()
+        }
+
+
+def header_of(metadata: dict[str, str]) -> Header:
+    """The header in a file's metadata. Raises msgspec.ValidationError or DecodeError if it is none."""
+    fields: dict[str, Any] = {}
+    for field in msgspec.structs.fields(Header):
+        if field.name in metadata:
+            text = metadata[field.name]
+            fields[field.name] = text if field.type is str else msgspec.json.decode(text)
+    return msgspec.convert(fields, Header)

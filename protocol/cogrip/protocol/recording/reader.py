@@ -1,0 +1,247 @@
+"""Reading a recording: whatever of it is whole, in order, and by name what is not.
+
+The file is read record by record (MCAP: opcode u8, length u64, content), so memory stays flat. A chunk that does not
+decompress to its checksum is left out; where the lengths themselves are damaged, reading goes on at the next chunk.
+
+    chunk: start u64, end u64, size u64, crc u32, "zstd" as u32 length and text, u64 length, compressed records
+    message: channel u16, sequence u32, log_time u64, publish_time u64, JSON text
+"""
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from struct import Struct, error
+from typing import IO, NamedTuple
+
+import msgspec
+import zstandard
+
+from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, CHUNK, MESSAGE, METADATA, DATA_END = 0x01, 0x02, 0x06, 0x05, 0x0C, 0x0F
+MOST_BYTES = 64 * 2**20  # of one record: more is a damaged length
+_FRAME = Struct("<BQ")
+_CHUNK = Struct("<QQQI")
+_MESSAGE = Struct("<HIQQ")
+_LENGTH = Struct("<I")
+_SIGNATURE = b"\x04\x00\x00\x00zstd"
+_SIGNATURE_AT = _FRAME.size + _CHUNK.size
+_BLOCK = 1 << 20
+
+
+class RecordingError(Exception):
+    """The file cannot be read as a recording. The text says what it is, and the cure."""
+
+
+class Message(NamedTuple):
+    topic: int  # place in the header's topics
+    time_ns: int  # on the recording's own clock
+    payload: bytes
+
+
+class Damage(NamedTuple):
+    """Bytes that could not be read, and the times between which messages are missing (None: from or to the file's end)."""
+
+    offset: int
+    length: int
+    from_ns: int | None
+    to_ns: int | None
+    reason: str
+
+
+@dataclass
+class Recording:
+    """An open-and-close view of one file: every pass over it reads it anew.
+
+    `damage` and `complete` (its writer closed it) are known once a pass is over.
+    """
+
+    path: Path
+    header: Header
+    damage: list[Damage] = field(default_factory=list)
+    complete: bool = False
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        return self.header.topics
+
+    def chunks(self) -> Iterator[list[Message]]:
+        """Whole chunks, oldest first."""
+        self.damage, self.complete = [], False
+        last_ns: int | None = None
+        with self.path.open("rb") as file:
+            for chunk in self._read(file):
+                if chunk:
+                    self._date(chunk[0].time_ns)
+                    last_ns = chunk[-1].time_ns
+                    yield chunk
+                elif self.damage and self.damage[-1].from_ns is None:
+                    self.damage[-1] = self.damage[-1]._replace(from_ns=last_ns)
+
+    def _date(self, time_ns: int) -> None:
+        """What comes next tells until when something is missing."""
+        for number, each in enumerate(self.damage):
+            if each.to_ns is None:
+                self.damage[number] = each._replace(to_ns=time_ns)
+
+    def _read(self, file: IO[bytes]) -> Iterator[list[Message]]:
+        """Chunks; an empty one stands for the damage that was noted last."""
+        size = self.path.stat().st_size
+        offset = len(MAGIC)
+        while True:
+            file.seek(offset)
+            frame = file.read(_FRAME.size)
+            if frame == MAGIC:
+                self.complete = True
+                return
+            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, MOST_BYTES)
+            if length > MOST_BYTES or not 0 < opcode <= DATA_END or offset + _FRAME.size + length > size:
+                if offset + len(MAGIC) == size and frame[: len(MAGIC)] == MAGIC:
+                    self.complete = True
+                    return
+                following = _next_chunk(file, offset + 1)
+                if following is None:
+                    if offset < size:
+                        self.damage.append(Damage(offset, size - offset, None, None, "the end is cut off"))
+                        yield []
+                    return
+                self.damage.append(Damage(offset, following - offset, None, None, "damaged"))
+                yield []
+                offset = following
+                continue
+            if opcode == CHUNK:
+                content = file.read(length)
+                try:
+                    yield self.open_chunk(content)
+                except (ValueError, zstandard.ZstdError, error) as reason:
+                    self.damage.append(Damage(offset, length + _FRAME.size, None, None, f"damaged chunk ({reason})"))
+                    yield []
+            offset += _FRAME.size + length
+
+    def open_chunk(self, content: bytes) -> list[Message]:
+        """The messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged."""
+        _, _, size, crc = _CHUNK.unpack_from(content)
+        (name_length,) = _LENGTH.unpack_from(content, _CHUNK.size)
+        at = _CHUNK.size + _LENGTH.size + name_length
+        if content[at - name_length : at] != b"zstd":
+            raise ValueError(f"compressed as {content[at - name_length : at][:20]!r}")
+        if size > MOST_BYTES:
+            raise ValueError(f"says it holds {size} bytes")
+        records = zstandard.decompress(content[at + 8 :], max_output_size=size)
+        if len(records) != size or (crc and zlib.crc32(records) != crc):
+            raise ValueError("checksum")
+        return self._messages(records)
+
+    def _messages(self, records: bytes) -> list[Message]:
+        found, position, end, epoch_ns = [], 0, len(records), self.header.epoch_ns
+        frame, head, body = _FRAME.unpack_from, _MESSAGE.unpack_from, _FRAME.size + _MESSAGE.size
+        while position < end:
+            opcode, length = frame(records, position)
+            following = position + _FRAME.size + length
+            if opcode == MESSAGE:
+                channel, _, time_ns, _ = head(records, position + _FRAME.size)
+                found.append(Message(channel - 1, time_ns - epoch_ns, records[position + body : following]))
+            position = following
+        return found
+
+    def messages(self) -> Iterator[Message]:
+        """Every message that is whole, in the order of the file."""
+        for chunk in self.chunks():
+            yield from chunk
+
+
+class Follower:
+    """The newest message of every topic of a recording that is still being written."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises as `open_recording` does."""
+        self._recording = open_recording(path)
+        self._offset = len(MAGIC)
+        self.newest: dict[str, Message] = {}
+
+    def look(self) -> dict[str, Message]:
+        """Take in what was written since; gives `newest`."""
+        recording = self._recording
+        with recording.path.open("rb") as file:
+            size = recording.path.stat().st_size
+            while True:
+                file.seek(self._offset)
+                frame = file.read(_FRAME.size)
+                opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, MOST_BYTES)
+                if self._offset + _FRAME.size + length > size or not 0 < opcode < DATA_END:
+                    return self.newest
+                if opcode == CHUNK:
+                    for message in recording.open_chunk(file.read(length)):
+                        self.newest[recording.topics[message.topic]] = message
+                self._offset += _FRAME.size + length
+
+
+def open_recording(path: Path) -> Recording:
+    """Read a file's header. Raises RecordingError for what is none, or is of a newer format; FileNotFoundError, OSError."""
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise RecordingError(f"{path} is not a recording (no MCAP file); name a run folder or its .mcap file")
+        while True:
+            frame = file.read(_FRAME.size)
+            if len(frame) < _FRAME.size:
+                raise RecordingError(f"{path} ends before it says what it is; nothing of it can be saved")
+            opcode, length = _FRAME.unpack(frame)
+            if opcode not in (HEADER, METADATA) or length > MOST_BYTES:
+                raise RecordingError(f"{path} is an MCAP file, but no recording of cogrip's")
+            content = file.read(length)
+            if opcode == METADATA:
+                break
+    try:
+        name, metadata = _metadata(content)
+        written = int(metadata.get("format", "0"))
+        if name == NAME and written > FORMAT:
+            raise RecordingError(
+                f"{path} is a recording of format {written}, newer than {FORMAT}, the newest known here; update cogrip"
+            )
+        header = header_of(metadata)
+    except (msgspec.MsgspecError, ValueError, error) as problem:
+        raise RecordingError(f"{path} is an MCAP file, but its header is not cogrip's: {problem}") from None
+    return Recording(path, header)
+
+
+def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
+    position = 0
+
+    def text() -> str:
+        nonlocal position
+        (length,) = _LENGTH.unpack_from(content, position)
+        position += _LENGTH.size + length
+        return content[position - length : position].decode()
+
+    name = text()
+    position += _LENGTH.size
+    pairs = {}
+    while position < len(content):
+        key = text()
+        pairs[key] = text()
+    return name, pairs
+
+
+def _next_chunk(file: IO[bytes], offset: int) -> int | None:
+    """Where the next plausible chunk begins at or after `offset`."""
+    file.seek(offset)
+    start, block = offset, file.read(_BLOCK)
+    while block:
+        at = block.find(_SIGNATURE)
+        while at >= 0:
+            begin = start + at - _SIGNATURE_AT
+            if begin >= offset:
+                here = file.tell()
+                file.seek(begin)
+                opcode, length = _FRAME.unpack(file.read(_FRAME.size))
+                file.seek(here)
+                if opcode == CHUNK and length <= MOST_BYTES:
+                    return begin
+            at = block.find(_SIGNATURE, at + 1)
+        tail = block[-_SIGNATURE_AT - len(_SIGNATURE) :]
+        start += len(block) - len(tail)
+        more = file.read(_BLOCK)
+        block = tail + more if more else b""
+    return None

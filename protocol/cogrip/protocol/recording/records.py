@@ -1,0 +1,135 @@
+"""The messages of a recording, one struct for each kind of topic. Times are those of the message, never in it.
+
+Inputs of a core are `Tick` (its sample and timing), `Datagram` on a topic `datagram_in`, `Command`, `Asked` and, at the
+server, the number of frames in `Step`; everything else came out of a core. A topic is `/<end>/<kind>`, where the end is
+a person's name, `server`, or `room/<name>`.
+"""
+
+import msgspec
+
+Number = float | None  # null where a number is not finite, or there is none
+Row = tuple[Number, ...]
+Address = str | tuple[str | int, ...]
+
+
+class Record(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
+    """What all messages share."""
+
+
+class Tick(Record, frozen=True, gc=False, omit_defaults=True):
+    """One tick of a client: its sample, the force that it answered, and the books after it."""
+
+    tick: int
+    position_m: Row | None  # the sample as read; null: there was none, or it is in `unfit`
+    velocity_mps: Row  # of the device where it gives one, else estimated
+    force_n: Row  # F of P eq. 9, held until the next tick
+    wave_up: Row  # u sent at the last frame border [sqrt(W)]
+    wave_down: Row  # v held over this frame [sqrt(W)]
+    object_m: Row  # the object as last heard of
+    work_j: Number  # the hand's work against the force so far
+    port_j: Number  # energy that went into the line so far
+    state: str = "live"  # of the client's safety
+    margin_j: Number = None  # least margin of the line down so far; none without waves
+    rtt_ms: Number = None
+    lost: int = 0  # frames from the server, so far
+    late_us: int = 0  # how late this tick came
+    work_us: int = 0  # how long the work of the tick before took
+    skipped: int = 0  # ticks, so far
+    given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
+    unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
+
+
+class Datagram(Record, frozen=True, gc=False):
+    """A datagram as it was, and at the server whose: the address, as its socket names it."""
+
+    data: bytes
+    address: Address | None = None
+
+
+class Command(Record, frozen=True, gc=False, omit_defaults=True):
+    """A call into a core other than a tick or a datagram."""
+
+    verb: str
+    reason: str = ""
+    ticks: str = ""  # of the loop, as JSON text
+
+
+class Asked(Record, frozen=True, gc=False, omit_defaults=True):
+    """What a server core was told when it asked: a new session's number, or how a room's loop runs."""
+
+    room: str = ""
+    session: int = 0
+    ticks: str = ""
+
+
+class Event(Record, frozen=True, gc=False):
+    """What a core had to say."""
+
+    text: str
+
+
+class SeatStep(Record, frozen=True, gc=False):
+    """One seat after a step; margins are the least so far."""
+
+    user: str
+    seated: bool
+    proxy_m: Row
+    force_n: Row
+    up_margin_j: Number
+    line_margin_j: Number
+    up_used_j: Number
+    down_made_j: Number
+    lost: int
+
+
+class Step(Record, frozen=True, gc=False, omit_defaults=True):
+    """One step of a room: its object and its seats, after it."""
+
+    step: int
+    object_m: Row
+    object_mps: Row
+    seats: tuple[SeatStep, ...]
+    frames: int = 1  # more than 1 where the loop missed steps
+    late_us: int = 0
+    work_us: int = 0
+    skipped: int = 0
+
+
+class Clock(Record, frozen=True, gc=False):
+    """A clock anchor: the recording machine's two clocks read together."""
+
+    monotonic_ns: int
+    utc_ns: int
+
+
+class Gap(Record, frozen=True, gc=False):
+    """Messages that are not in the recording, from here back to the message before."""
+
+    messages: int
+    reason: str
+
+
+class Ledger(Record, frozen=True, gc=False):
+    """How a client's core or a room's ended: its whole account, as JSON text."""
+
+    account: str
+
+
+KINDS: dict[str, type[Record]] = {
+    "tick": Tick,
+    "step": Step,
+    "datagram_in": Datagram,
+    "datagram_out": Datagram,
+    "command": Command,
+    "asked": Asked,
+    "event": Event,
+    "account": Ledger,
+    "clock": Clock,
+    "gap": Gap,
+}
+"""The last part of a topic, and what its messages are."""
+
+
+def kind_of(topic: str) -> str:
+    """The last part of a topic."""
+    return topic.rpartition("/")[2]

@@ -1,0 +1,130 @@
+"""A server core that notes every call and everything that comes of it: the same core, live, in virtual time, in replay.
+
+What is noted stands in the order in which it happened; a step is noted after the datagrams that it sent.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from typing import cast
+
+import msgspec
+
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.recording.noted import Noted
+from cogrip.protocol.recording.records import Address as AddressRecord
+from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
+from cogrip.protocol.recording.sink import Held, Sink, encode, topics
+from cogrip.protocol.settings import Settings
+from cogrip.server.core import ServerCore
+from cogrip.server.room import Address, Room
+
+WHO = "server"
+KINDS = ("datagram_in", "datagram_out", "command", "asked", "event", "account", "gap", "clock")
+DATAGRAM_IN, DATAGRAM_OUT, COMMAND, ASKED, EVENT, ACCOUNT = range(6)
+
+
+def server_topics(rooms: Sequence[str]) -> tuple[str, ...]:
+    """Topics of a server's recording: its own, then the steps of each room."""
+    return topics(WHO, KINDS) + tuple(step_topic(room) for room in rooms)
+
+
+def step_topic(room: str) -> str:
+    """Where the steps of a room are."""
+    return f"/room/{room}/step"
+
+
+class RecordedServer(ServerCore):
+    """Messages are held until `record` says where they go. `timing` of a room is the driver's: see `Step`."""
+
+    def __init__(self, rooms: Sequence[Settings], software: str, new_session: Callable[[], int]) -> None:
+        super().__init__(rooms, software, lambda: self._session(new_session))
+        self.start = start_text(rooms, software)
+        self.timing = {room.name: (0, 0, 0) for room in self.rooms}  # late [us], work [us], skipped
+        self._held = Held()
+        self._sink: Sink = self._held
+        self._now_ns = 0
+        self._number = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
+        self.outbox = Noted(self._sent)
+        self.events = Noted(self._told)
+        for room in self.rooms:
+            self.count_ticks(room, room.ticks)
+
+    def record(self, sink: Sink) -> None:
+        """Give what was noted so far to `sink`, and all that follows."""
+        self._sink = sink
+        self._held.pour(sink)
+
+    def count_ticks(self, room: Room, count: Callable[[], TickCount]) -> None:
+        """From now on `count` tells how the loop of a room runs."""
+
+        def asked() -> TickCount:
+            ticks = count()
+            self._put(ASKED, Asked(room.name, ticks=msgspec.json.encode(ticks).decode()))
+            return ticks
+
+        room.ticks = asked
+
+    def _put(self, topic: int, record: msgspec.Struct) -> None:
+        self._sink.put(topic, self._now_ns, encode(record))
+
+    def _session(self, new_session: Callable[[], int]) -> int:
+        session = new_session()
+        self._put(ASKED, Asked(session=session))
+        return session
+
+    def _sent(self, entry: tuple[Address, bytes]) -> None:
+        self._put(DATAGRAM_OUT, Datagram(entry[1], cast(AddressRecord, entry[0])))
+
+    def _told(self, text: str) -> None:
+        self._put(EVENT, Event(text))
+
+    def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
+        self._now_ns = now_ns
+        self._put(DATAGRAM_IN, Datagram(datagram, cast(AddressRecord, address)))
+        super().receive(datagram, address, now_ns)
+
+    def stop(self, reason: str) -> None:
+        self._put(COMMAND, Command("stop", reason))
+        super().stop(reason)
+
+    def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
+        self._now_ns = now_ns
+        super().tick(room, now_ns, frames)
+        world = room.world
+        seats = tuple([_seat(room, number) for number in range(len(room.seats))])
+        late_us, work_us, skipped = self.timing[room.name]
+        self._put(self._number[room.name], Step(
+            room.steps, tuple(world.position.tolist()), tuple(world.velocity.tolist()), seats,
+            frames, late_us, work_us, skipped,
+        ))  # fmt: skip
+
+    def close_books(self) -> None:
+        """Note what every room and seat knows at the end."""
+        self._put(COMMAND, Command("close_books"))
+        for room in self.rooms:
+            seats = [room.seat_account(number) for number in range(len(room.seats))]
+            books = {"room": room.name, "account": room.account(), "seats": seats, "dropped": self.dropped}
+            self._put(ACCOUNT, Ledger(msgspec.json.encode(books).decode()))
+
+
+def _seat(room: Room, number: int) -> SeatStep:
+    seat, world = room.seats[number], room.world
+    port = seat.port
+    if port is None:
+        nothing = (0.0,) * world.axes
+        return SeatStep(seat.settings.user, False, nothing, nothing, None, None, None, None, 0)
+    return SeatStep(
+        seat.settings.user, True, tuple(world.proxy(number).tolist()), tuple(world.force[number].tolist()),
+        port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.count().lost,
+    )  # fmt: skip
+
+
+def start_text(rooms: Sequence[Settings], software: str) -> str:
+    """What a server core is made from, as JSON text."""
+    return json.dumps({"rooms": msgspec.to_builtins(rooms), "software": software})
+
+
+def start_of(text: str) -> tuple[list[Settings], str]:
+    """The way back. Raises ValueError (msgspec's among them) or KeyError for anything else."""
+    table = json.loads(text)
+    return msgspec.convert(table["rooms"], list[Settings]), str(table["software"])
