@@ -1,0 +1,95 @@
+"""What is noted now, held against what was recorded: message for message, byte for byte."""
+
+import json
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cogrip.protocol.recording.reader import Message
+
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first message that is not the same. Values are JSON text; NOTHING where one side has no such message."""
+
+    time_ns: int
+    topic: str
+    field: str
+    recorded: str
+    replayed: str
+
+
+class Comparison:
+    """A `Sink` for what is noted now; `expect` takes what was recorded. Either may run ahead of the other."""
+
+    def __init__(self, topics: Sequence[str]) -> None:
+        self._topics = topics
+        self._recorded: deque[Message] = deque()
+        self._replayed: deque[Message] = deque()
+        self.equal = 0
+        self.difference: Difference | None = None
+
+    def expect(self, message: Message) -> None:
+        if self._replayed:
+            self._compare(message, self._replayed.popleft())
+        else:
+            self._recorded.append(message)
+
+    def put(self, topic: int, time_ns: int, payload: bytes) -> None:
+        """See `Sink.put`."""
+        message = Message(topic, time_ns, payload)
+        if self._recorded:
+            self._compare(self._recorded.popleft(), message)
+        else:
+            self._replayed.append(message)
+
+    def finish(self, whole: bool) -> None:
+        """What one side has and the other has not. Of a recording that was cut the last outputs may be missing."""
+        for message in self._recorded:
+            self._differ(message, "", message.payload.decode(), NOTHING)
+        for message in self._replayed if whole else ():
+            self._differ(message, "", NOTHING, message.payload.decode())
+
+    def _compare(self, recorded: Message, replayed: Message) -> None:
+        if recorded == replayed:
+            self.equal += 1
+        elif recorded.topic != replayed.topic:
+            there, here = self._topics[recorded.topic], self._topics[replayed.topic]
+            self._differ(recorded, "", f"{there} {_text(recorded)}", f"{here} {_text(replayed)}")
+        elif recorded.payload == replayed.payload:
+            self._differ(recorded, "time_ns", str(recorded.time_ns), str(replayed.time_ns))
+        else:
+            self._differ(recorded, *_first_field(recorded.payload, replayed.payload))
+
+    def _differ(self, message: Message, where: str, recorded: str, replayed: str) -> None:
+        if self.difference is None:
+            self.difference = Difference(message.time_ns, self._topics[message.topic], where, recorded, replayed)
+
+
+def _text(message: Message) -> str:
+    return message.payload.decode("utf-8", "replace")
+
+
+def _first_field(recorded: bytes, replayed: bytes) -> tuple[str, str, str]:
+    """(path, value there, value here) of the first difference between two JSON messages."""
+    try:
+        one, other = json.loads(recorded), json.loads(replayed)
+    except ValueError:
+        return "", recorded.decode("utf-8", "replace"), replayed.decode("utf-8", "replace")
+    return _descend(one, other, "")
+
+
+def _descend(one: Any, other: Any, where: str) -> tuple[str, str, str]:
+    pairs: list[tuple[str, Any, Any]] = []
+    if isinstance(one, dict) and isinstance(other, dict):
+        keys = [*one, *(key for key in other if key not in one)]
+        pairs = [(f"{where}.{key}" if where else key, one.get(key, NOTHING), other.get(key, NOTHING)) for key in keys]
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        pairs = [(f"{where}[{number}]", *pair) for number, pair in enumerate(zip(one, other, strict=True))]
+    for path, left, right in pairs:
+        if json.dumps(left) != json.dumps(right):  # as text: 0.0 and -0.0 are not the same bits
+            return _descend(left, right, path)
+    return where, json.dumps(one), json.dumps(other)

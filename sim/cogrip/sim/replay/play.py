@@ -1,0 +1,149 @@
+"""Recorded inputs into new cores. A play takes every message of its recording in turn and does what it tells.
+
+A tick's record holds the sample that the core was given and stands where its force was known, so the datagrams that came
+between the two halves of the tick stand before it (`cogrip.client.recorded`): they wait until it is clear whose they are.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import msgspec
+
+from cogrip.client.recorded import RecordedClient, sample_of
+from cogrip.client.recorded import start_of as client_start
+from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.records import Command, Datagram, Step, Tick
+from cogrip.protocol.recording.sink import Sink
+from cogrip.server.recorded import RecordedServer, step_topic
+from cogrip.server.recorded import start_of as server_start
+from cogrip.sim.replay.tape import Tape
+
+_tick = msgspec.json.Decoder(Tick).decode
+_datagram = msgspec.json.Decoder(Datagram).decode
+_command = msgspec.json.Decoder(Command).decode
+_step = msgspec.json.Decoder(Step).decode
+_ticks = msgspec.json.Decoder(TickCount).decode
+
+
+class Play(Protocol):
+    """`ticks`: of a client, or steps of a server, played so far."""
+
+    ticks: int
+
+    def take(self, message: Message) -> None:
+        """Do what an input tells; let an output pass. Raises ValueError for what is not known."""
+        ...
+
+    def finish(self) -> None:
+        """There are no more messages."""
+        ...
+
+
+class ClientPlay:
+    """One person's core."""
+
+    def __init__(self, tape: Tape, sink: Sink) -> None:
+        hello, capability = client_start(tape.recording.header.start)
+        self.core = RecordedClient(hello, capability)
+        self.core.record(sink)
+        self.ticks = 0
+        self._gives_velocity = capability.gives_velocity
+        self._kinds = tape.kinds
+        self._waiting: list[tuple[bytes, int]] = []
+        self._account: ClientAccount | None = None
+
+    def take(self, message: Message) -> None:
+        kind, now_ns = self._kinds[message.topic], message.time_ns
+        if kind == "tick":
+            self._tick(_tick(message.payload), now_ns)
+        elif kind == "datagram_in":
+            self._waiting.append((_datagram(message.payload).data, now_ns))
+            if not self.core.seated:  # nothing ticks yet
+                self._hear()
+        elif kind == "command":
+            self._hear()
+            self._command(_command(message.payload), now_ns)
+
+    def finish(self) -> None:
+        self._hear()
+
+    def _hear(self) -> None:
+        for datagram, now_ns in self._waiting:
+            self.core.receive(datagram, now_ns)
+        self._waiting.clear()
+
+    def _tick(self, tick: Tick, now_ns: int) -> None:
+        core = self.core
+        core.sense(tick.tick, sample_of(tick, self._gives_velocity), now_ns)
+        self._hear()
+        core.timing = (tick.late_us, tick.work_us, tick.skipped)
+        core.act(now_ns)
+        self.ticks += 1
+
+    def _command(self, command: Command, now_ns: int) -> None:
+        core = self.core
+        act: Callable[[], object] | None = {
+            "call": lambda: core.call(now_ns),
+            "poll": lambda: core.poll(now_ns),
+            "keep_seat": lambda: core.keep_seat(now_ns),
+            "fail": lambda: core.fail(command.reason),
+            "stop": core.stop,
+            "rearm": core.rearm,
+            "account": lambda: self._end(command),
+            "leave": lambda: self._leave(command, now_ns),
+        }.get(command.verb)
+        if act is None:
+            raise ValueError(f"no command {command.verb!r} is known")
+        act()
+
+    def _end(self, command: Command) -> None:
+        self._account = self.core.account(_ticks(command.ticks))
+
+    def _leave(self, command: Command, now_ns: int) -> None:
+        if self._account is None:
+            raise ValueError("a client leaves before its account was made up")
+        self.core.leave(command.reason, self._account, now_ns)
+
+
+class ServerPlay:
+    """A server's core with all its rooms."""
+
+    def __init__(self, tape: Tape, sink: Sink) -> None:
+        rooms, software = server_start(tape.recording.header.start)
+        self.core = RecordedServer(rooms, software, lambda: tape.asked().session)
+        for room in self.core.rooms:
+            self.core.count_ticks(room, lambda: _ticks(tape.asked().ticks))
+        self.core.record(sink)
+        self.ticks = 0
+        self._kinds = tape.kinds
+        topics = {step_topic(room.name): room for room in self.core.rooms}
+        self._rooms = [topics.get(topic) for topic in tape.recording.topics]
+
+    def take(self, message: Message) -> None:
+        kind, now_ns, core = self._kinds[message.topic], message.time_ns, self.core
+        if kind == "step":
+            room, step = self._rooms[message.topic], _step(message.payload)
+            if room is None:
+                raise ValueError("a step of a room that the recording's settings do not have")
+            core.timing[room.name] = (step.late_us, step.work_us, step.skipped)
+            core.tick(room, now_ns, step.frames)
+            self.ticks += 1
+        elif kind == "datagram_in":
+            datagram = _datagram(message.payload)
+            core.receive(datagram.data, datagram.address, now_ns)
+        elif kind == "command":
+            command = _command(message.payload)
+            if command.verb == "stop":
+                core.stop(command.reason)
+            elif command.verb == "close_books":
+                core.close_books()
+            else:
+                raise ValueError(f"no command {command.verb!r} is known")
+
+    def finish(self) -> None:
+        """Nothing waits here."""
+
+
+PLAYS: dict[str, Callable[[Tape, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
+"""By the role in a recording's header."""

@@ -1,0 +1,71 @@
+"""The messages of a recording in the order in which they happened, with a view ahead to what a core was told when it asked."""
+
+from collections import deque
+from collections.abc import Iterator
+
+import msgspec
+
+from cogrip.protocol.recording.reader import Damage, Message, Recording
+from cogrip.protocol.recording.records import Asked, Gap, kind_of
+
+_asked = msgspec.json.Decoder(Asked).decode
+
+
+class UntoldError(Exception):
+    """A core asks for what the recording does not hold: nothing after this can be replayed."""
+
+
+class Tape:
+    """Iterate once. The recorder's own messages are taken out; it ends early at the first `hole`."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.kinds = [kind_of(topic) for topic in recording.topics]
+        self.hole: Damage | Gap | None = None
+        self.hole_ns: int | None = None
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        self._messages = self._read()
+        self._ahead: deque[Message] = deque()
+        self._answers: deque[Asked] = deque()
+
+    def _read(self) -> Iterator[Message]:
+        recording = self.recording
+        for chunk in recording.chunks():
+            if recording.damage:  # between the chunk before and this one something is missing
+                self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
+                return
+            for message in chunk:
+                kind = self.kinds[message.topic]
+                if kind == "gap":
+                    self.hole, self.hole_ns = msgspec.json.decode(message.payload, type=Gap), message.time_ns
+                    return
+                if kind != "clock":
+                    yield message
+
+    def _take(self, message: Message) -> None:
+        self._ahead.append(message)
+        if self.kinds[message.topic] == "asked":
+            self._answers.append(_asked(message.payload))
+
+    def __iter__(self) -> Iterator[Message]:
+        while True:
+            if not self._ahead:
+                following = next(self._messages, None)
+                if following is None:
+                    return
+                self._take(following)
+            message = self._ahead.popleft()
+            if self.first_ns is None:
+                self.first_ns = message.time_ns
+            self.last_ns = message.time_ns
+            yield message
+
+    def asked(self) -> Asked:
+        """What the core was told when it asked: the next such answer. Raises UntoldError if there is none."""
+        while not self._answers:
+            following = next(self._messages, None)
+            if following is None:
+                raise UntoldError
+            self._take(following)
+        return self._answers.popleft()
