@@ -11,6 +11,7 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.settings import Address, Setting, parse_address, unknown
 
 FAMILIES: dict[str, str] = {
+    "replay": "cogrip.devices.replayed.family:family",
     "sim": "cogrip.devices.simulated.catalogue:family",
 }
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""

@@ -1,4 +1,4 @@
-"""Addresses and their query keys: `scheme:name?key=value&key=value`, every key checked against a typed record.
+"""Addresses and their query keys: `scheme:name?key=value&key=value` (or `#` for `?`), every key checked against a typed record.
 
 Nothing is percent-decoded: a value may hold any character but `&`, so that a file name stands as it is.
 """
@@ -37,14 +37,14 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Split `scheme:name?key=value&...`. The name ends at the first `?`; a key ends at the first `=`.
+    """Split `scheme:name?key=value&...`. The name ends at the first `?` or `#`; a key ends at the first `=`.
 
     Raises DeviceError without a scheme, on an item that is not `key=value`, and on a key given twice.
     """
     scheme, colon, rest = text.partition(":")
     if not colon or not scheme:
         raise DeviceError(f"device address {text!r} has no scheme: write scheme:name, such as sim:phantom?hand=reach")
-    name, _, tail = rest.partition("?")
+    name, tail = _cut(rest)
     query: dict[str, str] = {}
     for item in tail.split("&") if tail else ():
         key, equals, value = item.partition("=")
@@ -54,6 +54,12 @@ def parse_address(text: str) -> Address:
             raise DeviceError(f"{text!r}: key {key!r} is given twice ({query[key]!r} and {value!r}); give it once")
         query[key] = value
     return Address(text, scheme, name, query)
+
+
+def _cut(text: str) -> tuple[str, str]:
+    """Name and query, which begins at whichever mark comes first."""
+    at = min((place for mark in "?#" if (place := text.find(mark)) >= 0), default=len(text))
+    return text[:at], text[at + 1 :]
 
 
 def unknown(what: str, given: str, known: Iterable[str], where: str) -> DeviceError:

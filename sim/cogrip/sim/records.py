@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.client.recorded import start_of as client_start
+from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, Record, Step, Tick, kind_of
 from cogrip.protocol.settings import Settings
@@ -170,19 +171,6 @@ class RunRecords:
         settings = self.settings()
         if self.server is not None and settings is not None:
             yield from self.server.records(step_topic(settings.name))
-
-
-def recordings_of(path: Path) -> list[Path]:
-    """The recordings that a run folder holds, or the one file that is named. Raises FileNotFoundError."""
-    if path.is_file():
-        return [path]
-    if not path.is_dir():
-        raise FileNotFoundError(f"{path}: there is no such run; name a run folder or a .mcap file")
-    found = sorted(path.glob("*.mcap"))
-    if not any(each.name.startswith("server") for each in found):  # a server of several rooms has one for all of them
-        found += sorted(path.parent.glob("server.mcap"))
-    # of a file that was recovered, the recovered one
-    return [each for each in found if each.with_name(f"{each.stem}.recovered.mcap") not in found]
 
 
 def open_run(path: str | Path) -> RunRecords:

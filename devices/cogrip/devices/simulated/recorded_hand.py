@@ -90,7 +90,7 @@ class RecordedHand:
         if s.origin == "start":
             position += np.asarray(home_m or (0.0,) * self._axes) - position[0]
         if s.loop:
-            back = _minimum_jerk(position[-1], position[0], rate_hz)
+            back = minimum_jerk(position[-1], position[0], rate_hz)
             position, velocity = np.vstack((position, back[0])), np.vstack((velocity, back[1]))
         self._position, self._velocity = position, velocity
         self._drive = self.stiffness_npm * position + self.damping_nspm * velocity
@@ -215,7 +215,7 @@ def _numbers(rows: list[list[str]], lines: list[int], at: int, name: str, path: 
     return found
 
 
-def _minimum_jerk(start: Array, end: Array, rate_hz: int) -> tuple[Array, Array]:
+def minimum_jerk(start: Array, end: Array, rate_hz: int) -> tuple[Array, Array]:
     """Positions and velocities of the ticks strictly between `start` and `end`, RETURN_S apart."""
     ticks = max(1, round(RETURN_S * rate_hz))
     z = (np.arange(1, ticks) / ticks)[:, None]

@@ -1,0 +1,89 @@
+"""A person's motion out of a recording: positions, velocities and forces on the grid of the device ticks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cogrip.devices.device import Capability, DeviceError
+from cogrip.protocol.recording.folder import find_client
+from cogrip.protocol.recording.reader import Recording, RecordingError
+from cogrip.protocol.recording.records import Row, Tick, kind_of
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Tick by tick from the first sample on, ticks without one filled in on a straight line.
+
+    position_m, velocity_mps, force_n  shape (n, axes)
+    """
+
+    rate_hz: int
+    position_m: Array
+    velocity_mps: Array
+    force_n: Array
+
+    def at(self, ticks: Array) -> tuple[Array, Array, Array]:
+        """Position, velocity and force at these fractional ticks (k,), held outside; each (k, axes)."""
+        grid = np.arange(len(self.position_m))
+        columns = [
+            np.stack([np.interp(ticks, grid, axis) for axis in values.T], axis=1)
+            for values in (self.position_m, self.velocity_mps, self.force_n)
+        ]
+        return columns[0], columns[1], columns[2]
+
+
+def split_user(text: str) -> tuple[str, str]:
+    """`RUN#user=1` as run and user; without one the user is 0."""
+    path, _, user = text.partition("#user=")
+    return path, user or "0"
+
+
+def find(path: str, user: str) -> Recording:
+    """The recording. Raises DeviceError."""
+    try:
+        return find_client(Path(path), user)
+    except RecordingError as error:
+        raise DeviceError(f"replay: {error}") from None
+
+
+def capability_of(recording: Recording) -> Capability:
+    """The record of the device that was recorded. Raises DeviceError."""
+    try:
+        return msgspec.convert(json.loads(recording.header.start)["capability"], Capability)
+    except (KeyError, ValueError) as error:
+        raise DeviceError(f"replay: {recording.path} does not say what device was recorded: {error}") from None
+
+
+def read_motion(recording: Recording) -> Motion:
+    """Read a client's ticks. Raises DeviceError where fewer than two samples are there."""
+    topic = next(number for number, name in enumerate(recording.topics) if kind_of(name) == "tick")
+    decode = msgspec.json.Decoder(Tick).decode
+    numbers: list[int] = []
+    rows: list[tuple[Row, Row, Row]] = []
+    try:
+        for message in recording.messages():
+            if message.topic == topic:
+                tick = decode(message.payload)
+                if tick.position_m is not None:
+                    numbers.append(tick.tick)
+                    rows.append((tick.position_m, tick.velocity_mps, tick.force_n))
+    except (OSError, msgspec.MsgspecError) as error:
+        raise DeviceError(f"replay: {recording.path} cannot be read: {error}") from None
+    if len(rows) < 2:
+        raise DeviceError(f"replay: {recording.path} holds {len(rows)} samples; a motion needs at least 2")
+    table = np.array(rows, dtype=float)  # (n, 3, axes)
+    known = np.array(numbers) - numbers[0]
+    grid = np.arange(known[-1] + 1)
+    whole = np.stack(
+        [np.stack([np.interp(grid, known, axis) for axis in table[:, part].T], axis=1) for part in range(3)]
+    )
+    return Motion(recording.header.rate_hz, whole[0], whole[1], whole[2])

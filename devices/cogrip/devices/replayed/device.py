@@ -1,0 +1,127 @@
+"""A device that plays a motion, whatever the force.
+
+The motion is a function of the tick, so it keeps the loop's absolute deadlines: it can neither drift nor run late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, isfinite
+from typing import Annotated, Protocol
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.recorded_motion import Array
+from cogrip.devices.settings import NotNegative
+from cogrip.devices.simulated.recorded_hand import minimum_jerk
+
+MOST_SPEED = 10.0
+
+
+class PlaySettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Query keys of every replay.
+
+    speed    of play-back
+    start_s  where in the recording to begin
+    stop_s   where to end; the hand then rests there
+    loop     0: rest at the end; 1: go back to the start in a second and play again
+    """
+
+    speed: Annotated[float, Meta(ge=0.01, le=MOST_SPEED)] = 1.0
+    start_s: NotNegative = 0.0
+    stop_s: Annotated[float, Meta(ge=0.0)] = inf
+    loop: bool = False
+
+
+class Source(Protocol):
+    """Where a motion comes from. Both raise DeviceError."""
+
+    def capability(self, axes: int) -> Capability:
+        """The record of the device that moved so."""
+        ...
+
+    def motion(self, axes: int, rate_hz: int) -> tuple[int, Array, Array]:
+        """(rate [Hz], position [m], velocity [m/s]), each (n, axes) or more; `rate_hz` is the rate that would suit best."""
+        ...
+
+
+class ReplayedDevice:
+    """See `Device`. The recording is looked into when its capability is asked for, and read when it is opened."""
+
+    def __init__(self, address: str, axes: int, source: Source, play: PlaySettings) -> None:
+        self._address = address
+        self._axes = axes
+        self._source = source
+        self._play = play
+        self._capability: Capability | None = None
+        self._open = False
+        self._tick = 0
+        self.force_n: tuple[float, ...] = (0.0,) * axes
+
+    @property
+    def capability(self) -> Capability:
+        """That of the device that was recorded. Raises DeviceError."""
+        if self._capability is None:
+            record = self._source.capability(self._axes)
+            if record.axes < self._axes:
+                raise DeviceError(f"{self._address!r} was recorded on {record.axes} axes, {self._axes} are asked for")
+            self._capability = record.first(self._axes)
+        return self._capability
+
+    def open(self, rate_hz: int) -> None:
+        if self._open:
+            raise DeviceError(f"{self._address}: is open already; close it first")
+        if not 1 <= rate_hz <= self.capability.rate_hz:
+            raise DeviceError(f"{self._address}: rate_hz={rate_hz} is out of 1 to {self.capability.rate_hz}")
+        self._position, self._velocity = self._course(rate_hz)
+        self._tick, self._open = 0, True
+
+    def _course(self, rate_hz: int) -> tuple[Array, Array]:
+        """Position and velocity of every tick to come, shape (n, axes)."""
+        play = self._play
+        recorded_hz, position, velocity = self._source.motion(self._axes, rate_hz)
+        first = play.start_s * recorded_hz
+        last = min(float(len(position) - 1), play.stop_s * recorded_hz)
+        if first >= last:
+            raise DeviceError(
+                f"{self._address}: from {play.start_s:g} s to {min(play.stop_s, len(position) / recorded_hz):g} s there is "
+                f"nothing to play; the recording is {len(position) / recorded_hz:.3f} s long"
+            )
+        ticks = np.arange(first, last + 1e-9, play.speed * recorded_hz / rate_hz)
+        grid = np.arange(len(position))
+        course = np.stack([np.interp(ticks, grid, axis) for axis in position[:, : self._axes].T], axis=1)
+        speeds = np.stack([np.interp(ticks, grid, axis) for axis in velocity[:, : self._axes].T], axis=1) * play.speed
+        if play.loop:
+            back = minimum_jerk(course[-1], course[0], rate_hz)
+            return np.vstack((course, back[0])), np.vstack((speeds, back[1]))
+        return course, np.vstack((speeds[:-1], np.zeros((1, self._axes)))) if len(speeds) else speeds
+
+    def read(self, tick: int) -> Sample:
+        if not self._open:
+            raise self._closed("read")
+        if tick < self._tick:
+            raise DeviceError(f"{self._address}: read(tick={tick}) after tick {self._tick}; ticks must not fall")
+        self._tick = tick
+        rows = len(self._position)
+        row = tick % rows if self._play.loop else min(tick, rows - 1)
+        velocity = tuple(self._velocity[row].tolist()) if self.capability.gives_velocity else None
+        return Sample(tuple(self._position[row].tolist()), velocity)
+
+    def write(self, force_n: Sequence[float]) -> None:
+        if not self._open:
+            raise self._closed("write")
+        if len(force_n) != self._axes:
+            raise DeviceError(f"{self._address}: write of {len(force_n)} forces to {self._axes} axes")
+        if not all(isfinite(force) for force in force_n):
+            raise DeviceError(f"{self._address}: write of {tuple(force_n)} N: not finite")
+        self.force_n = tuple(force_n)
+
+    def close(self) -> None:
+        self.force_n = (0.0,) * self._axes
+        self._open = False
+
+    def _closed(self, verb: str) -> DeviceError:
+        return DeviceError(f"{self._address}: {verb} while it is closed; call open(rate_hz) first")

@@ -1,0 +1,40 @@
+"""The family `replay:` and its query keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.registry import Family
+from cogrip.devices.replayed.device import ReplayedDevice
+from cogrip.devices.replayed.sources import RunSettings, RunSource, TableSettings, TableSource
+from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+
+MAX_AXES = 3
+
+
+def family() -> Family:
+    """The family `replay:`, for the registry. It has no example: there is no recording everywhere."""
+    return Family(
+        "recorded people: replay:RUN#user=1 or replay:hand.csv#time=t_s&x=x_m, with speed, loop, start_s, stop_s",
+        make,
+        (),
+    )
+
+
+def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+    """A replay; the file is not looked into yet. Raises DeviceError for unknown keys and values out of bounds."""
+    where = repr(address.text)
+    if not address.name:
+        raise DeviceError(f"{where}: name a run folder, a .mcap file or a .csv file, such as replay:runs/my-run#user=0")
+    if not 1 <= axes <= MAX_AXES:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    table = address.name.endswith(".csv")
+    kind: type[Any] = TableSettings if table else RunSettings
+    for key in address.query:
+        if key not in keys_of(kind):
+            raise unknown("key", key, keys_of(kind), where)
+    settings = read_settings(kind, dict(address.query), where)
+    source = TableSource(address.name, settings) if table else RunSource(address.name, settings.user)
+    return ReplayedDevice(address.text, axes, source, settings)
