@@ -44,6 +44,7 @@ def join(
     runs: Path = Path("runs"),
     into: Path | None = None,
     report: bool = True,
+    record: bool = True,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
 
@@ -74,6 +75,8 @@ def join(
         Write into this existing folder instead, and leave its report to its owner.
     report
         Write report.html and plots at the end.
+    record
+        Record the session; every replay, report and verification needs it.
     """
     console = Console(highlight=False, soft_wrap=True)
     settings = load(config, overrides) if config else None
@@ -92,7 +95,7 @@ def join(
         nonlocal folder
         _warn(seat, arm.capability, console)
         folder = folder or live_run_folder(runs, f"{seat.room}-{seat.user}", console.print)
-        return folder / client_recording(seat.user) if folder else None
+        return folder / client_recording(seat.user) if folder and record else None
 
     stop = Stop()
     client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, record_at, seconds)

@@ -16,6 +16,12 @@ COMMANDS = {
     ),
     "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
     "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
+    "replay": ("cogrip.cli.replay:replay", "Play a recorded session again: bit by bit, or as what if."),
+    "runs": ("cogrip.cli.runs:runs", "List the recorded runs, newest first."),
+    "report": ("cogrip.cli.report:report", "Write the report of a run, or of several compared."),
+    "export": ("cogrip.cli.export:export", "Write a run's recordings as CSV or Parquet tables."),
+    "recover": ("cogrip.cli.recover:recover", "Save what is whole of a recording that was cut short or damaged."),
+    "merge": ("cogrip.cli.merge:merge", "Bring the recordings of one run from several machines together."),
     "lab": ("cogrip.cli.lab:lab", "Run a whole session in virtual time, without sleeping."),
     "advise": (
         "cogrip.cli.advise:advise_command",

@@ -33,6 +33,7 @@ def serve(
     runs: Path = Path("runs"),
     into: Path | None = None,
     report: bool = True,
+    record: bool = True,
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -54,6 +55,8 @@ def serve(
         Write into this existing folder instead, and leave its report to its owner (one room only).
     report
         Write report.html and plots at the end.
+    record
+        Record the session; every replay, report and verification needs it.
     """
     console = Console(highlight=False, soft_wrap=True)
     rooms = _rooms(config, overrides, port, into)
@@ -67,7 +70,7 @@ def serve(
     folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", console.print)
     folders: dict[str, Path] = {}
     if folder is not None:
-        server.record_at = folder / SERVER_RECORDING
+        server.record_at = folder / SERVER_RECORDING if record else None
         folders = {name: folder if len(names) == 1 else folder / name for name in names}
         for settings in rooms:
             write_settings(folders[settings.name], settings)

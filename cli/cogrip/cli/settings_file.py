@@ -11,7 +11,7 @@ from typing import Any
 from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
-from cogrip.protocol.settings import Settings, SettingsError, parse_override, resolve
+from cogrip.protocol.settings import Settings, SettingsError, resolve
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
@@ -29,7 +29,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         raise BadInput(f"{path}: not valid {path.suffix.removeprefix('.').upper() or 'TOML'}: {error}") from None
     try:
-        return resolve(table, dict(_override(text) for text in overrides))
+        return resolve(table, dict(override(text) for text in overrides))
     except SettingsError as error:
         raise BadInput(f"{path}: {error}") from None
 
@@ -49,7 +49,8 @@ def shipped(name: str) -> Path:
     return checkout if checkout.exists() else Path(str(files("cogrip.cli") / "configs" / name))
 
 
-def _override(text: str) -> tuple[str, Any]:
+def override(text: str) -> tuple[str, Any]:
+    """Key and value of a `--set`, the value read as TOML; a bare word is text. Raises BadInput."""
     try:
         key, value = parse_override(text)
     except SettingsError as error:
@@ -57,4 +58,4 @@ def _override(text: str) -> tuple[str, Any]:
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
-        return key, value  # a bare word: text
+        return key, value

@@ -4,13 +4,17 @@ What stands in a run folder may have been written by anybody: every text is esca
 """
 
 import base64
+from collections.abc import Callable, Iterable
 from html import escape
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cogrip.sim.report_tables import dropped_table, people_table, room_table, settings_tables
 from cogrip.sim.traces import MOST_PEOPLE, Run, load_run
 from cogrip.sim.verdict import dig, is_number, number, verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPORT = "report.html"
 PLOTS = "plots"
@@ -38,7 +42,6 @@ def write_report(folder: Path) -> Path:
 def draw_plots(run: Run) -> list[Picture]:
     """Draw every plot that can be drawn, each also as a file; what was there from before is replaced."""
     from cogrip.sim.plots.registry import PLOTS as PLOT_TABLE  # matplotlib takes a second to import
-    from cogrip.sim.plots.style import NotDrawnError, png
 
     folder = run.folder / PLOTS
     folder.mkdir(exist_ok=True)
@@ -46,46 +49,68 @@ def draw_plots(run: Run) -> list[Picture]:
     for plot in PLOT_TABLE:
         file = folder / f"{plot.name}.png"
         file.unlink(missing_ok=True)
-        try:
-            image = png(plot.draw(run))
-        except NotDrawnError as error:
-            pictures.append(Picture(plot.heading, plot.caption, None, str(error)))
-        except KeyError as error:
-            pictures.append(Picture(plot.heading, plot.caption, None, f"a trace has no column {error}"))
-        else:
-            file.write_bytes(image)
-            pictures.append(Picture(plot.heading, plot.caption, image, ""))
+        drawn = picture(plot.heading, plot.caption, plot.draw, run)
+        if drawn.png is not None:
+            file.write_bytes(drawn.png)
+        pictures.append(drawn)
     return pictures
+
+
+def picture(heading: str, caption: str, draw: Callable[..., "Figure"], *arguments: object) -> Picture:
+    """What `draw` draws, or why it does not."""
+    from cogrip.sim.plots.style import NotDrawnError, png
+
+    try:
+        return Picture(heading, caption, png(draw(*arguments)), "")
+    except NotDrawnError as error:
+        return Picture(heading, caption, None, str(error))
+    except KeyError as error:
+        return Picture(heading, caption, None, f"a trace has no column {error}")
 
 
 def render(run: Run, pictures: list[Picture]) -> str:
     """The page."""
     summary, settings = run.summary, run.settings
-    name = str(summary.get("name") or settings.get("name") or run.folder.name)
-    tank_mj = dig(settings, "playout", "tank_mj")
-    sentences = verdict(summary, tank_mj * 1e-3 if is_number(tank_mj) else None)
-    seconds, seed = summary.get("seconds"), summary.get("seed", settings.get("seed"))
-    about = (run.folder.name, f"{number(seconds)} s", f"{len(run.names)} people", f"seed {number(seed, digits=0)}")
+    name = name_of_run(run)
     parts = [
         f"<h1>{escape(name)}</h1>",
-        f"<p class=about>{escape(' · '.join(about))}</p>",
-        _verdict(sentences),
-        _notes((*run.notes, *_left_out(run))),
+        about(run, run.folder.name),
+        verdict_of(run),
+        notes_list((*run.notes, *_left_out(run))),
         "<div class=columns><section><h2>People</h2>",
         people_table(summary),
         "</section><section><h2>Object and server</h2>",
         room_table(summary),
         "</section></div>",
-        *(_figure(picture) for picture in pictures),
+        *map(figure, pictures),
         "<h2>Dropped datagrams</h2>",
         dropped_table(summary),
         "<h2>Settings</h2>",
         settings_tables(settings),
     ]
-    return _PAGE.format(title=escape(f"{name}: cogrip report"), style=_STYLE, body="\n".join(parts))
+    return page(f"{name}: cogrip report", "report", parts)
 
 
-def _verdict(sentences: list[tuple[str, str]]) -> str:
+def page(title: str, kind: str, parts: Iterable[str]) -> str:
+    """A page of HTML parts that says in its head what wrote it: `cogrip <kind>`."""
+    return _PAGE.format(title=escape(title), kind=escape(kind), style=_STYLE, body="\n".join(parts))
+
+
+def name_of_run(run: Run) -> str:
+    return str(run.summary.get("name") or run.settings.get("name") or run.folder.name)
+
+
+def about(run: Run, first: str) -> str:
+    """A line on what was run, `first` at its head."""
+    seconds, seed = run.summary.get("seconds"), run.summary.get("seed", run.settings.get("seed"))
+    words = (first, f"{number(seconds)} s", f"{len(run.names)} people", f"seed {number(seed, digits=0)}")
+    return f"<p class=about>{escape(' · '.join(words))}</p>"
+
+
+def verdict_of(run: Run) -> str:
+    """The verdict's sentences, each with its mark."""
+    tank_mj = dig(run.settings, "playout", "tank_mj")
+    sentences = verdict(run.summary, tank_mj * 1e-3 if is_number(tank_mj) else None)
     items = "".join(
         f"<li class={tone}><span class=mark>{_MARKS[tone]}</span><span>{escape(text)}</span></li>"
         for tone, text in sentences
@@ -93,7 +118,8 @@ def _verdict(sentences: list[tuple[str, str]]) -> str:
     return f"<ul class=verdict>{items}</ul>"
 
 
-def _notes(notes: tuple[str, ...]) -> str:
+def notes_list(notes: Iterable[str]) -> str:
+    notes = list(notes)
     if not notes:
         return ""
     return f"<ul class=notes>{''.join(f'<li>{escape(note)}</li>' for note in notes)}</ul>"
@@ -104,7 +130,7 @@ def _left_out(run: Run) -> list[str]:
     return [f"The plots show the first {MOST_PEOPLE} people; {more} more are in the table only."] if more > 0 else []
 
 
-def _figure(picture: Picture) -> str:
+def figure(picture: Picture) -> str:
     heading, caption = escape(picture.heading), escape(picture.caption)
     if picture.png is None:
         return f"<h2>{heading}</h2><p class=missing>Not drawn: {escape(picture.missing)}.</p>"
@@ -120,6 +146,7 @@ _PAGE = """<!DOCTYPE html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="cogrip {kind}">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
 <title>{title}</title>
 <style>{style}</style>
@@ -138,7 +165,7 @@ _STYLE = """
 body { max-width: 1040px; margin: 2.5rem auto; padding: 0 1.2rem; background: var(--paper); color: var(--ink);
   font: 16px/1.5 system-ui, sans-serif; }
 h1 { margin: 0; font-size: 1.9rem; overflow-wrap: anywhere; }
-h2 { margin: 2.4rem 0 .6rem; font-size: 1.2rem; }
+h2 { margin: 2.4rem 0 .6rem; font-size: 1.2rem; overflow-wrap: anywhere; }
 .about, figcaption, .missing, .unit { color: var(--soft); }
 .about { margin: .2rem 0 1.2rem; }
 ul.verdict, ul.notes { margin: 0; padding: .7rem 1rem; border-radius: 8px; background: var(--card); list-style: none; }

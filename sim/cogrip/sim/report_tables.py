@@ -111,22 +111,22 @@ def people_table(summary: Summary) -> str:
     rows = []
     for heading, lines in (*_ROWS, ("Loop", _LOOP)):
         rows.append(f"<tr class=group><th>{escape(heading)}</th></tr>")
-        rows += [_row(what, unit, [show(user) for user in users]) for what, unit, show in lines]
-    return _table(["", *(name_of(user) for user in users)], rows)
+        rows += [row(what, unit, [show(user) for user in users]) for what, unit, show in lines]
+    return table(["", *(name_of(user) for user in users)], rows)
 
 
 def room_table(summary: Summary) -> str:
     """The object at the end, the server's books and its loop."""
     thing, server = dig(summary, "object"), dig(summary, "server")
     rows = [
-        _row("object", "mm", [vector(dig(thing, "position_m"), scale=1e3)]),
-        _row("its velocity", "mm/s", [vector(dig(thing, "velocity_mps"), scale=1e3)]),
-        _row("its travel", "mm", [number(dig(thing, "travel_m"), scale=1e3, digits=0)]),
-        _row("error of the energy balance", "", [energy(dig(server, "energy_balance_error_j"))]),
+        row("object", "mm", [vector(dig(thing, "position_m"), scale=1e3)]),
+        row("its velocity", "mm/s", [vector(dig(thing, "velocity_mps"), scale=1e3)]),
+        row("its travel", "mm", [number(dig(thing, "travel_m"), scale=1e3, digits=0)]),
+        row("error of the energy balance", "", [energy(dig(server, "energy_balance_error_j"))]),
     ]
     loop = {"ticks": dig(server, "ticks")}
-    rows += [_row(what, unit, [show(loop)]) for what, unit, show in _LOOP]
-    return _table([], rows)
+    rows += [row(what, unit, [show(loop)]) for what, unit, show in _LOOP]
+    return table([], rows)
 
 
 def dropped_table(summary: Summary) -> str:
@@ -136,7 +136,7 @@ def dropped_table(summary: Summary) -> str:
         return "<p>What was dropped is not known.</p>"
     if not dropped:
         return "<p>No datagram was dropped.</p>"
-    return _table([], [_row(str(reason), "", [number(count, digits=0)]) for reason, count in dropped.items()])
+    return table([], [row(str(reason), "", [number(count, digits=0)]) for reason, count in dropped.items()])
 
 
 def settings_tables(settings: dict[str, Any]) -> str:
@@ -152,7 +152,7 @@ def settings_tables(settings: dict[str, Any]) -> str:
         elif key != "users":
             sections[""].append((key, value, usual.get(key)))
     tables = [
-        _table([f"[{name}]" if name else "session", ""], [_setting(*line) for line in lines])
+        table([f"[{name}]" if name else "session", ""], [_setting(*line) for line in lines])
         for name, lines in sections.items()
         if lines
     ]
@@ -163,7 +163,7 @@ def settings_tables(settings: dict[str, Any]) -> str:
 
 def _setting(key: str, value: Any, before: Any) -> str:
     mark = "" if value == before else " class=changed"
-    return f"<tr><th>{escape(str(key))}</th><td{mark}>{escape(_plain(value))}</td></tr>"
+    return f"<tr><th>{escape(str(key))}</th><td{mark}>{escape(plain(value))}</td></tr>"
 
 
 def _users(users: Sequence[dict[str, Any]]) -> str:
@@ -173,30 +173,30 @@ def _users(users: Sequence[dict[str, Any]]) -> str:
     rows = []
     for key in keys:
         cells = "".join(
-            f"<td{'' if user.get(key) == usual.get(key) else ' class=changed'}>{escape(_plain(user.get(key)))}</td>"
+            f"<td{'' if user.get(key) == usual.get(key) else ' class=changed'}>{escape(plain(user.get(key)))}</td>"
             for user in users
         )
         rows.append(f"<tr><th>{escape(str(key))}</th>{cells}</tr>")
-    return _table(["users", *(name_of(user) for user in users)], rows) if rows else ""
+    return table(["users", *(name_of(user) for user in users)], rows) if rows else ""
 
 
-def _plain(value: Any) -> str:
+def plain(value: Any) -> str:
     """A setting as it would be written, "[coupling]'s" where a user has no value of their own."""
     if value is None:
         return "[coupling]'s"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, dict):
-        return ", ".join(f"{key} = {_plain(inner)}" for key, inner in value.items()) or "as above"
+        return ", ".join(f"{key} = {plain(inner)}" for key, inner in value.items()) or "as above"
     return str(value)
 
 
-def _row(what: str, unit: str, cells: Iterable[str]) -> str:
+def row(what: str, unit: str, cells: Iterable[str]) -> str:
     label = f"{escape(what)} <span class=unit>[{escape(unit)}]</span>" if unit else escape(what)
     text = " class=text" if what == "reason" else ""
     return f"<tr><th>{label}</th>{''.join(f'<td{text}>{escape(cell)}</td>' for cell in cells)}</tr>"
 
 
-def _table(head: Sequence[str], rows: Sequence[str]) -> str:
+def table(head: Sequence[str], rows: Sequence[str]) -> str:
     top = f"<thead><tr>{''.join(f'<th>{escape(cell)}</th>' for cell in head)}</tr></thead>" if head else ""
     return f"<div class=wide><table>{top}<tbody>{''.join(rows)}</tbody></table></div>"

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from cogrip.protocol.io.ring import Ring, make_ring
@@ -18,6 +19,24 @@ RING_BYTES = 8 * 2**20
 """Several seconds of a client or of a room of many."""
 END_LIMIT_S = 20.0
 _LOOK_EVERY = 64  # messages between two looks at what the writer says
+
+
+def lock(fd: int) -> None:
+    """Mark a file as being written, for as long as anyone has this descriptor. Raises OSError where it is marked already."""
+    if os.name == "posix":
+        import fcntl
+
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether some process has `path` marked so. Raises OSError."""
+    with path.open("rb") as file:
+        try:
+            lock(file.fileno())
+        except BlockingIOError:
+            return True
+    return False
 
 
 class Recorder:
@@ -88,6 +107,8 @@ def open_recorder(
     except OSError as error:
         say(f"this session is not recorded: {path}: {error.strerror}; choose another folder with --runs")
         return None
+    with suppress(OSError):
+        lock(out)
     try:
         ring = make_ring(ring_bytes)
         process = subprocess.Popen(

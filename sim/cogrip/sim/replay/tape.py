@@ -42,6 +42,8 @@ class Tape:
                     return
                 if kind != "clock":
                     yield message
+        if recording.complete and recording.damage:
+            self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
 
     def _take(self, message: Message) -> None:
         self._ahead.append(message)

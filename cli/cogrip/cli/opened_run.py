@@ -1,0 +1,21 @@
+"""Opening a recorded run that somebody named."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput
+from cogrip.cli.recover import recover_what_was_cut
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.sim.records import RunRecords, open_run
+
+
+def opened(path: Path) -> RunRecords:
+    """The run's recordings, those that were cut short recovered first. Raises BadInput."""
+    try:
+        recover_what_was_cut(path, Console(stderr=True, highlight=False, soft_wrap=True))
+        return open_run(path)
+    except (RecordingError, FileNotFoundError) as error:
+        raise BadInput(str(error)) from None
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}") from None

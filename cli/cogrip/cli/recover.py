@@ -1,0 +1,65 @@
+"""`cogrip recover`: save what is whole of a recording that was cut short or damaged."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.protocol.io.recorder import is_being_written
+from cogrip.protocol.recording.folder import recordings_of
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.recover import Recovered, is_closed
+from cogrip.protocol.recording.recover import recover as recover_recording
+
+
+def recover(file: Path, /) -> int:
+    """Write what is whole of a recording into a new file beside it; the old one is kept.
+
+    Parameters
+    ----------
+    file
+        A .mcap file; of a run folder, every recording in it that was not closed.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    try:
+        if file.is_dir():
+            broken = [each for each in recordings_of(file) if not is_closed(each)]
+            if not broken:
+                console.print(
+                    f"{file}: every recording was closed as it should; there is nothing to recover", markup=False
+                )
+        else:
+            broken = [file]
+        for each in broken:
+            if is_being_written(each):
+                raise Problem(f"{each} is still being written; end its session first")
+            console.print(words(each, recover_recording(each)), markup=False)
+    except (RecordingError, FileNotFoundError) as error:
+        raise BadInput(str(error)) from None
+    except FileExistsError as error:
+        raise BadInput(f"{error.filename} exists already; remove it to recover anew") from None
+    except OSError as error:
+        raise BadInput(f"{error.filename or file}: {error.strerror}") from None
+    return 0
+
+
+def recover_what_was_cut(path: Path, console: Console) -> None:
+    """Before a run is opened: recover its recordings that were not closed, and say what was saved."""
+    for each in recordings_of(path):
+        if is_closed(each) or is_being_written(each):
+            continue
+        try:
+            console.print(f"note: {words(each, recover_recording(each))}", markup=False)
+        except FileExistsError:
+            pass  # it was recovered before, and this file was named by itself
+        except RecordingError as error:
+            console.print(f"note: {error}", markup=False)
+        except OSError as error:
+            console.print(f"note: {each.name} was not closed; it is read as it is ({error.strerror})", markup=False)
+
+
+def words(file: Path, saved: Recovered) -> str:
+    """What was saved, in a sentence."""
+    lost = sum(damage.length for damage in saved.damage)
+    left = f"; {lost} bytes could not be read" if lost else ""
+    return f"{file.name} was not closed: {saved.messages} messages over {saved.seconds:.3f} s are saved in {saved.path}{left}"

@@ -1,0 +1,172 @@
+"""`cogrip replay`: does a recorded session play again exactly, and what would it have been with another setting?"""
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from cogrip.cli.new_run import new_run_folder
+from cogrip.cli.opened_run import opened
+from cogrip.cli.problem import BadInput
+from cogrip.cli.question import Json, Overrides, write_json
+from cogrip.cli.settings_file import override, try_hands
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.recording.header import versions_here
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.records import Gap
+from cogrip.protocol.settings import SettingsError
+from cogrip.sim.records import RunRecords
+from cogrip.sim.replay.verify import Verdict
+from cogrip.sim.replay.verify import verify as verify_recording
+from cogrip.sim.replay.what_if import Hands, folder_name, label
+from cogrip.sim.replay.what_if import what_if as other_world
+from cogrip.sim.traces import describe
+
+
+def replay(
+    run: Path,
+    /,
+    *,
+    verify: bool = False,
+    what_if: bool = False,
+    overrides: Overrides = (),
+    hands: Hands = "same",
+    runs: Path = Path("runs"),
+    json: Json = None,
+) -> int:
+    """Play a recorded session again.
+
+    --verify feeds the recorded inputs into the same cores and compares every output bit by bit; exit code 1 and the
+    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares.
+
+    Parameters
+    ----------
+    run
+        Run folder, or one of its .mcap files.
+    verify
+        Compare everything that comes out with the recording.
+    what_if
+        Run the hands again with the settings changed by --set.
+    hands
+        How people take part in --what-if: `same` simulated hand (others through an impedance); their recorded effort
+        behind an `impedance`; or their recorded `positions`, whatever the force.
+    runs
+        Folder in which the new run's folder is made.
+    """
+    if verify == what_if:
+        raise BadInput("replay: say either --verify or --what-if")
+    if overrides and verify:
+        raise BadInput("replay: --set changes the world, so it goes with --what-if; --verify plays what was recorded")
+    records = opened(run)
+    console = Console(highlight=False, soft_wrap=True)
+    if verify:
+        return _verify(records, console, json)
+    if json:
+        raise BadInput("replay: --json goes with --verify; --what-if leaves a run folder with its summary.json")
+    return _what_if(records, overrides, hands, runs, console)
+
+
+def _verify(records: RunRecords, console: Console, json: str | None) -> int:
+    ends = [*records.clients.values(), *([records.server] if records.server else [])]
+
+    def say(text: str) -> None:
+        if json != "-":
+            console.print(text, markup=False)
+
+    for note in records.notes:
+        say(f"note: {note}")
+    for end in ends:  # before, not after
+        differences = end.recording.header.versions.differences(versions_here())
+        if differences:
+            say(f"note: {end.path.name} was recorded by other versions: {'; '.join(differences)}")
+    verdicts: list[dict[str, Any]] = []
+    exact = True
+    for end in ends:
+        try:
+            verdict = verify_recording(end.recording)
+        except RecordingError as error:
+            raise BadInput(str(error)) from None
+        exact = exact and verdict.exact
+        for line in _words(end.path.name, verdict):
+            say(line)
+        verdicts.append(_as_json(end.path.name, verdict))
+    if json:
+        write_json({"exact": exact, "files": verdicts}, json)
+    return 0 if exact else 1
+
+
+def _words(file: str, verdict: Verdict) -> list[str]:
+    what = "steps" if verdict.who == "server" else "ticks"
+    played = f"{verdict.messages} messages, {verdict.ticks} {what}, {verdict.seconds:.3f} s"
+    lines = []
+    if verdict.difference is not None:
+        found = verdict.difference
+        at_s = (found.time_ns - verdict.start_ns) * 1e-9
+        where = f"{found.topic} {found.field}".strip()
+        lines.append(
+            f"{file}: differs at {at_s:.6f} s in {where}: recorded {found.recorded}, replayed {found.replayed}"
+        )
+        lines.append(f"{file}: equal until then: {played}")
+    else:
+        lines.append(f"{file}: {'equal' if verdict.exact else 'equal up to a hole'}, bit by bit: {played}")
+    if isinstance(verdict.hole, Gap):
+        lines.append(
+            f"{file}: {verdict.hole.messages} messages are missing ({verdict.hole.reason}): nothing after can be compared"
+        )
+    elif verdict.hole is not None:
+        lines.append(f"{file}: {describe(verdict.hole, -verdict.start_ns * 1e-9)}: nothing after can be compared")
+    if verdict.cut:
+        lines.append(f"{file}: was not closed; what is there was compared")
+    return lines
+
+
+def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
+    found = verdict.difference
+    return {
+        "file": file,
+        "exact": verdict.exact,
+        "messages": verdict.messages,
+        "ticks": verdict.ticks,
+        "seconds": verdict.seconds,
+        "cut": verdict.cut,
+        "hole": verdict.hole is not None,
+        "versions": list(verdict.versions),
+        "difference": None
+        if found is None
+        else {
+            "time_s": (found.time_ns - verdict.start_ns) * 1e-9,
+            "topic": found.topic,
+            "field": found.field,
+            "recorded": found.recorded,
+            "replayed": found.replayed,
+        },
+    }
+
+
+def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs: Path, console: Console) -> int:
+    changes = dict(override(text) for text in overrides)
+    try:
+        settings = other_world(records, changes, hands)
+    except (RecordingError, SettingsError) as error:
+        raise BadInput(str(error)) from None
+    try_hands(settings)
+    from cogrip.sim.compared_report import write_comparison
+    from cogrip.sim.lab_run import run_laboratory
+    from cogrip.sim.report import write_report
+
+    folder = new_run_folder(runs, folder_name(records))
+    with on_signals(Stop()) as stop, console.status("running the other world"):
+        outcome = run_laboratory(settings, folder, None, stop)
+    with console.status("writing the reports"):
+        write_report(folder)
+        page, table = write_comparison(
+            folder / "comparison.html", [records.folder, folder], ["as recorded", f"what if {label(changes)}"]
+        )
+    console.print(table)
+    if outcome.diverged:
+        console.print(f"diverged: {outcome.diverged}")
+    console.print(f"comparison: {page}")
+    if outcome.interrupted:
+        console.print("interrupted: the comparison covers what was run")
+        return 130
+    return 0

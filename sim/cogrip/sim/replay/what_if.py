@@ -1,0 +1,87 @@
+"""The same hands in another world: a laboratory session of a recorded run's settings with some of them changed.
+
+How the recorded people take part:
+
+    simulated   the same simulated hand and device as in the settings: it makes the same effort and gives way to new forces
+    impedance   what the recorded hand must have exerted, K_h x + B_h v + F, behind its impedance (`RelivedHand`)
+    positions   the recorded device positions, whatever the force
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from cogrip.client.recorded import start_of
+from cogrip.devices.for_user import address_of
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.settings import Settings, User, resolve
+from cogrip.sim.records import End, RunRecords
+
+Hands = Literal["same", "impedance", "positions"]
+HELLO_LENGTH = 40  # of an address in a hello: a longer one is cut there
+
+
+def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") -> Settings:
+    """Settings of a laboratory session with the hands of `run`; `changes` as `--set` gives them.
+
+    hands: `same` takes simulated hands as they were and all others through an impedance.
+    Raises RecordingError where the server's part or a person's is missing, SettingsError for changes that do not fit.
+    """
+    recorded = run.settings()
+    if recorded is None:
+        raise RecordingError(f"{run.folder} holds no recording of the server, so its settings are not known; "
+                             "name the server's run folder, or join both with `cogrip merge`")  # fmt: skip
+    table = msgspec.to_builtins(recorded)
+    seconds = [_seconds(end) for end in run.clients.values()]
+    if seconds:
+        table["seconds"] = max(seconds)
+    for user, row in zip(recorded.users, table["users"], strict=True):
+        row.update(_hand(run, user, hands))
+    return resolve(table, changes)
+
+
+def _hand(run: RunRecords, user: User, hands: Hands) -> dict[str, str]:
+    """The keys of a user that bring the recorded person back."""
+    end = run.clients.get(user.name)
+    if end is None:
+        there = ", ".join(run.clients) or "nobody"
+        raise RecordingError(f"{run.folder} holds no recording of {user.name!r}; there is: {there}")
+    hello, capability = start_of(end.recording.header.start)
+    source = f"{run.folder if run.folder.is_dir() else end.path}#user={user.name}"
+    if hands == "positions":
+        return {"device": f"replay:{source}"}
+    if hands == "same" and hello.device.startswith("sim:"):
+        if address_of(user)[:HELLO_LENGTH] == hello.device:
+            return {}
+        if len(hello.device) < HELLO_LENGTH:
+            return {"device": hello.device}
+    machine = "phantom" if capability.model == "phantom" else "ideal"
+    hand = f"recording:{source}{_impedance(address_of(user))}"
+    return {"device": f"sim:{machine}", "hand": hand}
+
+
+def _impedance(address: str) -> str:
+    """The impedance keys of a simulated hand's address, for another hand."""
+    items = address.partition("?")[2].split("&")
+    return "".join(f"&{item}" for item in items if item.startswith(("hand_stiffness_npm=", "hand_damping_nspm=")))
+
+
+def _seconds(end: End) -> float:
+    """How long a client ticked."""
+    last = -1
+    for _, ticks in end.chunks("tick"):
+        last = ticks[-1].tick
+    return max(1, last + 1) / end.rate_hz
+
+
+def label(changes: Mapping[str, Any]) -> str:
+    """What is different, for a heading."""
+    return ", ".join(f"{key} = {value}" for key, value in changes.items()) or "unchanged"
+
+
+def folder_name(run: RunRecords) -> str:
+    """What the new run is called."""
+    settings = run.settings()
+    return f"{settings.name if settings else Path(run.folder).name}-what-if"
