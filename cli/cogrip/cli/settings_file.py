@@ -11,7 +11,7 @@ from typing import Any
 from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
-from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.protocol.settings import Settings, SettingsError, parse_override, resolve
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:

@@ -133,7 +133,7 @@ class LiveClient:
                 recorder.close()
         seconds = pacer.due / seat.rates.device_hz
         counts = {**core.session.dropped, **core.safety.counts, **self._counts, "skipped tick": pacer.skipped}
-        if recorder is None or recorder.trouble:
+        if recorder is not None and recorder.trouble:
             counts["recording stopped"] = 1
         if recorder is not None and recorder.lost:
             counts["not recorded"] = recorder.lost
@@ -150,6 +150,8 @@ class LiveClient:
                 client_topics(seat.user),
             )  # fmt: skip
             recorder = open_recorder(path, header, self.say)
+            if recorder is None:
+                self._counts["recording stopped"] = 1
         core.record(recorder or Nowhere())
         return recorder
 

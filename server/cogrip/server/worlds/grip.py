@@ -6,10 +6,9 @@ Passive for any K, B, b, m_o, n (theory section 3.3); the balance there holds to
 from collections.abc import Sequence
 
 import numpy as np
-from numpy import vdot
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, World
+from cogrip.server.worlds.world import Array, World, dot
 
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
@@ -58,12 +57,12 @@ class GripWorld(World):
         grown = e + period * relative
         velocity = 2.0 * mid - self.velocity
 
-        stored_before = 0.5 * (vdot(K * e, e) + self.mass_kg * vdot(self.velocity, self.velocity))
-        stored = 0.5 * (vdot(K * grown, grown) + self.mass_kg * vdot(velocity, velocity))
+        stored_before = 0.5 * (dot(K * e, e) + self.mass_kg * dot(self.velocity, self.velocity))
+        stored = 0.5 * (dot(K * grown, grown) + self.mass_kg * dot(velocity, velocity))
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
-        lost = period * (vdot(B * relative, relative) + self.object_damping * vdot(mid, mid))
-        supplied = sum(port.tolist()) + period * vdot(self.external_force, mid)
-        self.balance_error_j = max(self.balance_error_j, abs(float(supplied - (stored - stored_before) - lost)))
+        lost = period * (dot(B * relative, relative) + self.object_damping * dot(mid, mid))
+        supplied = sum(port.tolist()) + period * dot(self.external_force, mid)
+        self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
 
         self.port_work += port
         self.force = force

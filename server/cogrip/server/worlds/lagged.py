@@ -11,7 +11,7 @@ from math import exp
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, HandWorld
+from cogrip.server.worlds.world import Array, HandWorld, dot
 
 
 class LaggedWorld(HandWorld):
@@ -63,9 +63,9 @@ class PaperWorld(LaggedWorld):
         relative = proxy_velocity - self.velocity
         lost = period * (self.damping * relative * relative).sum()
         moved = self.move_object()
-        lost += self.object_damping * (moved @ moved) / period
+        lost += self.object_damping * dot(moved, moved) / period
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
-        error = port.sum() + self.external_force @ moved - (self._stored() - stored_before) - lost
+        error = port.sum() + dot(self.external_force, moved) - (self._stored() - stored_before) - lost
         self.balance_error_j = max(self.balance_error_j, abs(float(error)))
         self.port_work += port
         return back
@@ -75,7 +75,7 @@ class PaperWorld(LaggedWorld):
         if self.one_sided:
             stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
         return float(
-            0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * (self.velocity @ self.velocity))
+            0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * dot(self.velocity, self.velocity))
         )
 
 
@@ -92,5 +92,5 @@ class CoupledWorld(LaggedWorld):
         # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
         seen = self.position + self.offset
         answers: Array = np.concatenate((seen, np.broadcast_to(self.velocity, seen.shape)), axis=1)
-        self.port_work += self.force @ self.move_object()
+        self.port_work += (self.force * self.move_object()).sum(axis=1)
         return answers

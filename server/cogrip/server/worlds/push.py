@@ -6,7 +6,7 @@ force alone: the usual extra test `depth > 0` creates energy. Passive for any K,
 
 import numpy as np
 
-from cogrip.server.worlds.world import Array, HandWorld
+from cogrip.server.worlds.world import Array, HandWorld, dot
 
 
 class PushWorld(HandWorld):
@@ -33,11 +33,13 @@ class PushWorld(HandWorld):
         hand = self.hand + period * proxy_velocity
         position = self.position + period * velocity
         grown = side * (hand[:, 0] - position[0])
-        stored_before = 0.5 * ((K * np.maximum(depth, 0.0) ** 2).sum() + self.mass_kg * (self.velocity @ self.velocity))
-        stored = 0.5 * ((K * np.maximum(grown, 0.0) ** 2).sum() + self.mass_kg * (velocity @ velocity))
+        stored_before = 0.5 * (
+            (K * np.maximum(depth, 0.0) ** 2).sum() + self.mass_kg * dot(self.velocity, self.velocity)
+        )
+        stored = 0.5 * ((K * np.maximum(grown, 0.0) ** 2).sum() + self.mass_kg * dot(velocity, velocity))
         port = (0.5 * period) * (u * u - back * back).sum(axis=1)
-        lost = period * self.object_damping * (velocity @ velocity)
-        supplied = port.sum() + period * (self.external_force @ velocity)
+        lost = period * self.object_damping * dot(velocity, velocity)
+        supplied = port.sum() + period * dot(self.external_force, velocity)
         self.balance_error_j = max(self.balance_error_j, (stored - stored_before) + lost - supplied)
 
         self.port_work += port

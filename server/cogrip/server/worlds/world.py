@@ -13,6 +13,12 @@ Array = NDArray[np.float64]
 WORKSPACE_M = 0.5  # the object has left the room beyond this
 
 
+def dot(a: Array, b: Array) -> float:
+    """Sum of products, one after the other: BLAS adds them up differently on every kind of processor, so no replay of its
+    sums on another machine would be exact."""
+    return float(np.add.reduce(a * b, axis=None))
+
+
 class World(ABC):
     """One object and its users. `step` takes one row of inputs a user, shape (n, inputs), and returns rows to send back.
 
