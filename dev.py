@@ -6,6 +6,7 @@ usage: python3 dev.py COMMAND [ARGS...]
   demo       set up, then `cogrip demo ARGS`
   test       set up, then `pytest ARGS`; without ARGS the whole suite, on two processes
   lint       set up, then check format, style, types and import contracts
+  rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
   lock       write requirements.lock again from pyproject.toml; `--upgrade` takes newer versions
 """
@@ -84,6 +85,12 @@ def lint(*args: str) -> int:
     return 1 if failed else 0
 
 
+def rerecord(*args: str) -> int:
+    if args:
+        raise SystemExit(f"dev.py: rerecord takes no arguments, got {' '.join(args)!r}")
+    return setup() or _become("python", str(ROOT / "tests" / "recordings" / "record.py"))
+
+
 def run(*args: str) -> int:
     if not args:
         raise SystemExit("dev.py: run needs a command of the environment, such as `run cogrip --help`")
@@ -113,6 +120,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "demo": demo,
     "test": test,
     "lint": lint,
+    "rerecord": rerecord,
     "run": run,
     "lock": lock,
 }

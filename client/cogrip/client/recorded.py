@@ -111,11 +111,12 @@ class RecordedClient(ClientCore):
                 given = None
         late_us, work_us, skipped = self.timing
         rtt_ms = self.rtt_ms
-        self._sink.put(TICK, now_ns, encode(Tick(
-            self.tick, position, velocity, force, tuple(coupling.sent), coupling.returning,
-            coupling.object_state[: len(force)], self.work_j, coupling.port_j, safety.state, coupling.down_margin_j,
-            rtt_ms if rtt_ms == rtt_ms else None, coupling.lost(), late_us, work_us, skipped, given, unfit,
-        )))  # fmt: skip
+        tick = Tick(
+            self.tick, late_us, work_us, position, velocity, force, self.work_j, coupling.port_j,
+            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], coupling.down_margin_j,
+            rtt_ms if rtt_ms == rtt_ms else None, coupling.lost(), safety.state, skipped, given, unfit,
+        )  # fmt: skip
+        self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:
             self._state = safety.state
             self._sink.put(

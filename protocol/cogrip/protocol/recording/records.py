@@ -17,23 +17,26 @@ class Record(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
 
 class Tick(Record, frozen=True, gc=False, omit_defaults=True):
-    """One tick of a client: its sample, the force that it answered, and the books after it."""
+    """One tick of a client: its sample, the force that it answered, and the books after it.
+
+    What changes with every tick stands first, what changes with every frame behind it: so it compresses better.
+    """
 
     tick: int
+    late_us: int  # how late this tick came
+    work_us: int  # how long the work of the tick before took
     position_m: Row | None  # the sample as read; null: there was none, or it is in `unfit`
     velocity_mps: Row  # of the device where it gives one, else estimated
     force_n: Row  # F of P eq. 9, held until the next tick
+    work_j: Number  # the hand's work against the force so far
+    port_j: Number  # energy that went into the line so far
     wave_up: Row  # u sent at the last frame border [sqrt(W)]
     wave_down: Row  # v held over this frame [sqrt(W)]
     object_m: Row  # the object as last heard of
-    work_j: Number  # the hand's work against the force so far
-    port_j: Number  # energy that went into the line so far
-    state: str = "live"  # of the client's safety
     margin_j: Number = None  # least margin of the line down so far; none without waves
     rtt_ms: Number = None
     lost: int = 0  # frames from the server, so far
-    late_us: int = 0  # how late this tick came
-    work_us: int = 0  # how long the work of the tick before took
+    state: str = "live"  # of the client's safety
     skipped: int = 0  # ticks, so far
     given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite

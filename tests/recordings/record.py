@@ -1,0 +1,89 @@
+"""Record the sessions of this folder anew: `python3 dev.py rerecord`, when the behaviour is meant to change.
+
+`laboratory`: virtual time, 3 axes, a bad link. `live`: real processes over UDP on loopback. Both are verified before
+they take the place of the old ones.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.records import open_run
+from cogrip.sim.replay.verify import verify
+
+HERE = Path(__file__).resolve().parent
+KEPT = (".mcap", "summary.json", "settings.json")
+
+LABORATORY = {
+    "name": "laboratory",
+    "seed": 7,
+    "seconds": 0.75,
+    "object": {"axes": 3},
+    "coupling": {"stiffness_npm": 1500.0},
+    "link": {"delay_ms": 10, "jitter_ms": 5, "loss": 0.1, "duplicate": 0.05, "reorder": 0.05},
+    "playout": {"frames": 2},
+    "users": [
+        {"name": "anna", "hand": "reach&direction=1,0.5,-0.3"},
+        {
+            "name": "ben",
+            "device": "sim:ideal",
+            "hand": "tremor&tremor_m=0.002&direction=0.2,1,1&seed=3",
+            "side": "right",
+        },
+    ],
+}
+
+
+def laboratory(folder: Path) -> None:
+    folder.mkdir()
+    run_laboratory(resolve(LABORATORY), folder)
+
+
+def live(folder: Path) -> None:
+    runs = folder.with_suffix(".runs")
+    config = HERE.parents[1] / "configs" / "demo.toml"
+    command = [
+        sys.executable,
+        "-m",
+        "cogrip.cli",
+        "demo",
+        "--config",
+        str(config),
+        "--seconds",
+        "1",
+        "--runs",
+        str(runs),
+    ]
+    subprocess.run(
+        command, check=False, stdout=subprocess.DEVNULL
+    )  # one second is too short to move the cube: exit code 1
+    (made,) = runs.iterdir()
+    made.rename(folder)
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory() as work:
+        for record in (laboratory, live):
+            made = Path(work) / record.__name__
+            record(made)
+            run = open_run(made)
+            for end in (*run.clients.values(), run.server):
+                if end is None or not verify(end.recording).exact:
+                    print(f"{made.name} does not verify; nothing of it was kept", file=sys.stderr)
+                    return 1
+            kept = HERE / record.__name__
+            shutil.rmtree(kept, ignore_errors=True)
+            kept.mkdir()
+            for path in sorted(made.iterdir()):
+                if path.name.endswith(KEPT):
+                    shutil.copy2(path, kept / path.name)
+            print(f"recorded anew: {kept}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
