@@ -72,8 +72,11 @@ def serve(
     if folder is not None:
         server.record_at = folder / SERVER_RECORDING if record else None
         folders = {name: folder if len(names) == 1 else folder / name for name in names}
-        for settings in rooms:
-            write_settings(folders[settings.name], settings)
+        try:
+            for settings in rooms:
+                write_settings(folders[settings.name], settings)
+        except OSError as error:  # the session goes on; whether it can be recorded is said on its own
+            console.print(f"warning: {folder}: {error.strerror}; no settings are left there")
     with on_signals(stop):
         if not ip_address(bound[0]).is_loopback:
             console.print(

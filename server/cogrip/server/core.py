@@ -92,7 +92,7 @@ class ServerCore:
 
     def _refuse(self, nonce: int, address: Address, code: str, reason: str) -> None:
         self.drop(f"refused: {code}")
-        self.events.append(f"refused {address}: {reason} [{code}]")
+        self.events.append(f"refused {_place(address)}: {reason} [{code}]")
         self.outbox.append((address, refusal(nonce, code, reason)))
 
     def _greet(self, hello: Hello, size: int, address: Address, now_ns: int) -> None:
@@ -119,7 +119,7 @@ class ServerCore:
         self._seated.pop(room.seats[number].address, None)  # whoever sat here before
         room.sit(number, self._new_session(), hello.nonce, address, now_ns)
         self._seated[address] = (room, number)
-        self.events.append(f"{room.name}: {room.seats[number].settings.user} joined from {address} with {hello.device}")
+        self.events.append(f"{room.name}: {room.seats[number].settings.user} joined from {_place(address)} with {hello.device}")
         self._welcome(room, number, address)
 
     def _find(self, hello: Hello) -> tuple[Room, int] | tuple[str, str]:
@@ -157,3 +157,8 @@ class ServerCore:
         # the seat keeps its address until the next hello, so that a repeated leave is answered again
         farewell = Farewell(seat.session, "goodbye", account or seat.last, room.account())
         self.outbox.append((seat.address, messages.encode(farewell)))
+
+
+def _place(address: Address) -> str:
+    """An address for people."""
+    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)

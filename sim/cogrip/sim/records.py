@@ -89,10 +89,14 @@ class End:
         for chunk in self.recording.chunks():
             mine = [message for message in chunk if message.topic == wanted]
             if mine:
-                yield (
-                    [message.time_ns * 1e-9 + self.offset_s for message in mine],
-                    [decode(message.payload) for message in mine],
-                )
+                try:
+                    records = [decode(message.payload) for message in mine]
+                except msgspec.MsgspecError as error:
+                    by = self.recording.header.versions.cogrip
+                    raise RecordingError(
+                        f"{self.path} was written by cogrip {by}, which this one does not read: {error}"
+                    ) from None
+                yield [message.time_ns * 1e-9 + self.offset_s for message in mine], records
 
     def records(self, kind: str) -> Iterator[Timed]:
         """Typed records of one topic (`cogrip.protocol.recording.records`), oldest first."""

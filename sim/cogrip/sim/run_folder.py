@@ -46,6 +46,7 @@ def make_run_folder(base: Path, name: str, now: datetime) -> Path:
 
 
 def write_settings(folder: Path, settings: Settings) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / SETTINGS).write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
 
 

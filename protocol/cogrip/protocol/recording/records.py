@@ -12,8 +12,8 @@ Row = tuple[Number, ...]
 Address = str | tuple[str | int, ...]
 
 
-class Record(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """What all messages share."""
+class Record(msgspec.Struct, frozen=True, gc=False):
+    """What all messages share. A field that is added gets a default, so that older files can be read."""
 
 
 class Tick(Record, frozen=True, gc=False, omit_defaults=True):
