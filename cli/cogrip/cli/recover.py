@@ -52,8 +52,8 @@ def recover_what_was_cut(path: Path, console: Console) -> None:
             console.print(f"note: {words(each, recover_recording(each))}", markup=False)
         except FileExistsError:
             pass  # it was recovered before, and this file was named by itself
-        except RecordingError as error:
-            console.print(f"note: {error}", markup=False)
+        except RecordingError:
+            continue  # whoever opens it will say so
         except OSError as error:
             console.print(f"note: {each.name} was not closed; it is read as it is ({error.strerror})", markup=False)
 

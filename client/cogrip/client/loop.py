@@ -147,7 +147,7 @@ class LiveClient:
             epoch_ns = time.time_ns() - time.monotonic_ns()
             header = Header(
                 "client", seat.user, core.start, seat.rates.device_hz, seat.seed, epoch_ns, False, versions_here(),
-                client_topics(seat.user),
+                client_topics(seat.user), seat.room,
             )  # fmt: skip
             recorder = open_recorder(path, header, self.say)
             if recorder is None:

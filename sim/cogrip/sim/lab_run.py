@@ -71,7 +71,7 @@ def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:
                 server_topics([settings.name]),
             )
             who = WHO
-        header = Header(role, who, core.start, rate_hz, settings.seed, 0, True, versions_here(), topics)
+        header = Header(role, who, core.start, rate_hz, settings.seed, 0, True, versions_here(), topics, settings.name)
         writer = RecordingWriter(files.enter_context((folder / path).open("xb")), header)
         files.callback(writer.finish)
         return writer

@@ -166,9 +166,8 @@ class RunRecords:
         if self.server is None:
             return None
         rooms, _ = server_start(self.server.recording.header.start)
-        if len(rooms) > 1:
-            return next((room for room in rooms if room.name == self.folder.name), rooms[0])
-        return rooms[0]
+        names = {end.recording.header.room for end in self.clients.values()} or {self.folder.name}
+        return next((room for room in rooms if room.name in names), rooms[0])
 
     def steps(self) -> Iterator[Timed]:
         """Steps of the room, typed `Step`; none where the server's part is not here."""

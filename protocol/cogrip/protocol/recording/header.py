@@ -40,6 +40,7 @@ class Header(msgspec.Struct, frozen=True):
     epoch_ns   what is added to the recording's clock to give a message's log_time
     virtual    the clock was that of a laboratory
     rate_hz    of the loop
+    room       of a client
     topics     by channel, from 1 on: a file whose first chunk is damaged can still be read
     """
 
@@ -52,6 +53,7 @@ class Header(msgspec.Struct, frozen=True):
     virtual: bool
     versions: Versions
     topics: tuple[str, ...]
+    room: str = ""
     format: int = FORMAT
 
     def metadata(self) -> dict[str, str]:
