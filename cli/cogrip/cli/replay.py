@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.console import Console
 
+from cogrip.cli.compared_table import compared_table
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.opened_run import opened
 from cogrip.cli.problem import BadInput
@@ -15,6 +16,7 @@ from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings import SettingsError
+from cogrip.sim.comparison import ComparisonError
 from cogrip.sim.records import RunRecords
 from cogrip.sim.replay.verify import Verdict
 from cogrip.sim.replay.verify import verify as verify_recording
@@ -145,28 +147,39 @@ def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
 
 def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs: Path, console: Console) -> int:
     changes = dict(override(text) for text in overrides)
+    worlds = {f"what if {label(changes)}": (changes, "")}
+    if changes and not records.virtual:  # what living in virtual time changes by itself stands beside it
+        worlds = {"unchanged, in the laboratory": ({}, "unchanged"), **worlds}
     try:
-        settings = other_world(records, changes, hands)
+        settings = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     except (RecordingError, SettingsError) as error:
         raise BadInput(str(error)) from None
-    try_hands(settings)
+    for each in settings.values():
+        try_hands(each)
     from cogrip.sim.compared_report import write_comparison
     from cogrip.sim.lab_run import run_laboratory
     from cogrip.sim.report import write_report
 
     folder = new_run_folder(runs, folder_name(records))
-    with on_signals(Stop()) as stop, console.status("running the other world"):
-        outcome = run_laboratory(settings, folder, None, stop)
+    folders = {name: folder / place for name, (_, place) in worlds.items()}
+    diverged, stop = {}, Stop()
+    with on_signals(stop), console.status("running the other world"):
+        for name, each in settings.items():
+            folders[name].mkdir(exist_ok=True)
+            diverged[name] = run_laboratory(each, folders[name], None, stop).diverged
     with console.status("writing the reports"):
         write_report(folder)
-        page, table = write_comparison(
-            folder / "comparison.html", [records.folder, folder], ["as recorded", f"what if {label(changes)}"]
-        )
-    console.print(table)
-    if outcome.diverged:
-        console.print(f"diverged: {outcome.diverged}")
-    console.print(f"comparison: {page}")
-    if outcome.interrupted:
+        labels = ["as recorded", *worlds]
+        try:
+            page, rows = write_comparison(folder / "comparison.html", [records.folder, *folders.values()], labels)
+        except ComparisonError as error:
+            raise BadInput(f"{error}; the other world's own run is in {folder}") from None
+    console.print(compared_table(rows, labels))
+    for name, why in diverged.items():
+        if why:
+            console.print(f"{name}: diverged: {why}", markup=False)
+    console.print(f"comparison: {page}", markup=False)
+    if stop.reason:
         console.print("interrupted: the comparison covers what was run")
         return 130
     return 0

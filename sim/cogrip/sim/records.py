@@ -169,6 +169,11 @@ class RunRecords:
         names = {end.recording.header.room for end in self.clients.values()} or {self.folder.name}
         return next((room for room in rooms if room.name in names), rooms[0])
 
+    @property
+    def virtual(self) -> bool:
+        """Whether it was run in the laboratory."""
+        return any(end.recording.header.virtual for end in (*self.clients.values(), self.server) if end)
+
     def steps(self) -> Iterator[Timed]:
         """Steps of the room, typed `Step`; none where the server's part is not here."""
         settings = self.settings()
