@@ -25,6 +25,9 @@ from cogrip.sim.replay.what_if import what_if as other_world
 from cogrip.sim.traces import describe
 
 
+TABLE_WIDTH = 110
+
+
 def replay(
     run: Path,
     /,
@@ -174,7 +177,11 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
             page, rows = write_comparison(folder / "comparison.html", [records.folder, *folders.values()], labels)
         except ComparisonError as error:
             raise BadInput(f"{error}; the other world's own run is in {folder}") from None
-    console.print(compared_table(rows, labels))
+    letters = [chr(ord("A") + number) for number in range(len(labels))]
+    # the names themselves are too wide, and numbers are not cut in two
+    console.print(compared_table(rows, letters), width=max(console.width, TABLE_WIDTH))
+    for letter, name in zip(letters, labels, strict=True):
+        console.print(f"{letter}: {name}", markup=False)
     for name, why in diverged.items():
         if why:
             console.print(f"{name}: diverged: {why}", markup=False)
