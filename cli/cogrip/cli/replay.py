@@ -179,7 +179,7 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
             raise BadInput(f"{error}; the other world's own run is in {folder}") from None
     letters = [chr(ord("A") + number) for number in range(len(labels))]
     # the names themselves are too wide, and numbers are not cut in two
-    console.print(compared_table(rows, letters), width=max(console.width, TABLE_WIDTH))
+    Console(highlight=False, width=max(console.width, TABLE_WIDTH)).print(compared_table(rows, letters))
     for letter, name in zip(letters, labels, strict=True):
         console.print(f"{letter}: {name}", markup=False)
     for name, why in diverged.items():
