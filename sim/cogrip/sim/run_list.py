@@ -1,0 +1,181 @@
+"""The runs in a folder, newest first, each with its verdict in a line. Of recordings only their heads are read."""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
+from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
+from cogrip.protocol.recording.recover import is_closed
+from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_recording
+from cogrip.sim.verdict import Summary, dig, energy, is_number, name_of, people, verdict, worst_margin
+
+_TIME = re.compile(r"\d{8}-\d{6}(?=-|$)")
+_TONES = ("good", "warn", "bad")
+_LOST = ("not recorded", "recording stopped")  # names under which a run counts what its recording lacks
+
+
+@dataclass(frozen=True, slots=True)
+class ListedRun:
+    """name: of its folder below the one that was listed. tone: `good`, `warn` or `bad`, as in a report."""
+
+    name: str
+    folder: Path
+    when: datetime
+    seconds: float | None
+    people: tuple[str, ...]
+    tone: str
+    verdict: str
+    size_bytes: int
+
+
+def list_runs(base: Path, is_running: Callable[[Path], bool]) -> list[ListedRun]:
+    """Runs right below `base`, the rooms of a run of several, or `base` itself if it is a run. Raises OSError.
+
+    is_running: whether a recording that is not closed is still being written.
+    """
+    below = list(_below(base)) or ([base] if _is_run(base) else [])
+    listed = [_listed(folder, base, is_running) for folder in below]
+    return sorted(listed, key=lambda run: (run.when, run.folder.stat().st_mtime_ns, run.name), reverse=True)
+
+
+def _below(base: Path) -> Iterator[Path]:
+    for folder in sorted(base.iterdir()):
+        if folder.is_dir() and not folder.name.startswith("."):
+            try:
+                rooms = [room for room in sorted(folder.iterdir()) if room.is_dir() and _is_run(room)]
+                mine = _is_run(folder)
+            except OSError:  # whose else it is
+                continue
+            if rooms:
+                yield from rooms
+            elif mine:
+                yield folder
+
+
+def _is_run(folder: Path) -> bool:
+    """Settings alone are a run's only where the folder is named like one, or is a room of one."""
+    if (folder / SUMMARY).is_file() or any(folder.glob("*.mcap")):
+        return True
+    named = _TIME.match(folder.name) or _TIME.match(folder.absolute().parent.name)
+    return bool(named) and (folder / SETTINGS).is_file()
+
+
+def _listed(folder: Path, base: Path, is_running: Callable[[Path], bool]) -> ListedRun:
+    words: list[tuple[str, str]] = []
+    summary, settings = _table(folder / SUMMARY, words), _table(folder / SETTINGS, words)
+    files = recordings_of(folder)
+    recordings = _open(files, words)
+    names = [name_of(user) for user in people(summary) or people(settings)] or _seats(recordings, words)
+    unclosed = [recording.path for recording in recordings if not is_closed(recording.path)]
+    running = any(map(is_running, unclosed))
+    if summary:
+        words += _of_summary(summary)
+    elif running:
+        words.append(("warn", "it still runs"))
+    elif not (folder / SUMMARY).exists():
+        words.append(("bad", f"cut short: no {SUMMARY}"))
+    words += _of_recordings(files, names, bool(settings))
+    words += [("warn", f"{file.name} was not closed") for file in unclosed if not running]
+    worst = max(words, key=lambda each: _TONES.index(each[0]))[0]
+    seconds = summary.get("seconds")
+    return ListedRun(
+        folder.relative_to(base).as_posix() if folder != base else folder.resolve().name,
+        folder,
+        _when(folder),
+        float(seconds) if seconds is not None and is_number(seconds) else None,
+        tuple(names),
+        worst,
+        "; ".join(text for _, text in sorted(words, key=lambda each: -_TONES.index(each[0]))),
+        _size(folder, files),
+    )
+
+
+def _table(path: Path, words: list[tuple[str, str]]) -> dict[str, Any]:
+    """A JSON table; an empty one where there is none, and what is wrong with it into `words`."""
+    try:
+        table = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        words.append(("bad", f"{path.name} is not readable ({getattr(error, 'strerror', None) or error})"))
+        return {}
+    if isinstance(table, dict) and table:
+        return table
+    words.append(("bad", f"{path.name} holds no table"))
+    return {}
+
+
+def _open(files: Iterable[Path], words: list[tuple[str, str]]) -> list[Recording]:
+    """Headers of those that have one; those that have none are told of."""
+    found = []
+    for file in files:
+        try:
+            found.append(open_recording(file))
+        except RecordingError as error:
+            words.append(("bad", str(error).partition(";")[0].replace(str(file), file.name)))
+        except OSError as error:
+            words.append(("bad", f"{file.name}: {error.strerror}"))
+    return found
+
+
+def _seats(recordings: list[Recording], words: list[tuple[str, str]]) -> list[str]:
+    try:
+        return seats_of(recordings)
+    except (KeyError, TypeError, ValueError) as error:
+        words.append(("bad", f"a recording's start is not readable ({error!r})"))
+        return []
+
+
+def _of_summary(summary: Summary) -> Iterator[tuple[str, str]]:
+    diverged = summary.get("diverged") is True
+    if diverged:
+        why = [f"{name_of(user)}: {user['reason']}" for user in people(summary) if user.get("reason")]
+        yield "bad", f"diverged{f' ({why[0]})' if why else ''}"
+    worst, said = worst_margin(people(summary)), summary.get("passive")
+    if worst is None or not isinstance(said, bool):
+        yield "warn", "passive or not is not known"
+    elif said:
+        yield "good", f"passive, least margin {energy(worst[0])}"
+    else:
+        yield "bad", f"not passive: {worst[1]} of {worst[2]} {energy(worst[0])}"
+    for tone, sentence in () if diverged else verdict(summary)[2:]:  # after that nothing is as it should be
+        if tone != "good":
+            yield tone, f"{sentence[0].lower()}{sentence[1:].rstrip('.')}" if sentence[1:2].islower() else sentence
+    for name in _LOST:
+        if count := dig(summary, "server", "dropped", name):
+            yield "warn", f"{count} messages not recorded" if name == _LOST[0] else name
+
+
+def _of_recordings(files: list[Path], names: list[str], whole: bool) -> Iterator[tuple[str, str]]:
+    """whole: the server's should be there. Clients on other machines keep their own."""
+    if not files:
+        yield "warn", "no recording is here"
+        return
+    there = {file.name.removesuffix(RECOVERED).removesuffix(".mcap") for file in files}
+    missing = [name for name in names if client_recording(name).removesuffix(".mcap") not in there]
+    if whole and not any(file.startswith("server") for file in there):
+        missing.append("the server")
+    if missing:
+        yield "good", f"not recorded here: {', '.join(missing)}"
+
+
+def _when(folder: Path) -> datetime:
+    """By its name, or the name of the run whose room it is; else when it was last changed. Local time."""
+    for name in (folder.name, folder.absolute().parent.name):
+        if found := _TIME.match(name):
+            try:
+                return datetime.strptime(found[0], "%Y%m%d-%H%M%S").astimezone()
+            except ValueError:
+                continue
+    return datetime.fromtimestamp(folder.stat().st_mtime, UTC).astimezone()
+
+
+def _size(folder: Path, files: Iterable[Path]) -> int:
+    """Of all that is in the folder, and of recordings elsewhere that are its too."""
+    everything = {*(path for path in folder.rglob("*") if path.is_file()), *files}
+    return sum(path.stat().st_size for path in {path.resolve() for path in everything})
