@@ -40,6 +40,10 @@ def join(
     config: Path | None = None,
     overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     axes: int | None = None,
+    speed: float | None = None,
+    loop: bool | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
     seconds: float | None = None,
     runs: Path = Path("runs"),
     into: Path | None = None,
@@ -67,6 +71,14 @@ def join(
         Override a setting of --config.
     axes
         How many axes to move on; else what --config says, else 3 (the room uses the first ones it needs).
+    speed
+        Of a `replay:` device: how fast it plays back. As its key speed=.
+    loop
+        Of a `replay:` device: play again from the start. As its key loop=1.
+    start_s
+        Of a `replay:` device: where in the recording to begin. As its key start_s=.
+    stop_s
+        Of a `replay:` device: where in the recording to end. As its key stop_s=.
     seconds
         Leave by yourself after so long.
     runs
@@ -83,6 +95,7 @@ def join(
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
     where = _address(server)
+    device = _play_back(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
     arm, address = _device(settings, name, device, axes)
     hello = make_hello(
         software=VERSION, nonce=secrets.randbelow(2**62) + 1, room=room or (settings.name if settings else ""),
@@ -138,6 +151,16 @@ def _address(text: str) -> tuple[str, int]:
             f"server {text!r}: write HOST:PORT with a port from 1 to 65535, such as 127.0.0.1:{DEFAULT_PORT}"
         )
     return host.strip("[]"), int(port)
+
+
+def _play_back(device: str | None, **options: float | None) -> str | None:
+    """A replay's address with the options in it."""
+    keys = "&".join(f"{key}={value:g}" for key, value in options.items() if value is not None)
+    if not keys:
+        return device
+    if device is None or not device.startswith("replay:"):
+        raise BadInput(f"{keys.partition('=')[0]}: is for a replay; name one, such as --device 'replay:RUN#user=0'")
+    return f"{device}{'&' if '#' in device or '?' in device else '#'}{keys}"
 
 
 def _device(settings: Settings | None, name: str, address: str | None, axes: int | None) -> tuple[Device, str]:

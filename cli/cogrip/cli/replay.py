@@ -24,7 +24,6 @@ from cogrip.sim.replay.what_if import Hands, folder_name, label
 from cogrip.sim.replay.what_if import what_if as other_world
 from cogrip.sim.traces import describe
 
-
 TABLE_WIDTH = 110
 
 

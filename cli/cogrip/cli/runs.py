@@ -69,7 +69,7 @@ def _table(found: list[ListedRun]) -> Table:
 
 def _size(size_bytes: float) -> str:
     for unit in ("B", "kB", "MB"):
-        if size_bytes < 1000.0:
+        if size_bytes < 999.5:  # three digits, rounded
             return f"{size_bytes:.3g} {unit}"
         size_bytes /= 1000.0
     return f"{size_bytes:.3g} GB"

@@ -167,7 +167,7 @@ def settings_differences(settings: Sequence[dict[str, Any]]) -> list[SettingsDif
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
     """(`section.key`, value) of everything below; a table or list that is empty stands for nothing."""
-    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else None
     if parts is None:
         yield path, value
         return

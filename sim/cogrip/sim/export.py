@@ -125,7 +125,10 @@ def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False) -
         for path in paths.values():
             if path.exists():
                 raise ExportError(f"{path} exists, and nothing is overwritten; remove it, or name another folder")
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"{out}: no folder can be made there: {error.strerror}; name another") from None
     begun: list[Path] = []
     try:
         return [table for end, paths in plans for table in _export_end(end, paths, _TABLES[to], begun)]

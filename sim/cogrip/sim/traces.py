@@ -5,8 +5,10 @@ of many people stays on the disk.
 """
 
 import json
+import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 from cogrip.client.safety import STATES
 from cogrip.protocol.recording.reader import Damage, RecordingError
 from cogrip.server.recorded import step_topic
-from cogrip.sim.records import End, open_run
+from cogrip.sim.records import End, RunRecords, open_run
 from cogrip.sim.run_folder import SERVER_RECORDING, SETTINGS, SUMMARY, client_recording
 
 Array = NDArray[np.float64]
@@ -35,13 +37,14 @@ class Columns(Mapping[str, Array]):
     """Column name to its values, oldest first, shape (rows,), a copy. Each look-up reads the disk."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="cogrip-columns-")
+        self._folder = Path(tempfile.mkdtemp(prefix="cogrip-columns-"))
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._files: dict[str, Path] = {}
 
     def extend(self, columns: Mapping[str, Sequence[float] | Array]) -> None:
         """More rows, the same columns every time."""
         for name, values in columns.items():
-            path = self._files.setdefault(name, Path(self._folder.name) / f"{len(self._files)}.f64")
+            path = self._files.setdefault(name, self._folder / f"{len(self._files)}.f64")
             with path.open("ab") as file:
                 np.asarray(values, dtype=np.float64).tofile(file)
 
@@ -152,15 +155,11 @@ def load_run(folder: Path) -> Run:
     else:
         notes += records.notes
         for name, end in records.clients.items():
-            trace = tick_trace(end)
-            notes += losses(end)
-            if trace.rows:
+            trace = _try(tick_trace, end, notes)
+            if trace is not None:
                 clients[name] = trace
-        of_room = records.settings()
-        if records.server is not None and of_room is not None:
-            trace = step_trace(records.server, of_room.name)
-            notes += losses(records.server)
-            room = trace if trace.rows else None
+        if records.server is not None:
+            room = _try(lambda end: step_trace(end, _room(records)), records.server, notes)
     names = _names(summary, settings, clients.values())
     if room is None:
         notes.append(f"{SERVER_RECORDING} is not here: no proxies, and no line up, in the plots.")
@@ -170,6 +169,22 @@ def load_run(folder: Path) -> Run:
         if name not in clients
     ]
     return Run(folder, summary, settings, names, clients, room, tuple(notes))
+
+
+def _try(read: Callable[[End], Trace], end: End, notes: list[str]) -> Trace | None:
+    """An end's trace; what of it cannot be read is noted."""
+    try:
+        trace = read(end)
+        notes += losses(end)
+    except (RecordingError, KeyError, ValueError, IndexError) as error:
+        notes.append(f"{end.path.name} is not readable as a run: {error}.")
+        return None
+    return trace if trace.rows else None
+
+
+def _room(records: RunRecords) -> str:
+    settings = records.settings()
+    return settings.name if settings else ""
 
 
 def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:

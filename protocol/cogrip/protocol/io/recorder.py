@@ -42,7 +42,7 @@ def is_being_written(path: Path) -> bool:
 class Recorder:
     """A `Sink` of one loop. Make it with `open_recorder`."""
 
-    __slots__ = ("_count", "_process", "_ring", "_say", "_told", "path", "trouble")
+    __slots__ = ("_count", "_process", "_ring", "_say", "_told", "_unsaved", "path", "trouble")
 
     def __init__(self, path: Path, ring: Ring, process: subprocess.Popen[bytes], say: Callable[[str], None]) -> None:
         self.path = path
@@ -52,11 +52,12 @@ class Recorder:
         self._say = say
         self._count = 0
         self._told = False
+        self._unsaved: int | None = None
 
     @property
     def lost(self) -> int:
-        """Messages that are not in the file because the ring was full."""
-        return self._ring.lost
+        """Messages that found no room in the ring; after `close`, all that are not in the file, whatever the reason."""
+        return self._ring.lost if self._unsaved is None else self._unsaved
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         """See `Sink.put`: one copy."""
@@ -88,6 +89,7 @@ class Recorder:
             self._process.kill()
             self._process.wait()
         self._look()
+        self._unsaved = self._count - self._ring.saved
         self._ring.close()
 
 

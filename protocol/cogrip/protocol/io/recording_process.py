@@ -68,7 +68,7 @@ class Task:
         assert isinstance(metadata, dict)
         header = header_of(metadata)
         self._gap, self._clock = header.topics.index(f"/{header.who}/gap"), header.topics.index(f"/{header.who}/clock")
-        self._lost = 0
+        self._lost = self._put = 0
         self._last_ns = 0
         self._well = True
         self._stream = WholePieces(fd)
@@ -94,6 +94,7 @@ class Task:
                 self._lost = lost
                 self._try(self._writer.put, self._gap, time_ns, _encode(gap))
             self._try(self._writer.put, topic, time_ns, payload)
+            self._put += self._well
 
     def anchor(self) -> None:
         """Read both clocks together."""
@@ -102,8 +103,13 @@ class Task:
 
     def flush(self) -> None:
         self._try(self._writer.flush)
+        self._count()
         if self._well and os.name == "posix" and not os.fstat(self._stream.fd).st_nlink:
             self._try(self._rescue)
+
+    def _count(self) -> None:
+        if self._well:
+            self.ring.saved = self._put
 
     def _rescue(self) -> None:
         """The file was removed under us: what it held is still here, so it is put back and goes on."""
@@ -122,6 +128,7 @@ class Task:
         if lost > self._lost:
             self._try(self._writer.put, self._gap, self._last_ns, _encode(Gap(lost - self._lost, "the ring was full")))
         self._try(self._writer.flush)
+        self._count()
         self._try(self._writer.finish)
         self._try(self._stream.flush)
 

@@ -5,7 +5,8 @@
     16   u64  messages that found no room
     24   u64  1: nothing more will come
     32   u64  length of what the taker has to say
-    40   its text
+    40   u64  messages that the taker has brought to where they should go
+    48   its text
     PAGE data: u32 length, u16 topic, u16 unused, u64 time, payload; padded to 8 bytes; never across the end
 
 A length of SKIP says: go on at the start. Both counters only grow, and each has one writer; a message's bytes are there
@@ -22,7 +23,7 @@ PAGE = 4096
 SKIP = 0xFFFF_FFFF
 _U64 = Struct("<Q")
 _HEAD = Struct("<IHHQ")
-_PUT, _TAKEN, _LOST, _CLOSED, _SAID, _TEXT = 0, 8, 16, 24, 32, 40
+_PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED, _TEXT = 0, 8, 16, 24, 32, 40, 48
 
 
 class Ring:
@@ -82,6 +83,15 @@ class Ring:
     def lost_there(self) -> int:
         """The taker's view of `lost`."""
         return self._read(_LOST)
+
+    @property
+    def saved(self) -> int:
+        """Messages that the taker has brought to where they should go; the taker sets it."""
+        return self._read(_SAVED)
+
+    @saved.setter
+    def saved(self, messages: int) -> None:
+        _U64.pack_into(self._map, _SAVED, messages)
 
     def finish(self) -> None:
         """Say that nothing more will come."""

@@ -1,0 +1,344 @@
+"""The commands that read what runs left: `cogrip runs`, `report`, `export`."""
+
+import csv
+import fcntl
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.cli.main import main
+from cogrip.cli.runs import _size
+from cogrip.protocol.io.recorder import is_being_written
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.records import open_run
+from cogrip.sim.run_list import ListedRun, list_runs
+
+SETTINGS: dict[str, Any] = {
+    "name": "short",
+    "seconds": 1.0,
+    "link": {"delay_ms": 10, "loss": 0.1},
+    "playout": {"frames": 2},
+    "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}],
+}
+IDEAL = [{"name": "anna", "device": "sim:ideal"}, {"name": "ben", "hand": "hold", "device": "sim:ideal"}]
+OTHERS: dict[str, dict[str, Any]] = {
+    "20260101-120000-first": {},
+    "20260101-120001-soft": {"coupling": {"stiffness_npm": 200.0}},
+    "20251231-235959-spring": {"coupling": {"kind": "coupling", "stiffness_npm": 2000.0}},
+    "20260101-090000-apart": {
+        "coupling": {"stiffness_npm": 1e5, "server_step": "paper"}, "link": {"delay_ms": 31.25}, "playout": {},
+        "users": IDEAL,
+    },
+    "20260101-100000-three": {"object": {"axes": 3}},
+}  # fmt: skip
+FIRST, SOFT, SPRING, APART, THREE = OTHERS
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five runs, none to be changed."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, more in OTHERS.items():
+        (folder / name).mkdir()
+        run_laboratory(resolve({**SETTINGS, **more}), folder / name)
+    return folder
+
+
+@pytest.fixture
+def runs(base: Path, tmp_path: Path) -> Path:
+    """A copy to spoil."""
+    return Path(shutil.copytree(base, tmp_path / "runs"))
+
+
+def not_running(path: Path) -> bool:
+    return False
+
+
+def listed(base: Path) -> dict[str, ListedRun]:
+    return {run.name: run for run in list_runs(base, not_running)}
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> str:
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return captured.out + captured.err
+
+
+def test_runs_are_listed_newest_first_with_a_line_of_verdict_each(base, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
+    assert main(["runs", str(base)]) == 0
+    heading, *lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [SOFT, FIRST, THREE, APART, SPRING]
+    assert heading.split() == ["run", "when", "seconds", "people", "size", "verdict"]
+    assert "2026-01-01 12:00     1.0 anna, ben" in lines[1]
+    assert lines[1].rstrip().endswith("✓ passive, least margin 0 J")
+    assert "✗ diverged; passive" in lines[3]
+    assert "✗ not passive: whole line of" in lines[4]
+
+
+def test_runs_as_json(base, capsys):
+    assert main(["runs", str(base), "--json", "-"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    rows = {row["run"]: row for row in answer["runs"]}
+    assert list(rows) == [SOFT, FIRST, THREE, APART, SPRING]
+    row = rows[FIRST]
+    assert (row["seconds"], row["people"], row["tone"]) == (1.0, ["anna", "ben"], "good")
+    assert row["when"].startswith("2026-01-01T12:00:00")
+    assert row["size_bytes"] == sum(path.stat().st_size for path in (base / FIRST).iterdir())
+    assert Path(row["folder"]) == base / FIRST
+    assert {name: rows[name]["tone"] for name in (APART, SPRING)} == {APART: "bad", SPRING: "bad"}
+
+
+def test_a_run_named_by_itself_is_listed(base, capsys):
+    assert main(["runs", str(base / FIRST), "--json", "-"]) == 0
+    assert [row["run"] for row in json.loads(capsys.readouterr().out)["runs"]] == [FIRST]
+
+
+def test_what_has_no_time_in_its_name_goes_by_its_files_time(runs):
+    (runs / FIRST).rename(runs / "renamed")
+    os.utime(runs / "renamed", (1.7e9, 1.7e9))  # in November 2023
+    (runs / SOFT).rename(runs / "20269999-120000-no-such-day")
+    os.utime(runs / "20269999-120000-no-such-day", (1.9e9, 1.9e9))
+    names = list(listed(runs))
+    assert names[0] == "20269999-120000-no-such-day"
+    assert names[-1] == "renamed"
+
+
+def test_folders_that_are_no_runs_are_left_out(runs):
+    for name in (".hidden", "empty", "settings of another program"):
+        (runs / name).mkdir()
+    (runs / "settings of another program" / "settings.json").write_text("{}")
+    shutil.copy(runs / FIRST / "summary.json", runs / ".hidden")
+    (runs / "a file").write_text("")
+    assert set(listed(runs)) == set(OTHERS)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "tone", "words"),
+    [
+        (lambda run: (run / "summary.json").unlink(), "bad", "cut short: no summary.json"),
+        (lambda run: (run / "summary.json").write_text("{"), "bad", "summary.json is not readable"),
+        (lambda run: (run / "summary.json").write_text("[]"), "bad", "summary.json holds no table"),
+        (lambda run: (run / "summary.json").write_text("{}"), "bad", "summary.json holds no table"),
+        (lambda run: (run / "settings.json").write_text("\xff"), "bad", "settings.json is not readable"),
+        (lambda run: (run / "client-ben.mcap").write_text("x"), "bad", "client-ben.mcap is not a recording"),
+        (lambda run: (run / "client-ben.mcap").write_bytes(b""), "bad", "client-ben.mcap is not a recording"),
+        (lambda run: os.truncate(run / "client-ben.mcap", 40_000), "warn", "client-ben.mcap was not closed"),
+        (lambda run: (run / "client-ben.mcap").unlink(), "good", "not recorded here: ben"),
+        (lambda run: (run / "server.mcap").unlink(), "good", "not recorded here: the server"),
+        (lambda run: [path.unlink() for path in run.glob("*.mcap")], "warn", "no recording is here"),
+    ],
+)
+def test_what_is_wrong_with_a_run_is_said(runs, spoil, tone, words):
+    spoil(runs / FIRST)
+    run = listed(runs)[FIRST]
+    assert words in run.verdict
+    assert run.tone == tone
+    assert run.people == ("anna", "ben")
+    assert "name a run folder" not in run.verdict
+
+
+def test_without_summary_and_settings_people_are_those_of_the_recordings(runs):
+    for name in ("summary.json", "settings.json"):
+        (runs / FIRST / name).unlink()
+    assert listed(runs)[FIRST].people == ("anna", "ben")
+    (runs / FIRST / "server.mcap").unlink()
+    assert listed(runs)[FIRST].people == ("anna", "ben")
+
+
+def test_a_run_that_is_being_written_still_runs(runs):
+    """A writer holds a lock on its file while it lives."""
+    (runs / FIRST / "summary.json").unlink()
+    path = runs / FIRST / "client-anna.mcap"
+    os.truncate(path, 40_000)
+    with path.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        run = {run.name: run for run in list_runs(runs, is_being_written)}[FIRST]
+        assert (run.tone, run.verdict) == ("warn", "it still runs")
+    run = {run.name: run for run in list_runs(runs, is_being_written)}[FIRST]
+    assert run.verdict == "cut short: no summary.json; client-anna.mcap was not closed"
+
+
+def test_what_was_not_recorded_is_counted(runs):
+    path = runs / FIRST / "summary.json"
+    summary = json.loads(path.read_text())
+    summary["server"]["dropped"] = {"not recorded": 12, "recording stopped": 1}
+    path.write_text(json.dumps(summary))
+    assert listed(runs)[FIRST].verdict.startswith("12 messages not recorded; recording stopped; passive")
+
+
+def test_rooms_of_one_server_are_runs_of_their_own(runs):
+    """Their recording stands beside them; it counts for both."""
+    folder = runs / "20260102-080000-rooms"
+    for room in ("one", "two"):
+        (folder / room).mkdir(parents=True)
+        shutil.copy(runs / FIRST / "settings.json", folder / room)
+    shutil.copy(runs / FIRST / "summary.json", folder / "one")
+    shutil.move(runs / FIRST / "server.mcap", folder)
+    found = listed(runs)
+    assert list(found)[:2] == ["20260102-080000-rooms/two", "20260102-080000-rooms/one"]
+    one, two = found["20260102-080000-rooms/one"], found["20260102-080000-rooms/two"]
+    assert one.verdict == "passive, least margin 0 J; not recorded here: anna, ben"
+    assert two.verdict.startswith("cut short: no summary.json")
+    shared = (folder / "server.mcap").stat().st_size
+    assert one.size_bytes == shared + sum(path.stat().st_size for path in (folder / "one").iterdir())
+
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=4),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=8,
+)
+users = st.lists(anything | st.fixed_dictionaries({}, optional=dict.fromkeys(
+    ("name", "state", "reason", "energy", "ticks"), anything
+)), max_size=3)  # fmt: skip
+strange = st.fixed_dictionaries({}, optional={
+    "seconds": anything, "passive": anything, "diverged": anything, "users": users | anything, "server": anything,
+})  # fmt: skip
+
+
+@given(summary=strange)
+def test_no_summary_is_too_strange_to_be_listed(tmp_path_factory, summary):
+    folder = tmp_path_factory.mktemp("strange")
+    (folder / "run").mkdir()
+    (folder / "run" / "summary.json").write_text(json.dumps(summary))
+    (run,) = list_runs(folder, not_running)
+    assert run.verdict
+    assert run.tone in ("warn", "bad")
+
+
+@pytest.mark.parametrize(
+    ("size_bytes", "text"),
+    [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (2_180_000, "2.18 MB"), (999_999, "1 MB"), (3.1e9, "3.1 GB")],
+)
+def test_sizes_have_the_unit_that_fits(size_bytes, text):
+    assert _size(size_bytes) == text
+
+
+def test_no_runs_is_no_error(tmp_path, capsys):
+    assert main(["runs", str(tmp_path)]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "no runs in" in captured.err
+
+
+def test_the_report_of_one_run_is_written_anew(runs, capsys):
+    report = runs / FIRST / "report.html"
+    report.write_text("old")
+    assert main(["report", str(runs / FIRST)]) == 0
+    assert f"report: {report}" in said(capsys)
+    assert "Passive" in report.read_text(encoding="utf-8")
+    assert (runs / FIRST / "plots" / "positions.png").exists()
+
+
+def test_several_runs_are_compared_on_one_page(runs, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+    for _ in range(2):  # a comparison of ours is replaced
+        assert main(["report", str(runs / FIRST), str(runs / SOFT), str(runs / SPRING)]) == 0
+    words = said(capsys)
+    assert "report: comparison.html" in words
+    assert "peak force [N]" in words
+    page = (tmp_path / "comparison.html").read_text(encoding="utf-8")
+    assert "3 runs compared" in page
+    assert all(name in page for name in (FIRST, SOFT, SPRING))
+    assert not (runs / FIRST / "report.html").exists()
+
+
+def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path, capsys):
+    folder = runs / FIRST
+    assert main(["export", str(folder), "--to", "csv"]) == 0
+    assert f"{folder / 'client-anna.tick.csv'}: 1024 rows" in said(capsys)
+    with (folder / "client-anna.tick.csv").open(newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head[:2] == ["time_s", "tick"]
+    recorded = open_run(folder).clients["anna"].columns("tick", "position_m")
+    assert [float(row[head.index("position_m.0")]) for row in rows] == recorded["position_m"][:, 0].tolist()
+    assert [float(row[0]) for row in rows] == recorded["time_s"].tolist()
+    assert main(["export", str(folder / "client-ben.mcap"), "--to", "csv", "--out", str(tmp_path / "a" / "b")]) == 0
+    there = {path.name for path in (tmp_path / "a" / "b").iterdir()}
+    assert "client-ben.tick.csv" in there
+    assert all(name.startswith("client-ben.") and "datagram" not in name for name in there)
+
+
+def test_export_of_datagrams_is_asked_for(runs, capsys):
+    assert main(["export", str(runs / FIRST), "--to", "csv", "--datagrams"]) == 0
+    assert (runs / FIRST / "server.datagram_in.csv").exists()
+
+
+def test_export_saves_what_was_cut_short_and_says_so(runs, capsys):
+    """The old recording stays; the tables are called as ever."""
+    cut = runs / FIRST / "client-ben.mcap"
+    os.truncate(cut, 40_000)
+    assert main(["export", str(runs / FIRST), "--to", "csv"]) == 0
+    words = said(capsys)
+    assert "client-ben.mcap was not closed" in words
+    with (runs / FIRST / "client-ben.tick.csv").open() as file:
+        rows = sum(1 for _ in file) - 1
+    assert 0 < rows < 1024
+    assert cut.stat().st_size == 40_000
+
+
+def test_export_names_what_a_damaged_chunk_cost(runs, capsys):
+    path = runs / FIRST / "client-ben.mcap"
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 20] = bytes(20)
+    path.write_bytes(content)
+    assert main(["export", str(runs / FIRST), "--to", "csv"]) == 0
+    words = said(capsys)
+    assert "warning: client-ben.mcap: damaged chunk" in words
+    with (runs / FIRST / "client-ben.tick.csv").open(newline="") as file:
+        ticks = [int(row["tick"]) for row in csv.DictReader(file)]
+    assert ticks[0] == 0
+    assert ticks[-1] == 1023
+    assert 0 < 1024 - len(ticks) < 400
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["runs", "nowhere"], "nowhere: there is no such folder"),
+        (["runs"], "runs: there is no such folder"),
+        (["report"], "name at least one run folder"),
+        (["report", "nowhere"], "nowhere: there is no such run folder"),
+        (["report", "RUNS"], "holds no summary.json, no settings.json and no recording"),
+        (["report", f"RUNS/{FIRST}/server.mcap"], "is a file; name the run folder"),
+        (["report", f"RUNS/{FIRST}", f"RUNS/{FIRST}/../{FIRST}"], "is named twice"),
+        (["report", f"RUNS/{FIRST}", "--out", "x.html"], "is for several runs"),
+        (["report", f"RUNS/{FIRST}", f"RUNS/{SOFT}", "--out", "no/x.html"], "there is no folder"),
+        (["report", f"RUNS/{FIRST}", f"RUNS/{SOFT}", "--out", "/proc/x.html"], "/proc/x.html"),
+        (["report", f"RUNS/{FIRST}", f"RUNS/{THREE}"], "its object.axes is 3, not 1"),
+        (["report", f"RUNS/{FIRST}", f"RUNS/{SOFT}", "--out", f"RUNS/{FIRST}/summary.json"], "no comparison of ours"),
+        (["export", "nowhere", "--to", "csv"], "nowhere: there is no such run"),
+        (["export", "RUNS", "--to", "csv"], "no recording"),
+        (["export", f"RUNS/{FIRST}"], "--to"),
+        (["export", f"RUNS/{FIRST}", "--to", "xlsx"], "xlsx"),
+        (["export", f"RUNS/{FIRST}/summary.json", "--to", "csv"], "is not a recording"),
+        (["export", f"RUNS/{FIRST}", "--to", "csv", "--out", f"RUNS/{FIRST}/summary.json"], "summary.json"),
+        (["export", f"RUNS/{FIRST}", "--to", "csv", "--out", "/proc/x"], "/proc/x"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_left(arguments, words, base, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+    before = {path: path.stat().st_mtime_ns for path in base.rglob("*")}
+    assert main([argument.replace("RUNS", str(base)) for argument in arguments]) == 2
+    assert words in said(capsys)
+    assert list(tmp_path.iterdir()) == []
+    assert {path: path.stat().st_mtime_ns for path in base.rglob("*")} == before
+
+
+def test_export_overwrites_nothing(runs, capsys):
+    table = runs / FIRST / "server.step.csv"
+    table.write_text("mine")
+    assert main(["export", str(runs / FIRST), "--to", "csv"]) == 2
+    assert f"{table} exists, and nothing is overwritten" in said(capsys)
+    assert [path.name for path in (runs / FIRST).glob("*.csv")] == [table.name]

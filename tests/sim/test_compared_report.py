@@ -1,0 +1,383 @@
+"""Runs compared: the numbers and their differences, what cannot be compared, and a page that is whole and safe."""
+
+import json
+import re
+import shutil
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.settings import resolve
+from cogrip.sim.compared_report import compare, is_comparison, write_comparison
+from cogrip.sim.comparison import (
+    MOST_RUNS,
+    NOT_SET,
+    ComparisonError,
+    Difference,
+    check_comparable,
+    differences,
+    labels_of,
+    settings_differences,
+)
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.plots import compared as plots
+from cogrip.sim.report import write_report
+from cogrip.sim.traces import Run, load_run
+
+SCRIPT = "<script>alert(1)</script>"
+SETTINGS: dict[str, Any] = {
+    "name": "short",
+    "seconds": 1.0,
+    "link": {"delay_ms": 10, "jitter_ms": 5, "loss": 0.1},
+    "playout": {"frames": 2, "tank_mj": 0.5},
+    "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}],
+}
+OTHERS: dict[str, dict[str, Any]] = {
+    "first": {},
+    "again": {},
+    "soft": {"coupling": {"stiffness_npm": 200.0}},
+    "spring": {"coupling": {"kind": "coupling", "stiffness_npm": 2000.0}},
+    "axes": {"object": {"axes": 3}},
+    "wall": {"object": {"kind": "wall"}, "users": [{"name": "anna", "hand": "push"}]},
+    "strangers": {"users": [{"name": "carl"}, {"name": "dora"}]},
+    "anna alone": {"users": [{"name": "anna", "hand": "reach"}]},
+    "ben and carl": {"users": [{"name": "ben", "hand": "reach"}, {"name": "carl"}]},
+}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One run, the same again, and others."""
+    base = tmp_path_factory.mktemp("runs")
+    made = {}
+    for name, more in OTHERS.items():
+        made[name] = base / name
+        made[name].mkdir()
+        run_laboratory(resolve({**SETTINGS, **more}), made[name])
+    return made
+
+
+@pytest.fixture(scope="module")
+def runs(folders: dict[str, Path]) -> dict[str, Run]:
+    return {name: load_run(folder) for name, folder in folders.items()}
+
+
+def row_of(rows: list[Difference], who: str, key: str) -> Difference:
+    return next(row for row in rows if (row.who, row.quantity.key) == (who, key))
+
+
+def text_of(page: str) -> str:
+    """The page's words, without its pictures and marks."""
+    bare = re.sub(r"<style>.*?</style>|<[^>]*>", " ", page, flags=re.DOTALL)
+    return unescape(re.sub(r"\s+", " ", bare))
+
+
+class Page(HTMLParser):
+    """Every tag with its attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+
+def test_numbers_are_those_of_the_summaries_and_differences_their_differences(runs: dict[str, Run]) -> None:
+    summaries = [runs["first"].summary, runs["soft"].summary]
+    rows = differences(summaries)
+    peak = row_of(rows, "anna", "peak_force_n")
+    stiff, soft = (summary["users"][0]["peak_force_n"] for summary in summaries)
+    assert peak.values == (stiff, soft)
+    assert peak.change(1) == soft - stiff < 0.0
+    assert peak.shown()[0] == f"{stiff:.2f}"
+    assert re.fullmatch(r"−[\d.]+ \(−[\d.]+ %\)", peak.shown_change(1))
+    travel = row_of(rows, "", "object.travel_m")
+    assert travel.values[0] == summaries[0]["object"]["travel_m"]
+    assert travel.shown()[0] == f"{1e3 * summaries[0]['object']['travel_m']:.1f}"
+    assert {row.who for row in rows} == {"", "anna", "ben"}
+
+
+def test_the_same_run_again_differs_in_nothing(runs: dict[str, Run]) -> None:
+    rows = differences([runs["first"].summary, runs["again"].summary])
+    assert {row.shown_change(1) for row in rows if row.values[0] is not None} == {"="}
+    assert settings_differences([runs["first"].settings, runs["again"].settings]) == []
+
+
+def test_energies_take_their_unit_and_rounding_is_no_difference() -> None:
+    def summary(margin_j: float | None) -> dict[str, Any]:
+        return {"users": [{"name": "anna", "energy": {"line_margin_j": margin_j}}]}
+
+    rows = differences([summary(-1e-14), summary(2e-14), summary(-0.0125), summary(None)])
+    row = row_of(rows, "anna", "energy.line_margin_j")
+    assert row.shown() == ["0 J", "0 J", "−12.5 mJ", "not known"]
+    assert [row.shown_change(number) for number in (1, 2, 3)] == ["=", "−12.5 mJ", ""]
+
+
+values = st.none() | st.floats() | st.booleans() | st.text(max_size=3) | st.lists(st.integers(), max_size=2)
+users = st.fixed_dictionaries(
+    {"name": st.sampled_from(["anna", "ben"])},
+    optional={"peak_force_n": values, "travel_m": values, "energy": values | st.dictionaries(st.text(), values),
+              "link": st.fixed_dictionaries({}, optional={"lost": values, "rtt_ms": values})},
+)  # fmt: skip
+strange = st.fixed_dictionaries({}, optional={"seconds": values, "object": values, "users": values | st.lists(users)})
+
+
+@given(summaries=st.lists(strange, min_size=2, max_size=4))
+def test_no_summary_is_too_strange(summaries: list[dict[str, Any]]) -> None:
+    for row in differences(summaries):
+        assert len(row.values) == len(row.shown()) == len(summaries)
+        for number in range(1, len(summaries)):
+            known = row.values[0] is not None and row.values[number] is not None
+            assert (row.change(number) is not None) == known == bool(row.shown_change(number))
+
+
+@given(first=st.floats(1e-3, 1e3), change=st.floats(-1e3, 1e3))
+def test_a_difference_has_the_sign_of_the_change(first: float, change: float) -> None:
+    row = Difference("anna", differences([{"users": [{"name": "anna"}]}] * 2)[2].quantity, (first, first + change))
+    shown = row.shown_change(1)
+    moved = (first + change) - first
+    assert shown[0] == ("=" if not moved else "+" if moved > 0.0 else "−")
+
+
+def test_settings_that_differ_are_named_as_set_names_them(runs: dict[str, Run]) -> None:
+    rows = settings_differences([runs["first"].settings, runs["soft"].settings])
+    assert [(row.key, row.values) for row in rows] == [("coupling.stiffness_npm", (1000.0, 200.0))]
+
+
+KEYS: dict[str, Any] = {
+    "seed": 7,
+    "coupling.impedance_nspm": 55.0,
+    "coupling.encoder": "velocity",
+    "object.mass_kg": 3.5,
+    "link.loss": 0.25,
+    "link.up.delay_ms": 33.0,
+    "playout.frames": 5,
+    "users.1.stiffness_npm": 77.0,
+    "users.0.hand": "hold",
+}
+
+
+@given(changes=st.sets(st.sampled_from(sorted(KEYS)), max_size=4))
+def test_exactly_what_was_changed_differs(changes: set[str]) -> None:
+    before = msgspec.to_builtins(resolve(SETTINGS))
+    after = msgspec.to_builtins(resolve(SETTINGS, {key: KEYS[key] for key in changes}))
+    rows = {row.key: row.values for row in settings_differences([before, after])}
+    assert set(rows) == changes
+    assert all(rows[key][1] == KEYS[key] for key in changes)
+
+
+def test_a_person_more_is_a_difference(runs: dict[str, Run]) -> None:
+    rows = {row.key: row.values for row in settings_differences([runs["anna alone"].settings, runs["first"].settings])}
+    assert rows["users.1.name"] == (NOT_SET, "ben")
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (["first", "axes"], "its object.axes is 3, not 1"),
+        (["first", "soft", "axes"], "axes cannot be compared with first"),
+        (["first", "wall"], "its object.kind is 'wall', not 'cube'"),
+        (["first", "strangers"], "nobody held on in both; its people are carl, dora, not anna, ben"),
+        (["first", "anna alone", "ben and carl"], "nobody held on in all of them"),
+        (["first"], "1 runs cannot be compared"),
+        (["first"] * (MOST_RUNS + 1), f"name 2 to {MOST_RUNS}"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(runs: dict[str, Run], names: list[str], said: str) -> None:
+    with pytest.raises(ComparisonError, match=re.escape(said)):
+        compare([runs[name] for name in names], names)
+
+
+@pytest.mark.parametrize(
+    ("names", "common"),
+    [
+        (["first", "soft"], ["anna", "ben"]),
+        (["first", "anna alone"], ["anna"]),
+        (["first", "ben and carl"], ["ben"]),
+        (["first", "spring"], ["anna", "ben"]),
+        (["first"] * MOST_RUNS, ["anna", "ben"]),
+    ],
+)
+def test_what_can_be_compared_is(runs: dict[str, Run], names: list[str], common: list[str]) -> None:
+    assert check_comparable([runs[name] for name in names], names) == common
+
+
+def test_what_is_not_known_is_no_reason_to_refuse(
+    folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path
+) -> None:
+    """Without settings the recordings tell the axes; what was held they do not."""
+    spoilt = {}
+    for name in ("axes", "first"):
+        spoilt[name] = Path(shutil.copytree(folders[name], tmp_path / name))
+        (spoilt[name] / "settings.json").unlink()
+    assert check_comparable([runs["first"], load_run(spoilt["first"])], ["a", "b"]) == ["anna", "ben"]
+    with pytest.raises(ComparisonError, match="axes is 3, not 1"):
+        check_comparable([runs["first"], load_run(spoilt["axes"])], ["a", "b"])
+
+
+def test_the_page_has_everything_and_fetches_nothing(runs: dict[str, Run]) -> None:
+    names = ["first", "soft", "spring"]
+    page = compare([runs[name] for name in names], names)
+    words = text_of(page)
+    assert not re.search(r"https?:|url\(|@import", page)
+    tags = Page(page).tags
+    assert not {tag for tag, _ in tags} & {"script", "link", "iframe", "object", "embed", "base"}
+    sources = [str(attributes["src"]) for tag, attributes in tags if tag == "img"]
+    assert len(sources) == 3  # positions, forces, energy
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert "Differences are against the first, first." in words
+    assert words.count("Nothing diverged") == 3
+    assert "coupling.stiffness_npm 1000.0 200.0 2000.0" in words
+    assert words.count("peak force [N]") == 2
+    assert len(set(re.findall(r'style="color:(#\w+)"', page))) == 3
+
+
+def test_the_same_runs_give_the_same_page(runs: dict[str, Run]) -> None:
+    pages = [compare([runs["first"], runs["soft"]], ["a", "b"]) for _ in range(2)]
+    assert pages[0] == pages[1]
+
+
+def test_people_who_are_not_everywhere_are_left_out_and_named(runs: dict[str, Run]) -> None:
+    page = compare([runs["first"], runs["ben and carl"]], ["a", "b"])
+    assert "Not in all runs, so left out: anna, carl." in text_of(page)
+    assert re.findall(r"<tr class=group><th>(.*?)</th>", page) == ["object and run", "ben"]
+
+
+@pytest.mark.parametrize(
+    ("missing", "said"),
+    [
+        ({"summary.json"}, "There is no summary of this run"),
+        ({"settings.json"}, "The settings of b are not known."),
+        ({"client-anna.mcap"}, "client-anna.mcap is not here"),
+        ({"server.mcap"}, "server.mcap is not here"),
+        ({"server.mcap", "client-anna.mcap", "client-ben.mcap"}, "no recording"),
+    ],
+)
+def test_what_is_missing_of_one_run_is_said(
+    folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path, missing: set[str], said: str
+) -> None:
+    spoilt = Path(shutil.copytree(folders["soft"], tmp_path / "spoilt"))
+    for name in missing:
+        (spoilt / name).unlink()
+    page = compare([runs["first"], load_run(spoilt)], ["a", "b"])
+    assert said in text_of(page)
+    assert page.count("data:image/png") == 3
+
+
+def test_without_any_recording_there_are_words_in_place_of_plots(folders: dict[str, Path], tmp_path: Path) -> None:
+    spoilt = []
+    for name in ("first", "soft"):
+        spoilt.append(Path(shutil.copytree(folders[name], tmp_path / name)))
+        for file in spoilt[-1].glob("*.mcap"):
+            file.unlink()
+    page = compare([load_run(folder) for folder in spoilt], ["a", "b"])
+    assert page.count("Not drawn: ") == 3
+    assert "peak force" in page
+
+
+def test_every_text_from_outside_is_escaped(folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path) -> None:
+    spoilt = Path(shutil.copytree(folders["first"], tmp_path / "spoilt"))
+    summary = json.loads((spoilt / "summary.json").read_text())
+    settings = json.loads((spoilt / "settings.json").read_text())
+    summary["name"] = settings["name"] = SCRIPT
+    settings[SCRIPT] = {SCRIPT: SCRIPT}
+    for table in (summary, settings):
+        table["users"].append({"name": f"{SCRIPT}$x^$", "state": "fault", "reason": SCRIPT})
+    (spoilt / "summary.json").write_text(json.dumps(summary))
+    (spoilt / "settings.json").write_text(json.dumps(settings))
+    run = load_run(spoilt)
+    for others in (runs["first"], run):
+        page = compare([run, others], [SCRIPT, f"{SCRIPT}$x^$"])
+        assert "script" not in {tag for tag, _ in Page(page).tags}
+        assert "<script" not in page
+        assert page.count("&lt;script&gt;") > 5
+
+
+def test_labels_are_short_where_that_tells_runs_apart(tmp_path: Path) -> None:
+    assert labels_of([tmp_path / "a" / "x", tmp_path / "a" / "y"]) == ["x", "y"]
+    same = [tmp_path / "a" / "x", tmp_path / "b" / "x"]
+    assert labels_of(same) == [str(folder) for folder in same]
+
+
+def test_a_comparison_is_replaced_and_nothing_else_is(folders: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "comparison.html"
+    pair = [folders["first"], folders["soft"]]
+    page, rows = write_comparison(out, pair)
+    assert page == out
+    assert row_of(rows, "anna", "peak_force_n").change(1)
+    assert is_comparison(out)
+    assert "2 runs compared" in out.read_text(encoding="utf-8")
+    write_comparison(out, [*pair, folders["again"]], ["x", "y", "z"])
+    assert "3 runs compared" in out.read_text(encoding="utf-8")
+    run = Path(shutil.copytree(folders["first"], tmp_path / "run"))
+    mine = tmp_path / "notes.html"
+    mine.write_text("<html>what I thought of it</html>")
+    for other in (write_report(run), mine, tmp_path):
+        before = other.read_bytes() if other.is_file() else None
+        with pytest.raises(FileExistsError, match="is no comparison of ours"):
+            write_comparison(other, pair)
+        assert before == (other.read_bytes() if other.is_file() else None)
+
+
+def test_refused_runs_leave_the_page_that_was_there(folders: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "comparison.html"
+    write_comparison(out, [folders["first"], folders["soft"]])
+    before = out.read_bytes()
+    with pytest.raises(ComparisonError):
+        write_comparison(out, [folders["first"], folders["axes"]])
+    assert out.read_bytes() == before
+
+
+def test_a_long_run_is_drawn_in_detail_too(tmp_path: Path) -> None:
+    """At a low rate: half a minute is what is asked for, not many ticks."""
+    made = []
+    for name, seconds in (("long", 31.0), ("longer", 33.0), ("short", 29.0)):
+        made.append(tmp_path / name)
+        made[-1].mkdir()
+        slow = {"rates": {"device_hz": 256, "network_hz": 32}, "coupling": {"stiffness_npm": 50.0}, "seconds": seconds}
+        assert not run_laboratory(resolve({**SETTINGS, **slow}), made[-1]).diverged
+    loaded = [load_run(folder) for folder in made]
+    headings = [
+        [plot.heading for plot in plots.compared_plots(pair, ["a", "b"], ["anna", "ben"])]
+        for pair in (loaded[:2], loaded[1:])
+    ]
+    assert headings[0] == ["Positions", "Positions, in detail", "Forces", "Forces, in detail", "Energy"]
+    assert headings[1] == ["Positions", "Forces", "Energy"]
+    detail = list(plots.compared_plots(loaded[:2], ["a", "b"], ["anna"]))[1].draw()
+    start, end = detail.axes[0].get_xlim()
+    assert (start + end) / 2 == pytest.approx(15.5, abs=0.1)
+    assert end - start == pytest.approx(5.0)
+
+
+def test_curves_are_those_of_the_recordings(runs: dict[str, Run]) -> None:
+    """A colour a run; a row a person, then the object."""
+    pair = [runs["first"], runs["soft"]]
+    positions, forces, _ = (plot.draw() for plot in plots.compared_plots(pair, ["a", "b"], ["anna", "ben"]))
+    assert [len(panel.lines) for panel in positions.axes] == [2, 2, 2]
+    for panel, name in zip(forces.axes, ("anna", "ben"), strict=True):
+        assert panel.get_ylabel() == f"{name} [N]"
+        for line, run in zip(panel.lines, pair, strict=True):
+            values = run.clients[name].columns["force_n.0"]
+            assert line.get_ydata()[-1] == values[-1]
+            assert np.max(np.abs(line.get_ydata())) == np.max(np.abs(values))
+    assert len({line.get_color() for line in forces.axes[0].lines}) == 2
+
+
+@pytest.mark.parametrize("name", ["first", "spring"])
+def test_the_least_margin_ends_where_the_summary_says(runs: dict[str, Run], name: str) -> None:
+    run = runs[name]
+    for number, who in enumerate(("anna", "ben")):
+        curve = plots.least_margin(run, who)
+        assert curve is not None
+        told = [value for key, value in run.summary["users"][number]["energy"].items() if key.endswith("margin_j")]
+        assert curve.values[-1] == min(value for value in told if value is not None)
+        assert np.all(np.diff(curve.values[np.isfinite(curve.values)]) <= 0.0)
