@@ -153,11 +153,11 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
     if changes and not records.virtual:  # what living in virtual time changes by itself stands beside it
         worlds = {"unchanged, in the laboratory": ({}, "unchanged"), **worlds}
     try:
-        settings = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
+        made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     except (RecordingError, SettingsError) as error:
         raise BadInput(str(error)) from None
-    for each in settings.values():
-        try_hands(each)
+    for world in made.values():
+        try_hands(world.settings)
     from cogrip.sim.compared_report import write_comparison
     from cogrip.sim.lab_run import run_laboratory
     from cogrip.sim.report import write_report
@@ -166,9 +166,9 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
     folders = {name: folder / place for name, (_, place) in worlds.items()}
     diverged, stop = {}, Stop()
     with on_signals(stop), console.status("running the other world"):
-        for name, each in settings.items():
+        for name, world in made.items():
             folders[name].mkdir(exist_ok=True)
-            diverged[name] = run_laboratory(each, folders[name], None, stop).diverged
+            diverged[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins).diverged
     with console.status("writing the reports"):
         write_report(folder)
         labels = ["as recorded", *worlds]

@@ -1,6 +1,6 @@
 """A laboratory session with its recordings in a run folder."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,16 +32,17 @@ def run_laboratory(
     folder: Path | None = None,
     progress: Callable[[float, float], None] | None = None,
     stop: Stop | None = None,
+    begins: Sequence[int] = (),
 ) -> Outcome:
     """Run to the end. With a folder, settings, recordings and summary are left there.
 
     progress: called with (seconds done, seconds in all) now and then. Once `stop` is set the run ends; what was run is
-    kept.
+    kept. begins: see Laboratory.
     Raises DeviceError for a device or hand that cannot be had.
     """
     with ExitStack() as files:
         record = _recording(settings, folder, files) if folder else unrecorded
-        laboratory = Laboratory(settings, record)
+        laboratory = Laboratory(settings, record, begins)
         every = max(1, laboratory.frames // 200)
 
         def each_frame(lab: Laboratory) -> None:

@@ -5,7 +5,7 @@ delivered, the server steps, its answers that have arrived by now are delivered,
 exactly d frames therefore means d frames.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import count
 
 from cogrip.client.recorded import RecordedClient
@@ -33,8 +33,9 @@ def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:
 class Person:
     """One user: device, core and the two directions of the link."""
 
-    def __init__(self, settings: Settings, number: int) -> None:
+    def __init__(self, settings: Settings, number: int, begins: int) -> None:
         user = settings.users[number]
+        self.begins = begins  # tick of the session that is this person's first
         self.name = user.name
         self.address = f"person {number}"
         self.device: Device = make_for(user, settings.object.axes)
@@ -48,11 +49,15 @@ class Person:
 
 
 class Laboratory:
-    """One session of `settings`. `run` to the end, or `frame` by frame."""
+    """One session of `settings`. `run` to the end, or `frame` by frame.
 
-    def __init__(self, settings: Settings, record: Record = unrecorded) -> None:
+    begins: each person's first tick, a whole number of frames; all begin together if it is empty.
+    """
+
+    def __init__(self, settings: Settings, record: Record = unrecorded, begins: Sequence[int] = ()) -> None:
         self.settings = settings
-        self.people = [Person(settings, number) for number in range(len(settings.users))]
+        begins = begins or (0,) * len(settings.users)
+        self.people = [Person(settings, number, begin) for number, begin in enumerate(begins)]
         sessions = count(1)
         self.server = RecordedServer([settings], VERSION, lambda: next(sessions))
         self.room = self.server.rooms[0]
@@ -123,7 +128,10 @@ class Laboratory:
             tick = self.tick
             now_ns = self.now_ns = due_ns(0, tick, self._device_hz)
             for person in people:
-                person.core.sense(tick, person.device.read(tick), now_ns)
+                if tick >= person.begins:
+                    person.core.sense(tick - person.begins, person.device.read(tick - person.begins), now_ns)
+                elif step == 0:
+                    person.core.keep_seat(now_ns)
             if step == 0:
                 self._from_clients()
                 self._to_server()
@@ -131,7 +139,8 @@ class Laboratory:
                 self._from_server()
             self._to_clients()
             for person in people:
-                person.device.write(person.core.act(now_ns))
+                if tick >= person.begins:
+                    person.device.write(person.core.act(now_ns))
             if each_tick is not None:
                 each_tick(self)
             self.tick += 1

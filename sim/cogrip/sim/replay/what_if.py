@@ -8,6 +8,7 @@ How the recorded people take part:
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,23 +24,36 @@ Hands = Literal["same", "impedance", "positions"]
 HELLO_LENGTH = 40  # of an address in a hello: a longer one is cut there
 
 
-def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") -> Settings:
-    """Settings of a laboratory session with the hands of `run`; `changes` as `--set` gives them.
+@dataclass(frozen=True, slots=True)
+class World:
+    """What a laboratory is to run: its settings, and the tick of the session with which each person begins."""
+
+    settings: Settings
+    begins: tuple[int, ...]
+
+
+def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") -> World:
+    """A laboratory session with the hands of `run`; `changes` as `--set` gives them. People begin when they began.
 
     hands: `same` takes simulated hands as they were and all others through an impedance.
     Raises RecordingError where the server's part or a person's is missing, SettingsError for changes that do not fit.
     """
     recorded = run.settings()
     if recorded is None:
-        raise RecordingError(f"{run.folder} holds no recording of the server, so its settings are not known; "
-                             "name the server's run folder, or join both with `cogrip merge`")  # fmt: skip
+        raise RecordingError(
+            f"{run.folder} holds no recording of the server, so its settings are not known; "
+            "name the server's run folder, or join both with `cogrip merge`"
+        )
     table = msgspec.to_builtins(recorded)
-    seconds = [_seconds(end) for end in run.clients.values()]
-    if seconds:
-        table["seconds"] = max(seconds)
     for user, row in zip(recorded.users, table["users"], strict=True):
         row.update(_hand(run, user, hands))
-    return resolve(table, changes)
+    spans = [_span(run.clients[user.name]) for user in recorded.users]
+    first_s = min(start_s for start_s, _ in spans)
+    table["seconds"] = max(end_s for _, end_s in spans) - first_s
+    settings = resolve(table, changes)
+    frame_ticks = settings.rates.device_hz // settings.rates.network_hz
+    begins = [round((start_s - first_s) * settings.rates.network_hz) * frame_ticks for start_s, _ in spans]
+    return World(settings, tuple(begins))
 
 
 def _hand(run: RunRecords, user: User, hands: Hands) -> dict[str, str]:
@@ -68,12 +82,15 @@ def _impedance(address: str) -> str:
     return "".join(f"&{item}" for item in items if item.startswith(("hand_stiffness_npm=", "hand_damping_nspm=")))
 
 
-def _seconds(end: End) -> float:
-    """How long a client ticked."""
-    last = -1
-    for _, ticks in end.chunks("tick"):
+def _span(end: End) -> tuple[float, float]:
+    """When a client's first tick began and its last one ended, on the run's clock."""
+    start_s, last = None, -1
+    for times, ticks in end.chunks("tick"):
+        start_s = times[0] if start_s is None else start_s
         last = ticks[-1].tick
-    return max(1, last + 1) / end.rate_hz
+    if start_s is None:
+        raise RecordingError(f"{end.path} holds no ticks; there is no hand to run again")
+    return start_s, start_s + (last + 1) / end.rate_hz
 
 
 def label(changes: Mapping[str, Any]) -> str:
