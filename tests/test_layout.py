@@ -75,8 +75,8 @@ def test_drivers_are_the_same_in_both_contracts() -> None:
     protected = next(contract for contract in contracts if contract["type"] == "protected")
     drivers = {line.split(" -> ")[0].removesuffix(".**") for line in excused["ignore_imports"]}
     assert drivers == set(protected["protected_modules"])
-    trace_files = {"cogrip.sim.lab_run", "cogrip.sim.traces"}
-    assert set(protected["allowed_importers"]) <= drivers | trace_files | {"cogrip.cli"}
+    knows_of_stop = {"cogrip.sim.lab_run"}
+    assert set(protected["allowed_importers"]) <= drivers | knows_of_stop | {"cogrip.cli"}
 
 
 def test_modules_are_short_enough_to_read() -> None:

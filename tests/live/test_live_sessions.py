@@ -6,10 +6,14 @@ import socket
 from pathlib import Path
 
 import msgpack
+import msgspec
 import pytest
 
-from cogrip.protocol.io.trace import TraceReader
 from cogrip.protocol.messages import HELLO_BYTES
+from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
+from cogrip.protocol.recording.records import Step
+from cogrip.server.recorded import step_topic
+from cogrip.sim.replay.verify import Verdict, verify
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
@@ -29,12 +33,18 @@ def leaving(folder: Path) -> tuple[str, ...]:
 
 
 def steps_in(runs: Path) -> int:
-    """How many steps the only run below `runs` has left in its trace so far."""
+    """How many steps of room demo the only run below `runs` has left in its recording so far."""
     try:
-        (path,) = runs.glob("*/room.trace")
-        return TraceReader(path).count
-    except ValueError:  # not there, or not whole yet
+        (path,) = runs.glob("*/server.mcap")
+        newest = Follower(path).look().get(step_topic("demo"))
+    except (ValueError, RecordingError):  # not there, or not whole yet
         return 0
+    return msgspec.json.decode(newest.payload, type=Step).step if newest else 0
+
+
+def replayed(runs: Path) -> dict[str, Verdict]:
+    """How every recording below `runs` plays again, by file name."""
+    return {path.name: verify(open_recording(path)) for path in runs.glob("**/*.mcap")}
 
 
 def accounted(link: dict) -> bool:
@@ -65,6 +75,12 @@ def test_two_people_hold_one_cube(run, serve, tmp_path):
         assert user["energy"]["down_margin_j"] >= -1e-12
     alone = summary_in(tmp_path / "anna")
     assert alone["users"][0]["proxy_m"] is not None, "the farewell carries the server's part"
+    verdicts = replayed(tmp_path)
+    assert set(verdicts) == {"server.mcap", "client-anna.mcap", "client-ben.mcap"}
+    for file, verdict in verdicts.items():
+        assert verdict.exact, (file, verdict.difference, verdict.hole)
+        assert not verdict.cut, file
+        assert verdict.ticks > 300, file
 
 
 def test_both_ends_warn_in_the_same_words_of_a_session_that_lies_outside(run, serve, tmp_path):
@@ -232,3 +248,7 @@ def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
     (folder,) = tmp_path.iterdir()
     assert (folder / "report.html").exists()
     assert 0 < summary_in(tmp_path)["seconds"] < 100_000
+    for path in folder.glob("*.mcap"):
+        recording = open_recording(path)
+        assert sum(1 for _ in recording.messages()) > 10
+        assert recording.complete

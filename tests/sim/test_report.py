@@ -4,21 +4,33 @@ import json
 import math
 import re
 import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
 
 from cogrip.cli.summary_table import terminal_summary
-from cogrip.protocol.io.trace import HEADER_BYTES, TraceWriter
+from cogrip.client.recorded import client_topics, start_text
+from cogrip.devices.registry import make
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
+from cogrip.protocol.recording.records import Gap, Step, Tick, kind_of
+from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.recording.writer import RecordingWriter
+from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import resolve
+from cogrip.server.recorded import WHO, server_topics, step_topic
+from cogrip.server.recorded import start_text as server_start_text
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.report import render, write_report
-from cogrip.sim.run_folder import ROOM_TRACE, client_trace
-from cogrip.sim.traces import load_run, read_trace
+from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+from cogrip.sim.traces import load_run
 from cogrip.sim.verdict import energy, number, share, verdict
 
 SCRIPT = "<script>alert(1)</script>"
@@ -45,6 +57,26 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(finished: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
     return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
+@contextmanager
+def written(path: Path, header: Header) -> Iterator[RecordingWriter]:
+    """A recording at `path`, closed at the end."""
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, header)
+        yield writer
+        writer.finish()
+
+
+def rewrite(path: Path, alter: Callable[[str, Message], bytes | None]) -> None:
+    """Write a recording anew: a message's payload is what `alter` gives for its kind and it; None leaves it out."""
+    recording = open_recording(path)
+    messages = list(recording.messages())
+    with written(path, recording.header) as writer:
+        for message in messages:
+            payload = alter(kind_of(recording.topics[message.topic]), message)
+            if payload is not None:
+                writer.put(message.topic, message.time_ns, payload)
 
 
 class Page(HTMLParser):
@@ -120,17 +152,15 @@ def test_every_kind_of_run_has_a_report(tmp_path: Path, more: dict[str, Any]) ->
 
 
 def test_live_loops_are_drawn(folder: Path) -> None:
-    path = folder / client_trace("anna")
-    trace = read_trace(path)
-    rows = np.stack([trace.columns[name] for name in trace.columns], axis=1)
-    late, work = (list(trace.columns).index(name) for name in ("late_us", "work_us"))
-    rows[:, late] = np.geomspace(0.1, 900.0, len(rows))
-    rows[1:, work] = 40.0
-    path.unlink()
-    writer = TraceWriter(path, tuple(trace.columns), rate_hz=1024, seconds=2.0, who="anna", start_ns=0)
-    for row in rows.tolist():
-        writer.append(row)
-    writer.close()
+    late_us = iter(np.geomspace(1.0, 900.0, 2048).round().astype(int).tolist())
+
+    def of_a_live_loop(kind: str, message: Message) -> bytes:
+        if kind != "tick":
+            return message.payload
+        tick = msgspec.json.decode(message.payload, type=Tick)
+        return encode(msgspec.structs.replace(tick, late_us=next(late_us), work_us=40))
+
+    rewrite(folder / client_recording("anna"), of_a_live_loop)
     write_report(folder)
     assert (folder / "plots" / "loops.png").exists()
 
@@ -176,118 +206,241 @@ def test_markup_and_tex_in_names_are_only_text(folder: Path) -> None:
     for file in ("summary.json", "settings.json"):
         path = folder / file
         path.write_text(path.read_text().replace("anna", name))
-    (folder / client_trace("anna")).unlink()
+    (folder / client_recording("anna")).unlink()
     assert name in page_of(folder)
     assert name in printed(json.loads((folder / "summary.json").read_text()))
 
 
 def test_trace_columns_are_those_of_the_run(folder: Path) -> None:
-    trace = read_trace(folder / client_trace("anna"))
-    assert (trace.who, trace.rate_hz, trace.rows, trace.overwritten, trace.cut) == ("anna", 1024, 2048, 0, 0)
+    run = load_run(folder)
+    trace = run.clients["anna"]
+    assert (trace.who, trace.rate_hz, trace.rows, run.notes) == ("anna", 1024, 2048, ())
     assert trace.vector("position_m").shape == (2048, 1)
     assert np.array_equal(trace.columns["tick"], np.arange(2048.0))
+    assert trace.time_s == pytest.approx(np.arange(2048) / 1024, abs=1e-9)
     with pytest.raises(KeyError):
         trace.vector("nonsense")
 
 
-def test_trace_that_is_cut_short_gives_what_is_whole(folder: Path) -> None:
-    path = folder / client_trace("ben")
-    whole = read_trace(path)
-    expected, width = whole.columns["time_s"][:500], 8 * len(whole.columns)
-    with path.open("r+b") as file:
-        file.truncate(HEADER_BYTES + 500 * width + width // 2)
-    trace = read_trace(path)
-    assert (trace.rows, trace.cut) == (500, 2048 - 500)
-    assert np.array_equal(trace.columns["time_s"], expected)
-    assert "the last 1548 rows are cut off" in text_of(folder)
+def test_columns_are_what_the_recording_holds_bit_by_bit(folder: Path) -> None:
+    recording = open_recording(folder / client_recording("anna"))
+    topic = client_topics("anna").index("/anna/tick")
+    ticks = [msgspec.json.decode(each.payload, type=Tick) for each in recording.messages() if each.topic == topic]
+    trace = load_run(folder).clients["anna"]
+    for name in ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down"):
+        assert trace.vector(name).tolist() == [list(getattr(tick, name)) for tick in ticks]
 
 
-@pytest.mark.parametrize("size", [0, 10, 100, HEADER_BYTES - 1])
-def test_trace_without_a_whole_header_is_left_out(folder: Path, size: int) -> None:
-    path = folder / client_trace("ben")
-    path.write_bytes(path.read_bytes()[:size])
-    with pytest.raises(ValueError, match="client-ben"):
-        read_trace(path)
-    assert "client-ben.trace is not a readable trace" in text_of(folder)
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.95])
+def test_recording_that_is_cut_short_gives_what_is_whole(folder: Path, part: float) -> None:
+    path = folder / client_recording("ben")
+    whole = load_run(folder).clients["ben"].columns["time_s"]
+    body = path.read_bytes()
+    path.write_bytes(body[: round(part * len(body))])
+    run = load_run(folder)
+    trace = run.clients["ben"]
+    assert 0 < trace.rows < 2048
+    assert np.array_equal(trace.columns["time_s"], whole[: trace.rows])
+    (note,) = run.notes
+    assert re.fullmatch(r"client-ben\.mcap: the end is cut off \(\d+ bytes at \d+\)\.", note)
+    assert note in text_of(folder)
 
 
-@pytest.mark.parametrize("header", [b"{", b"{}", b'{"columns": 3}', b"\xff\xff"])
-def test_trace_with_a_damaged_header_is_left_out(folder: Path, header: bytes) -> None:
-    path = folder / client_trace("ben")
+def _chunks(body: bytes) -> list[tuple[int, int]]:
+    """(offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
+    found, offset = [], 8
+    while offset + 9 <= len(body):
+        opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
+        if opcode == 6:
+            found.append((offset + 9, length))
+        offset += 9 + length
+    return found
+
+
+def test_recording_with_a_damaged_chunk_gives_the_rest_and_names_the_gap(folder: Path) -> None:
+    path = folder / client_recording("ben")
+    whole = load_run(folder).clients["ben"].columns["time_s"]
     body = bytearray(path.read_bytes())
-    body[16:20] = len(header).to_bytes(4, "little")
-    body[20 : 20 + len(header)] = header
+    chunks = _chunks(body)
+    offset, length = chunks[len(chunks) // 2]
+    body[offset + length // 2] ^= 0xFF
     path.write_bytes(body)
-    with pytest.raises(ValueError, match="client-ben"):
-        read_trace(path)
+    run = load_run(folder)
+    kept = run.clients["ben"].columns["time_s"]
+    lost = np.setdiff1d(whole, kept)
+    assert kept.size > 1000
+    assert 0 < lost.size < 1000
+    assert np.all(np.isin(kept, whole))
+    (note,) = run.notes
+    said = re.match(r"client-ben\.mcap: damaged chunk \(.*\), from (\S+) s to (\S+) s \(\d+ bytes at \d+\)", note)
+    assert said, note
+    assert float(said[1]) - 1e-3 <= lost.min() <= lost.max() <= float(said[2]) + 1e-3
+    assert np.array_equal(lost, whole[(whole >= lost.min()) & (whole <= lost.max())]), "only this one chunk is missing"
+    assert note in text_of(folder)
 
 
-def test_trace_without_rows(folder: Path) -> None:
-    path = folder / client_trace("ben")
-    with path.open("r+b") as file:
-        file.truncate(HEADER_BYTES)
-    assert read_trace(path).rows == 0
-    assert "client-ben.trace has no rows" in text_of(folder)
+def _header_end(body: bytes) -> int:
+    """Where the metadata, which says what a recording is, ends."""
+    offset = 8
+    while True:
+        opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
+        offset += 9 + length
+        if opcode == 12:
+            return offset
 
 
-def test_ring_that_went_round_comes_in_time_order(tmp_path: Path) -> None:
-    writer = TraceWriter(tmp_path / "a.trace", ("time_s", "x"), rate_hz=10, seconds=1.0, who="a", start_ns=0)
-    for row in range(50):
-        writer.append((row * 0.1, float(row)))
-    writer.close()
-    trace = read_trace(tmp_path / "a.trace")
-    assert trace.rows + trace.overwritten == 50
-    assert trace.overwritten == 20
-    assert trace.columns["x"].tolist() == [float(row) for row in range(20, 50)]
+@pytest.mark.parametrize("missing", [None, 700, 100, 1])
+def test_recording_without_a_whole_header_is_left_out(folder: Path, missing: int | None) -> None:
+    path = folder / client_recording("ben")
+    body = path.read_bytes()
+    path.write_bytes(body[: _header_end(body) - missing] if missing else b"")
+    with pytest.raises(RecordingError, match=r"client-ben\.mcap (is not a|ends before)"):
+        open_recording(path)
+    run = load_run(folder)
+    assert set(run.clients) == {"anna"}
+    assert any(re.search(r"client-ben\.mcap (is not a|ends before)", note) for note in run.notes)
 
 
-def _starting(path: Path, who: str, start_ns: int, columns: tuple[str, ...] = ("time_s",)) -> None:
-    writer = TraceWriter(path, columns, rate_hz=10, seconds=2.0, who=who, start_ns=start_ns)
-    for row in range(20):
-        writer.append((row * 0.1,) * len(columns))
-    writer.close()
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        (b"\x07\x00\x00\x00rate_hz", b"\x07\x00\x00\x00hate_hz"),
+        (b"1024", b"10x4"),
+        (b"client", b"cl\xffent"),
+        (b"\x06\x00\x00\x00topics", b"\x06\x00\x00\x7ftopics"),
+        (b"\x06\x00\x00\x00format\x01\x00\x00\x001", b"\x06\x00\x00\x00format\x01\x00\x00\x009"),
+    ],
+    ids=["a field is missing", "no number", "no text", "a length beyond the end", "a newer format"],
+)
+def test_recording_with_a_damaged_header_is_left_out(folder: Path, good: bytes, bad: bytes) -> None:
+    path = folder / client_recording("ben")
+    body = path.read_bytes()
+    head = body[: _header_end(body)]
+    assert good in head
+    path.write_bytes(head.replace(good, bad, 1) + body[len(head) :])
+    with pytest.raises(RecordingError, match="client-ben"):
+        open_recording(path)
+    assert set(load_run(folder).clients) == {"anna"}
+    assert "client-ben.mcap" in text_of(folder)
 
 
-def test_traces_of_one_clock_begin_with_the_first_client(tmp_path: Path) -> None:
+def test_recording_without_ticks_is_said(folder: Path) -> None:
+    rewrite(folder / client_recording("ben"), lambda kind, message: None if kind == "tick" else message.payload)
+    run = load_run(folder)
+    assert set(run.clients) == {"anna"}
+    (note,) = run.notes
+    assert "client-ben.mcap" in note
+    assert "is not here" not in note, "it is here"
+
+
+SHORT = resolve({"name": "short", "users": [{"name": "anna"}]})
+
+
+def _client_header(who: str) -> Header:
+    hello = make_hello(
+        software="x", nonce=1, room="", name=who, digest="", device="sim", axes=1, rate_hz=1024.0
+    )  # fmt: skip
+    start = start_text(hello, make("sim:phantom", axes=1).capability)
+    return Header("client", who, start, 10, 1, 0, False, versions_here(), client_topics(who))
+
+
+def _tick(number: int) -> Tick:
+    one = (float(number),)
+    return Tick(
+        tick=number, late_us=0, work_us=0, position_m=one, velocity_mps=one, force_n=one, work_j=0.0, port_j=0.0,
+        wave_up=one, wave_down=one, object_m=one,
+    )  # fmt: skip
+
+
+def _person(folder: Path, who: str, start_ns: int) -> None:
+    """Two seconds of a client of ten ticks a second."""
+    with written(folder / client_recording(who), _client_header(who)) as writer:
+        for number in range(20):
+            writer.put(0, start_ns + number * 100_000_000, encode(_tick(number)))
+
+
+def _server(folder: Path, start_ns: int) -> None:
+    topics = server_topics([SHORT.name])
+    header = Header(
+        "server", WHO, server_start_text([SHORT], "x"), 10, 1, 0, False, versions_here(), topics
+    )  # fmt: skip
+    with written(folder / SERVER_RECORDING, header) as writer:
+        for number in range(20):
+            step = Step(number, (0.0,), (0.0,), ())
+            writer.put(topics.index(step_topic(SHORT.name)), start_ns + number * 100_000_000, encode(step))
+
+
+def test_messages_that_were_not_recorded_are_counted_where_they_are_missing(tmp_path: Path) -> None:
+    gap = client_topics("anna").index("/anna/gap")
+    with written(tmp_path / client_recording("anna"), _client_header("anna")) as writer:
+        for number in [*range(20), *range(40, 50)]:
+            if number == 40:
+                writer.put(gap, 4_000_000_000, encode(Gap(20, "the ring was full")))
+            writer.put(0, number * 100_000_000, encode(_tick(number)))
+    run = load_run(tmp_path)
+    trace = run.clients["anna"]
+    assert trace.rows == 30
+    assert trace.columns["position_m.0"].tolist() == [float(number) for number in [*range(20), *range(40, 50)]]
+    assert trace.time_s == pytest.approx([number * 0.1 for number in [*range(20), *range(40, 50)]])
+    (note,) = [note for note in run.notes if note.startswith("client-anna.mcap")]
+    assert "20 messages were not recorded" in note
+
+
+def test_recordings_of_one_clock_begin_with_the_first_client(tmp_path: Path) -> None:
     """A server may have been up before; its trace then begins before zero."""
-    _starting(tmp_path / client_trace("anna"), "anna", 10_000_000_000)
-    _starting(tmp_path / client_trace("ben"), "ben", 10_500_000_000)
-    _starting(tmp_path / ROOM_TRACE, "room", 9_000_000_000)
+    _person(tmp_path, "anna", 10_000_000_000)
+    _person(tmp_path, "ben", 10_500_000_000)
+    _server(tmp_path, 9_000_000_000)
     run = load_run(tmp_path)
     assert run.room is not None
     first = [run.clients["anna"].time_s[0], run.clients["ben"].time_s[0], run.room.time_s[0]]
     assert first == pytest.approx([0.0, 0.5, -1.0])
 
 
-def test_traces_of_other_clocks_keep_their_own_zero_and_it_is_said(tmp_path: Path) -> None:
-    _starting(tmp_path / client_trace("anna"), "anna", 10_000_000_000)
-    _starting(tmp_path / ROOM_TRACE, "room", 9_000_000_000_000)
+def test_recordings_of_other_clocks_keep_their_own_zero_and_it_is_said(tmp_path: Path) -> None:
+    """Two machines' files in one folder that `cogrip merge` did not make: their steady clocks have nothing in common."""
+    _person(tmp_path, "anna", 10_000_000_000)
+    _server(tmp_path, 9_000_000_000_000)
     run = load_run(tmp_path)
     assert run.room is not None
     assert run.room.time_s[0] == run.clients["anna"].time_s[0] == 0.0
-    assert any("clocks" in note for note in run.notes)
+    assert any("clock" in note and "cogrip merge" in note for note in run.notes)
 
 
-def test_trace_of_other_columns_is_said(tmp_path: Path) -> None:
-    _starting(tmp_path / client_trace("anna"), "anna", 0)
-    assert "a trace has no column" in page_of(tmp_path)
+@pytest.mark.parametrize(
+    "strange",
+    [b"{}", b"7", b'{"tick":"one"}', encode(msgspec.structs.replace(_tick(0), force_n=(1.0, 2.0)))],
+    ids=["no fields", "no record", "another kind", "another number of axes"],
+)
+def test_recording_of_other_records_is_said(folder: Path, strange: bytes) -> None:
+    """Whole chunks, but not what this version writes."""
+    number = iter(range(10_000))
+    rewrite(
+        folder / client_recording("ben"),
+        lambda kind, message: strange if kind == "tick" and next(number) == 100 else message.payload,
+    )
+    assert "client-ben.mcap" in text_of(folder)
 
 
 @pytest.mark.parametrize(
     ("missing", "said", "plots"),
     [
-        ({ROOM_TRACE}, "room.trace is not here", PLOTS_IN_VIRTUAL_TIME),
-        ({client_trace("ben")}, "client-ben.trace is not here", PLOTS_IN_VIRTUAL_TIME - {"coherence"}),
+        ({SERVER_RECORDING}, "server.mcap is not here", PLOTS_IN_VIRTUAL_TIME),
+        ({client_recording("ben")}, "client-ben.mcap is not here", PLOTS_IN_VIRTUAL_TIME - {"coherence"}),
         (
-            {client_trace("ben"), client_trace("anna")},
+            {client_recording("ben"), client_recording("anna")},
             "no client&#x27;s trace",
             {"positions", "forces", "energy", "link"},
         ),
-        ({client_trace("ben"), client_trace("anna"), ROOM_TRACE}, "no trace is here", set()),
+        ({client_recording("ben"), client_recording("anna"), SERVER_RECORDING}, "no trace is here", set()),
         ({"summary.json"}, "There is no summary of this run", PLOTS_IN_VIRTUAL_TIME),
         ({"settings.json"}, "The settings are not known", PLOTS_IN_VIRTUAL_TIME),
         ({"summary.json", "settings.json"}, "cut short", PLOTS_IN_VIRTUAL_TIME),
-        ({"summary.json", "settings.json", client_trace("ben"), client_trace("anna")}, "cut short", {"positions"}),
+        (
+            {"summary.json", "settings.json", client_recording("ben"), client_recording("anna")},
+            "cut short",
+            {"positions"},
+        ),
     ],
 )
 def test_what_is_missing_is_said(folder: Path, missing: set[str], said: str, plots: set[str]) -> None:

@@ -138,8 +138,6 @@ def main(arguments: list[str]) -> int:
         signal.signal(number, signal.SIG_IGN)  # it ends when the loop does, not before
     with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with suppress(OSError):
-        os.nice(5)
     source = sys.stdin.buffer
     task = Task(Ring(int(arguments[0])), int(arguments[1]), json.loads(source.readline()))
     ring = task.ring
