@@ -42,9 +42,9 @@ def steps_in(runs: Path) -> int:
     return msgspec.json.decode(newest.payload, type=Step).step if newest else 0
 
 
-def replayed(runs: Path) -> dict[str, Verdict]:
-    """How every recording below `runs` plays again, by file name."""
-    return {path.name: verify(open_recording(path)) for path in runs.glob("**/*.mcap")}
+def replayed(runs: Path) -> dict[Path, Verdict]:
+    """How every recording below `runs` plays again."""
+    return {path: verify(open_recording(path)) for path in runs.glob("**/*.mcap")}
 
 
 def accounted(link: dict) -> bool:
@@ -76,7 +76,7 @@ def test_two_people_hold_one_cube(run, serve, tmp_path):
     alone = summary_in(tmp_path / "anna")
     assert alone["users"][0]["proxy_m"] is not None, "the farewell carries the server's part"
     verdicts = replayed(tmp_path)
-    assert set(verdicts) == {"server.mcap", "client-anna.mcap", "client-ben.mcap"}
+    assert {path.name for path in verdicts} == {"server.mcap", "client-anna.mcap", "client-ben.mcap"}
     for file, verdict in verdicts.items():
         assert verdict.exact, (file, verdict.difference, verdict.hole)
         assert not verdict.cut, file
@@ -214,8 +214,17 @@ def test_several_rooms_in_one_daemon(run, tmp_path):
     assert two.end() == 0, two.said
     server.signal(signal.SIGINT)
     assert server.end() == 0, server.said
-    summaries = [json.loads(path.read_text()) for path in (tmp_path / "server").glob("*/summary.json")]
-    assert sorted(summary["name"] for summary in summaries) == ["demo", "three-users"]
+    (folder,) = (tmp_path / "server").iterdir()
+    assert {path.name for path in folder.iterdir()} == {"server.mcap", "demo", "three-users"}
+    for name in ("demo", "three-users"):
+        assert json.loads((folder / name / "summary.json").read_text())["name"] == name
+        assert json.loads((folder / name / "settings.json").read_text())["name"] == name
+    verdicts = replayed(tmp_path)
+    assert len(verdicts) == 3, "a server's rooms are in one recording"
+    for file, verdict in verdicts.items():
+        assert verdict.exact, (file, verdict.difference, verdict.hole)
+        assert not verdict.cut, file
+        assert verdict.seconds < 60.0, "all of it on one clock"
 
 
 def test_the_demo(run, tmp_path):

@@ -246,7 +246,7 @@ def test_recording_that_is_cut_short_gives_what_is_whole(folder: Path, part: flo
     assert note in text_of(folder)
 
 
-def _chunks(body: bytes) -> list[tuple[int, int]]:
+def _chunks(body: bytes | bytearray) -> list[tuple[int, int]]:
     """(offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
     found, offset = [], 8
     while offset + 9 <= len(body):

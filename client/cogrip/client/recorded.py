@@ -51,7 +51,7 @@ class RecordedClient(ClientCore):
 
     def _command(self, verb: str, now_ns: int, reason: str = "", ticks: str = "") -> None:
         self._now_ns = now_ns
-        self._sink.put(COMMAND, now_ns, encode(Command(verb, reason, ticks)))
+        self._sink.put(COMMAND, now_ns, encode(Command(verb, reason, ticks=ticks)))
 
     def call(self, now_ns: int) -> None:
         self._command("call", now_ns)

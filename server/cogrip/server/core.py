@@ -28,6 +28,10 @@ class ServerCore:
     def drop(self, reason: str) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
+    def socket_failed(self, reason: str) -> None:
+        """The socket refused to send or receive: counted as a drop."""
+        self.drop(f"socket: {reason}")
+
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
         """Take in one datagram. Whatever does not belong is dropped and counted by name."""
         try:
@@ -119,7 +123,9 @@ class ServerCore:
         self._seated.pop(room.seats[number].address, None)  # whoever sat here before
         room.sit(number, self._new_session(), hello.nonce, address, now_ns)
         self._seated[address] = (room, number)
-        self.events.append(f"{room.name}: {room.seats[number].settings.user} joined from {_place(address)} with {hello.device}")
+        self.events.append(
+            f"{room.name}: {room.seats[number].settings.user} joined from {_place(address)} with {hello.device}"
+        )
         self._welcome(room, number, address)
 
     def _find(self, hello: Hello) -> tuple[Room, int] | tuple[str, str]:

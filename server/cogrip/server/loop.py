@@ -154,7 +154,7 @@ class LiveServer:
             except BlockingIOError:
                 return
             except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
-                self.core.drop(f"socket: {error.strerror}")
+                self.core.socket_failed(str(error.strerror))
                 continue
             take(datagram, address, now_ns)
 
@@ -165,4 +165,4 @@ class LiveServer:
             try:
                 put(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
-                self.core.drop(f"socket: {error.strerror}")
+                self.core.socket_failed(str(error.strerror))

@@ -1,6 +1,7 @@
 """A server core that notes every call and everything that comes of it: the same core, live, in virtual time, in replay.
 
-What is noted stands in the order in which it happened; a step is noted after the datagrams that it sent.
+What is noted stands in the order in which it happened; a step is noted after the datagrams that it sent. Steps of a room
+where nobody sits are counted, and noted as one before anything else happens: a daemon that waits writes nothing.
 """
 
 import json
@@ -43,6 +44,7 @@ class RecordedServer(ServerCore):
         self._held = Held()
         self._sink: Sink = self._held
         self._now_ns = 0
+        self._rested: dict[str, int] = {}
         self._number = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         self.outbox = Noted(self._sent)
         self.events = Noted(self._told)
@@ -67,6 +69,12 @@ class RecordedServer(ServerCore):
     def _put(self, topic: int, record: msgspec.Struct) -> None:
         self._sink.put(topic, self._now_ns, encode(record))
 
+    def note_rest(self) -> None:
+        """Note the steps that were counted; before every call that comes from outside."""
+        for room, steps in self._rested.items():
+            self._put(COMMAND, Command("rest", room, steps))
+        self._rested.clear()
+
     def _session(self, new_session: Callable[[], int]) -> int:
         session = new_session()
         self._put(ASKED, Asked(session=session))
@@ -79,15 +87,28 @@ class RecordedServer(ServerCore):
         self._put(EVENT, Event(text))
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
+        self.note_rest()
         self._now_ns = now_ns
         self._put(DATAGRAM_IN, Datagram(datagram, cast(AddressRecord, address)))
         super().receive(datagram, address, now_ns)
 
+    def socket_failed(self, reason: str) -> None:
+        self.note_rest()
+        self._put(COMMAND, Command("socket_failed", reason))
+        super().socket_failed(reason)
+
     def stop(self, reason: str) -> None:
+        self.note_rest()
         self._put(COMMAND, Command("stop", reason))
         super().stop(reason)
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
+        if room.deserted:
+            self._now_ns = now_ns
+            self._rested[room.name] = self._rested.get(room.name, 0) + 1
+            super().tick(room, now_ns, frames)
+            return
+        self.note_rest()
         self._now_ns = now_ns
         super().tick(room, now_ns, frames)
         world = room.world
@@ -100,6 +121,7 @@ class RecordedServer(ServerCore):
 
     def close_books(self) -> None:
         """Note what every room and seat knows at the end."""
+        self.note_rest()
         self._put(COMMAND, Command("close_books"))
         for room in self.rooms:
             seats = [room.seat_account(number) for number in range(len(room.seats))]

@@ -82,6 +82,11 @@ class Room:
         seat.port = None
         return seat.last
 
+    @property
+    def deserted(self) -> bool:
+        """Whether nobody sits here."""
+        return not any(seat.port for seat in self.seats)
+
     def silent(self, now_ns: int) -> list[int]:
         """Seats that have not been heard for LOST_NS."""
         return [
@@ -93,6 +98,10 @@ class Room:
     def tick(self, now_ns: int, frames: int = 1) -> list[tuple[Address, bytes]]:
         """Step the object; `frames` > 1 if the loop missed frames - 1 steps (the object stood still for them)."""
         world, seats = self.world, self.seats
+        if self.deserted:  # an object that nobody holds is put down, and stays
+            world.velocity = np.zeros(world.axes)
+            self.steps += 1
+            return []
         rows = []
         for number, seat in enumerate(seats):
             missed = frames

@@ -68,7 +68,7 @@ class Task:
         assert isinstance(metadata, dict)
         header = header_of(metadata)
         self._gap, self._clock = header.topics.index(f"/{header.who}/gap"), header.topics.index(f"/{header.who}/clock")
-        self._lost = self._put = 0
+        self._lost = self._put = self._dated = 0
         self._last_ns = 0
         self._well = True
         self._stream = WholePieces(fd)
@@ -97,7 +97,10 @@ class Task:
             self._put += self._well
 
     def anchor(self) -> None:
-        """Read both clocks together."""
+        """Read both clocks together, if there is anything to date."""
+        if self._put == self._dated:
+            return
+        self._dated = self._put
         now_ns = time.monotonic_ns()
         self._try(self._writer.put, self._clock, now_ns, _encode(Clock(now_ns, time.time_ns())))
 

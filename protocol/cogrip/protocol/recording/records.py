@@ -50,10 +50,11 @@ class Datagram(Record, frozen=True, gc=False):
 
 
 class Command(Record, frozen=True, gc=False, omit_defaults=True):
-    """A call into a core other than a tick or a datagram."""
+    """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room where nobody sits."""
 
     verb: str
-    reason: str = ""
+    reason: str = ""  # or the room
+    count: int = 0
     ticks: str = ""  # of the loop, as JSON text
 
 

@@ -46,12 +46,20 @@ class Comparison:
         else:
             self._replayed.append(message)
 
-    def finish(self, whole: bool) -> None:
-        """What one side has and the other has not. Of a recording that was cut the last outputs may be missing."""
+    def finish(self) -> None:
+        """The recording is whole, so what only one side has is a difference.
+
+        Of one that was cut, the last outputs may be missing, or the input that they came of.
+        """
         for message in self._recorded:
-            self._differ(message, "", message.payload.decode(), NOTHING)
-        for message in self._replayed if whole else ():
-            self._differ(message, "", NOTHING, message.payload.decode())
+            self._differ(message, "", _text(message), NOTHING)
+        for message in self._replayed:
+            self._differ(message, "", NOTHING, _text(message))
+
+    def untold(self, time_ns: int, topic: str) -> None:
+        """The core asked for what the recording should hold and does not."""
+        if self.difference is None:
+            self.difference = Difference(time_ns, topic, "", NOTHING, "an answer was asked for")
 
     def _compare(self, recorded: Message, replayed: Message) -> None:
         if recorded == replayed:

@@ -75,6 +75,8 @@ class ClientPlay:
 
     def _tick(self, tick: Tick, now_ns: int) -> None:
         core = self.core
+        if not core.seated:
+            raise ValueError(f"tick {tick.tick} stands before a seat was had")
         core.sense(tick.tick, sample_of(tick, self._gives_velocity), now_ns)
         self._hear()
         core.timing = (tick.late_us, tick.work_us, tick.skipped)
@@ -134,15 +136,20 @@ class ServerPlay:
             core.receive(datagram.data, datagram.address, now_ns)
         elif kind == "command":
             command = _command(message.payload)
-            if command.verb == "stop":
-                core.stop(command.reason)
+            if command.verb == "rest":
+                room = next(room for room in core.rooms if room.name == command.reason)
+                for _ in range(command.count):
+                    core.tick(room, now_ns)
+                self.ticks += command.count
+            elif command.verb in ("stop", "socket_failed"):
+                getattr(core, command.verb)(command.reason)
             elif command.verb == "close_books":
                 core.close_books()
             else:
                 raise ValueError(f"no command {command.verb!r} is known")
 
     def finish(self) -> None:
-        """Nothing waits here."""
+        self.core.note_rest()
 
 
 PLAYS: dict[str, Callable[[Tape, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
+from cogrip.protocol.recording.recover import is_closed
 from cogrip.sim.replay.comparison import Comparison, Difference
-from cogrip.sim.replay.play import PLAYS
+from cogrip.sim.replay.play import PLAYS, Play
 from cogrip.sim.replay.tape import Tape, UntoldError
 
 
@@ -43,24 +44,30 @@ def verify(recording: Recording) -> Verdict:
     header = recording.header
     if header.role not in PLAYS:
         raise RecordingError(f"{recording.path} is of a {header.role!r}; only {' and '.join(PLAYS)} can be replayed")
+    closed = is_closed(recording.path)
     tape, comparison = Tape(recording), Comparison(recording.topics)
     try:
         play = PLAYS[header.role](tape, comparison)
-        try:
-            for message in tape:
-                comparison.expect(message)
-                play.take(message)
-                if comparison.difference is not None:
-                    break
-            else:
-                play.finish()
-            comparison.finish(recording.complete and tape.hole is None)
-        except UntoldError:
-            comparison.finish(False)
+        _compare(tape, play, comparison, closed)
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise RecordingError(f"{recording.path} cannot be replayed: {error}") from error
     first_ns = tape.first_ns if tape.first_ns is not None else tape.last_ns
     return Verdict(
         header.who, first_ns, comparison.equal, play.ticks, (tape.last_ns - first_ns) * 1e-9, comparison.difference,
-        tuple(header.versions.differences(versions_here())), tape.hole, tape.hole_ns, not recording.complete,
+        tuple(header.versions.differences(versions_here())), tape.hole, tape.hole_ns, not closed,
     )  # fmt: skip
+
+
+def _compare(tape: Tape, play: Play, comparison: Comparison, closed: bool) -> None:
+    try:
+        for message in tape:
+            comparison.expect(message)
+            play.take(message)
+            if comparison.difference is not None:
+                return
+        if closed and tape.hole is None:  # else the next input, and what is to be done with the last ones, is not known
+            play.finish()
+            comparison.finish()
+    except UntoldError:
+        if closed and tape.hole is None:
+            comparison.untold(tape.last_ns, f"/{tape.recording.header.who}/asked")

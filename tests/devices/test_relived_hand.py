@@ -1,0 +1,268 @@
+"""A recorded person's effort behind an impedance: the same world moves it as it was moved, another one makes it give way."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from math import sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.recorded import client_topics, start_text
+from cogrip.devices import Device, DeviceError, Sample, make
+from cogrip.devices.simulated.hands import ImpedanceSettings
+from cogrip.devices.simulated.relived_hand import make_relived
+from cogrip.protocol.rates import due_ns
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.records import Tick
+from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.recording.writer import RecordingWriter
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.records import RunRecords, open_run
+from cogrip.sim.replay.what_if import what_if
+
+RATE_HZ = 1024
+DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
+K_NPM, B_NSPM, MASS_KG = 300.0, 5.0, 0.1  # of a hand and an ideal device that say nothing else
+Numbers = np.ndarray[Any, np.dtype[np.float64]]
+Row = tuple[float, ...]
+Force = Callable[[int], Row]
+
+
+def write_recording(path: Path, rows: list[tuple[int, Row, Row, Row]], axes: int = 1, rate_hz: int = RATE_HZ) -> None:
+    """A client's recording of these (tick, position, velocity, force)."""
+    device = make("sim:ideal", axes=axes)
+    hello = make_hello(software="x", nonce=1, room="r", name="anna", digest="", device="sim:", axes=axes, rate_hz=1e3)
+    header = Header(
+        "client", "anna", start_text(hello, device.capability), rate_hz, 1, 0, True, versions_here(),
+        client_topics("anna"),
+    )  # fmt: skip
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, header)
+        for tick, position, velocity, force in rows:
+            record = Tick(tick, 0, 0, position, velocity, force, 0.0, 0.0, (), (), position)
+            writer.put(0, due_ns(0, tick, rate_hz), encode(record))
+        writer.finish()
+
+
+def held(device: Device, force: Force, ticks: int) -> list[tuple[int, Row, Row, Row]]:
+    """So many ticks of a device under a force: (tick, position, velocity, force)."""
+    device.open(RATE_HZ)
+    rows = []
+    for tick in range(ticks):
+        sample = device.read(tick)
+        assert sample is not None
+        assert sample.velocity_mps is not None
+        rows.append((tick, sample.position_m, sample.velocity_mps, force(tick)))
+        device.write(force(tick))
+    device.close()
+    return rows
+
+
+def positions(rows: list[tuple[int, Row, Row, Row]]) -> Numbers:
+    return np.array([position for _, position, _, _ in rows])
+
+
+# The drive -----------------------------------------------------------------------------------------------------------
+
+
+@given(
+    samples=st.lists(
+        st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-8.0, 8.0)), min_size=2, max_size=40
+    ),
+    stiffness=st.floats(0.0, 2000.0),
+    damping=st.floats(0.0, 50.0),
+)
+def test_the_drive_is_what_the_hand_must_have_exerted(
+    tmp_path_factory: pytest.TempPathFactory,
+    samples: list[tuple[float, float, float]],
+    stiffness: float,
+    damping: float,
+) -> None:
+    """K_h x + B_h v + F at every tick, and K_h x of the last place ever after: there the hand rests."""
+    path = tmp_path_factory.mktemp("drive") / "client-anna.mcap"
+    write_recording(path, [(tick, (x,), (v,), (f,)) for tick, (x, v, f) in enumerate(samples)])
+    settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
+    hand = make_relived(settings, 1, f"{path}#user=anna")
+    assert (hand.stiffness_npm, hand.damping_nspm) == (stiffness, damping)
+    assert hand.open(RATE_HZ, None) == (samples[0][0],)
+    for tick, (x, v, f) in enumerate(samples[:-1]):
+        assert hand.drive(tick) == pytest.approx([stiffness * x + damping * v + f], rel=1e-12, abs=1e-12)
+        assert hand.intended(tick) == ((x,), (v,))
+    for tick in (len(samples) - 1, len(samples), 10**6):
+        assert hand.drive(tick) == [stiffness * samples[-1][0]]
+        assert hand.intended(tick)[0] == (samples[-1][0],)
+
+
+def test_the_start_is_the_recorded_one_and_the_run_may_begin_late(tmp_path: Path) -> None:
+    path = tmp_path / "client-anna.mcap"
+    write_recording(path, [(tick, (0.02 + tick * 1e-6,), (0.0,), (0.0,)) for tick in range(5, 50)])
+    device = make(f"sim:ideal?hand=recording:{path}")
+    device.open(RATE_HZ)
+    assert device.read(0) == Sample((0.02 + 5e-6,), (0.0,))
+
+
+# The same world ------------------------------------------------------------------------------------------------------
+
+
+@given(
+    amplitude_m=st.floats(-0.05, 0.05),
+    stroke_s=st.floats(0.2, 2.0),
+    force_n=st.floats(-4.0, 4.0),
+    swing=st.floats(0.5, 30.0),
+)
+def test_under_the_same_forces_only_the_arms_inertia_is_missing(
+    tmp_path_factory: pytest.TempPathFactory, amplitude_m: float, stroke_s: float, force_n: float, swing: float
+) -> None:
+    """The deviation e obeys m e'' + B_h e' + K_h e = -m x'': at this damping |e| <= 1.6 m max|x''| / K_h."""
+    path = tmp_path_factory.mktemp("same") / "client-anna.mcap"
+
+    def force(tick: int) -> Row:
+        return (force_n * sin(swing * tick / RATE_HZ),)
+
+    hand = f"reach&amplitude_m={amplitude_m}&stroke_s={stroke_s}"
+    original = held(make(f"sim:ideal?hand={hand}", mass_kg=MASS_KG), force, RATE_HZ)
+    write_recording(path, original)
+    again = held(make(f"sim:ideal?hand=recording:{path}#user=anna", mass_kg=MASS_KG), force, RATE_HZ)
+    speed = np.array([velocity for _, _, velocity, _ in original])
+    acceleration = np.abs(np.diff(speed, axis=0)).max() * RATE_HZ
+    bound_m = 1.6 * MASS_KG * acceleration / K_NPM
+    assert np.abs(positions(again) - positions(original)).max() <= bound_m + 1e-12
+
+
+def test_at_rest_nothing_is_missing(tmp_path: Path) -> None:
+    """A hand that leans on a constant force stays where it stood: there is no inertia in that."""
+    path = tmp_path / "client-anna.mcap"
+    original = held(make("sim:ideal?hand=hold", mass_kg=MASS_KG), lambda tick: (3.0,), 4 * RATE_HZ)
+    settled = [(tick - 3 * RATE_HZ, *row) for tick, *row in original if tick >= 3 * RATE_HZ]
+    write_recording(path, settled)  # type: ignore[arg-type]
+    again = held(make(f"sim:ideal?hand=recording:{path}", mass_kg=MASS_KG), lambda tick: (3.0,), RATE_HZ)
+    assert positions(again)[:, 0] == pytest.approx(-3.0 / K_NPM, abs=1e-6)
+
+
+@pytest.fixture(scope="module", params=["sim:ideal", "sim:phantom"])
+def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, RunRecords]:
+    """The demo's world and hands, three seconds, on one of the machines."""
+    folder = tmp_path_factory.mktemp("demo")
+    device = str(request.param)
+    table = tomllib.loads(DEMO.read_text())
+    run_laboratory(resolve(table, {"seconds": 3, "users.0.device": device, "users.1.device": device}), folder)
+    return device, open_run(folder)
+
+
+def relived(run: RunRecords, folder: Path, **changes: object) -> RunRecords:
+    """The run's people through an impedance, with these settings changed (`__` for the dot)."""
+    folder.mkdir()
+    overrides = {key.replace("__", "."): value for key, value in changes.items()}
+    world = what_if(run, overrides, "impedance")
+    run_laboratory(world.settings, folder, begins=world.begins)
+    return open_run(folder)
+
+
+def deviation_mm(one: RunRecords, other: RunRecords) -> dict[str, float]:
+    """The largest distance between both runs' hands, by person."""
+    places = [
+        {name: end.columns("tick", "position_m")["position_m"] for name, end in run.clients.items()}
+        for run in (one, other)
+    ]
+    return {name: float(np.abs(places[0][name] - places[1][name]).max() * 1e3) for name in places[0]}
+
+
+WORST_MM = {"sim:ideal": 0.25, "sim:phantom": 0.5}
+"""Of strokes of 37 and 33 mm; measured 0.207 and 0.45. What is missing is the arm's inertia and, of the phantom, friction."""
+
+
+def test_the_same_world_moves_it_as_it_was_moved(demo: tuple[str, RunRecords], tmp_path: Path) -> None:
+    device, run = demo
+    found = deviation_mm(run, relived(run, tmp_path / "again"))
+    assert set(found) == {"anna", "ben"}
+    assert max(found.values()) < WORST_MM[device], found
+    strokes = [np.ptp(end.columns("tick", "position_m")["position_m"]) for end in run.clients.values()]
+    assert min(strokes) > 0.03, "or there is nothing to compare"
+
+
+# Another world -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("more_n", [-2.0, 0.5, 1.0, 3.0])
+@pytest.mark.parametrize("stiffness_npm", [300.0, 900.0])
+def test_it_gives_way_as_its_impedance_lets_it(tmp_path: Path, more_n: float, stiffness_npm: float) -> None:
+    """Another newton, held, moves it by 1 / K_h: F loads the hand, so a positive one pushes it back."""
+    path = tmp_path / "client-anna.mcap"
+    keys = f"&hand_stiffness_npm={stiffness_npm}&hand_damping_nspm=20"
+    original = held(make(f"sim:ideal?hand=hold{keys}", mass_kg=MASS_KG), lambda tick: (1.0,), 3 * RATE_HZ)
+    write_recording(path, original)
+    other = held(
+        make(f"sim:ideal?hand=recording:{path}{keys}", mass_kg=MASS_KG), lambda tick: (1.0 + more_n,), 3 * RATE_HZ
+    )
+    moved_m = positions(other)[-2, 0] - positions(original)[-2, 0]
+    assert moved_m == pytest.approx(-more_n / stiffness_npm, rel=1e-6)
+
+
+def test_axes_give_way_by_themselves(tmp_path: Path) -> None:
+    path = tmp_path / "client-anna.mcap"
+    write_recording(path, held(make("sim:ideal?hand=hold", axes=3, mass_kg=MASS_KG), lambda _: (0.0,) * 3, 3000), 3)
+    other = held(
+        make(f"sim:ideal?hand=recording:{path}", axes=3, mass_kg=MASS_KG), lambda _: (0.0, 3.0, 0.0), 3000
+    )  # fmt: skip
+    assert positions(other)[-2] == pytest.approx([0.0, -3.0 / K_NPM, 0.0], abs=1e-6)
+
+
+def test_another_world_is_felt_in_the_laboratory(demo: tuple[str, RunRecords], tmp_path: Path) -> None:
+    """Ten times the mass: the hands move otherwise, by far more than they deviate in the same world."""
+    device, run = demo
+    found = deviation_mm(run, relived(run, tmp_path / "heavy", object__mass_kg=2.0))
+    assert min(found.values()) > 2.0 * WORST_MM[device], found
+    firm = deviation_mm(run, relived(run, tmp_path / "firm", coupling__stiffness_npm=4000.0))
+    assert max(firm.values()) > WORST_MM[device], firm
+
+
+# What cannot be relived ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "client-anna.mcap"
+    write_recording(path, [(tick, (0.01, 0.0), (0.0, 0.0), (0.0, 0.0)) for tick in range(20)], 2)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("axes", "rate_hz", "tail", "words"),
+    [
+        (3, RATE_HZ, "", "was recorded on 2 axes, 3 are asked for"),
+        (2, 1000, "", "was recorded at 1024 Hz; set rates.device_hz to that, not 1000"),
+        (2, RATE_HZ, "#user=cleo", r"no recording of user cleo; there is: 0 \(anna\)"),
+        (2, RATE_HZ, "#user=1", r"no recording of user 1; there is: 0 \(anna\)"),
+        (2, RATE_HZ, "x", "there is no such run; name a run folder or a .mcap file"),
+    ],
+)
+def test_what_cannot_be_relived_is_named_with_the_cure(
+    file: Path, axes: int, rate_hz: int, tail: str, words: str
+) -> None:
+    with pytest.raises(DeviceError, match=words):
+        make(f"sim:ideal?hand=recording:{file}{tail}", axes=axes).open(rate_hz)
+
+
+def test_the_run_must_be_named() -> None:
+    with pytest.raises(DeviceError, match="write hand=recording:RUN"):
+        make("sim:ideal?hand=recording")
+
+
+def test_fewer_axes_are_relived_alone(file: Path) -> None:
+    device = make(f"sim:ideal?hand=recording:{file}", axes=1)
+    device.open(RATE_HZ)
+    assert device.read(0) == Sample((0.01,), (0.0,))
+
+
+def test_the_same_again_after_reopening(file: Path) -> None:
+    device = make(f"sim:ideal?hand=recording:{file}", axes=2)
+    runs = [held(device, lambda tick: (0.2, -0.1), 200) for _ in range(2)]
+    assert runs[0] == runs[1]

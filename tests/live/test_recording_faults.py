@@ -1,0 +1,189 @@
+"""Recordings of real sessions, killed at random moments: what was flushed is there, and plays again exactly."""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
+from cogrip.protocol.recording.records import kind_of
+from cogrip.sim.replay.verify import verify
+from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="finds the writers in /proc")
+
+LIMIT_S = 25.0
+MOST_LOST_NS = 300_000_000  # of what was before a kill
+DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
+NAMES = ("anna", "ben", "cleo", "dora")
+KILLS = """
+name = "kills"
+object.axes = 3
+link = { delay_ms = 10.0, jitter_ms = 4.0, loss = 0.02 }
+playout.frames = 2
+"""
+
+
+@dataclass
+class End:
+    """A process and the recording that it leaves."""
+
+    name: str
+    process: Any
+    path: Path
+    writer: int = field(init=False)
+    _follower: Follower = field(init=False)
+
+    def await_recording(self) -> None:
+        """Until its file can be opened and its writer is known."""
+        while not hasattr(self, "_follower"):
+            self.still_runs()
+            with suppress(FileNotFoundError, RecordingError):  # not there, or not whole yet
+                self._follower = Follower(self.path)
+        pid = self.process.popen.pid
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes() for child in children}
+        (self.writer,) = [child for child, command in commands.items() if b"recording_process" in command]
+
+    def newest(self) -> int:
+        """Number of the newest tick or step in the file."""
+        found = {kind_of(topic): message for topic, message in self._follower.look().items()}
+        return max((json.loads(found[kind].payload)[kind] for kind in ("tick", "step") if kind in found), default=0)
+
+    def turns(self) -> int:
+        """How often its loop has slept so far: once a tick."""
+        status = Path(f"/proc/{self.process.popen.pid}/status").read_text()
+        return int(status.partition("\nvoluntary_ctxt_switches:")[2].split()[0])
+
+    def still_runs(self) -> None:
+        """Skips the test where the machine stalled, and fails it where the session broke off otherwise."""
+        if self.process.popen.poll() is not None:
+            code = self.process.end()
+            pytest.fail(f"{self.name} has ended before it was told to, with {code}: {self.process.said}")
+
+    def await_moment(self, chance: Random, rate_hz: int) -> None:
+        """Until some of it is on the disk, and then to anywhere between two flushes."""
+        wanted = self.newest() + chance.randrange(rate_hz // 2)
+        while self.newest() < wanted:
+            self.still_runs()
+        wanted = self.turns() + chance.randrange(rate_hz // 4)
+        while self.turns() < wanted:
+            self.still_runs()
+
+    def await_end(self) -> None:
+        """Until it is gone, and its writer, which has the same output."""
+        self.process.popen.wait(LIMIT_S)
+        self.process._listener.join(LIMIT_S)
+
+    def check(self, killed_ns: int | None = None) -> None:
+        """The file opens, plays again exactly, and lacks nothing from before the kill but the last moment."""
+        recording = open_recording(self.path)
+        last_ns = 0
+        for message in recording.messages():
+            if kind_of(recording.topics[message.topic]) in ("tick", "step"):
+                last_ns = message.time_ns
+        verdict = verify(recording)
+        assert verdict.exact, f"{self.name}: {verdict}"
+        assert verdict.ticks > 0
+        if killed_ns is None:
+            assert recording.complete, self.name
+            assert not recording.damage, self.name
+            assert not verdict.cut, self.name
+        else:
+            print(
+                f"{self.name}: {(killed_ns - last_ns) * 1e-6:.0f} ms before its kill, {verdict.ticks} ticks play again"
+            )
+            assert killed_ns - last_ns <= MOST_LOST_NS, self.name
+            assert all(damage.to_ns is None for damage in recording.damage), "nothing but the end is cut off"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_whatever_is_killed_its_recording_and_those_of_the_others_play_again_exactly(run, serve, tmp_path, seed):
+    """A server and four people; four of the five, or their writers, are killed one after the other."""
+    chance = Random(seed)
+    settings = tmp_path / "kills.toml"
+    people = "".join(f'[[users]]\nname = "{name}"\nhand = "reach&direction=1,0.5,0.2"\n' for name in NAMES)
+    settings.write_text(f"seed = {seed}\n{KILLS}{people}")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    server, port = serve(settings, "--into", str(folder))
+    join = ("join", f"127.0.0.1:{port}", "--config", settings, "--into", folder)
+    ends = [End("server", server, folder / SERVER_RECORDING)]
+    ends += [End(name, run(*join, "--name", name), folder / client_recording(name)) for name in NAMES]
+    for end in ends:
+        end.await_recording()
+    for end in ends[1:]:
+        end.process.hear("holds cube")
+
+    plan = [(end, chance.choice(("process", "writer"))) for end in chance.sample(ends, 4)]
+    plan.sort(
+        key=lambda kill: kill[0].process is server and kill[1] == "process"
+    )  # nobody outlives the server for long
+    killed_ns = {}
+    for end, part in plan:
+        end.await_moment(chance, 128 if end.process is server else 1024)
+        killed_ns[end.name] = time.monotonic_ns()
+        os.kill(end.writer if part == "writer" else end.process.popen.pid, signal.SIGKILL)
+    for end, part in plan:
+        if part == "writer":
+            end.process.hear(f"recording of {end.path.name} has stopped: its writer was ended from outside")
+    for end in ends[1:]:
+        end.process.signal(signal.SIGINT)
+    for end in ends[1:]:
+        end.await_end()
+    server.signal(signal.SIGTERM)
+    ends[0].await_end()
+
+    for end in ends:
+        end.check(killed_ns.get(end.name))
+    assert len(killed_ns) == 4
+    server_killed = (ends[0], "process") in plan
+    for end in ends:
+        if (end, "process") not in plan and not server_killed:
+            assert end.process.end() == 0, f"a recording that stops is no reason to stop: {end.process.said}"
+
+
+@pytest.mark.parametrize(("way", "folder"), [("--runs", "/proc/cogrip"), ("--into", "/sys/cogrip")])
+def test_where_nothing_can_be_written_a_session_goes_on_and_says_so(run, way, folder):
+    server = run("serve", DEMO, "--port", "0", "--seconds", "120", way, folder)
+    port = server.hear(r"listening on \S+:(\d+)")[1]
+    person = run("join", f"127.0.0.1:{port}", "--seconds", "0.5", way, folder)
+    assert person.end() == 0, person.said
+    server.signal(signal.SIGINT)
+    assert server.end() == 0, server.said
+    for process in (server, person):
+        assert "this session is not recorded" in process.said
+        assert folder in process.said
+        assert "Traceback" not in process.said
+
+
+def test_a_run_folder_removed_while_people_play_is_there_again_afterwards(run, serve, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    server, port = serve(DEMO, "--into", str(folder))
+    person = run("join", f"127.0.0.1:{port}", "--into", folder)
+    ends = [End("server", server, folder / SERVER_RECORDING), End("anna", person, folder / client_recording("anna"))]
+    for end in ends:
+        end.await_recording()
+        while end.newest() < 50:
+            end.still_runs()
+    shutil.rmtree(folder)
+    for end in ends:
+        while not end.path.exists():
+            end.still_runs()
+    for process in (person, server):
+        process.signal(signal.SIGINT)
+        assert process.end() == 0, process.said
+        assert "recording" not in process.said
+    for end in ends:
+        end.check()
+    assert len(list(folder.iterdir())) >= 3, "and the account of the person"

@@ -1,0 +1,378 @@
+"""A recorder with its real writer process: what is put is in the file, and no trouble of the file reaches the loop."""
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cogrip.protocol.io.recorder import Recorder, open_recorder
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
+from cogrip.protocol.recording.records import Clock, Gap
+from cogrip.protocol.recording.sink import topics
+
+KINDS = ("event", "command", "gap", "clock")
+EVENT, COMMAND, GAP, CLOCK = range(4)
+MOST_TURNS = 50_000_000  # of a loop that waits for the writer: hours; a test that hangs is ended long before
+
+Words = list[str]
+Start = Callable[..., Recorder]
+
+
+def header() -> Header:
+    return Header("client", "anna", "{}", 1024, 1, 10**18, False, versions_here(), topics("anna", KINDS))
+
+
+def text(number: int) -> bytes:
+    return b'{"text":"%d"}' % number
+
+
+@pytest.fixture
+def words() -> Words:
+    """What the session was told."""
+    return []
+
+
+@pytest.fixture
+def start(words: Words, tmp_path: Path) -> Iterator[Start]:
+    """Begin a recording at `tmp_path/run/client-anna.mcap`; whatever is open at the end is closed."""
+    begun: list[Recorder] = []
+
+    def begin(**arguments: int) -> Recorder:
+        recorder = open_recorder(tmp_path / "run" / "client-anna.mcap", header(), words.append, **arguments)
+        assert recorder is not None, words
+        begun.append(recorder)
+        return recorder
+
+    yield begin
+    for recorder in begun:
+        if not ended(recorder):
+            os.kill(writer_of(recorder), signal.SIGCONT)
+            recorder.close()
+
+
+def writer_of(recorder: Recorder) -> int:
+    return recorder._process.pid
+
+
+def ended(recorder: Recorder) -> bool:
+    return recorder._process.poll() is not None
+
+
+def stop(recorder: Recorder) -> None:
+    """Stop the writer, and wait until it stands."""
+    os.kill(writer_of(recorder), signal.SIGSTOP)
+    os.waitid(os.P_PID, writer_of(recorder), os.WSTOPPED | os.WNOWAIT)
+
+
+def put(recorder: Recorder, first: int, last: int) -> None:
+    for number in range(first, last):
+        recorder.put(EVENT, number, text(number))
+
+
+def wait_for(reached: Callable[[], object]) -> None:
+    for _ in range(MOST_TURNS):
+        if reached():
+            return
+    raise AssertionError("never reached")
+
+
+def put_until(recorder: Recorder, first: int, reached: Callable[[], object]) -> int:
+    """Put one message after the other; gives the number of the next."""
+    for number in range(first, first + MOST_TURNS):
+        if reached():
+            return number
+        recorder.put(EVENT, number, text(number))
+    raise AssertionError("never reached")
+
+
+def numbers_in(path: Path, *, complete: bool | None = None) -> list[int]:
+    """Which of our messages are in the file, in its order, and whether it was closed."""
+    recording = open_recording(path)
+    numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
+    if complete is not None:  # and nobody is writing it now
+        assert recording.complete == complete
+        assert not recording.damage
+    return numbers
+
+
+def flushed(path: Path) -> list[int]:
+    """As `numbers_in`, of a file that may not have its header yet."""
+    try:
+        return numbers_in(path)
+    except RecordingError:
+        return []
+
+
+def test_everything_that_is_put_is_in_the_file(start, words):
+    recorder = start()
+    put(recorder, 0, 20_000)
+    recorder.put(COMMAND, 20_000, b'{"verb":"leave"}')
+    recorder.close()
+    recording = open_recording(recorder.path)
+    found = list(recording.messages())
+    ours = [message for message in found if message.topic != CLOCK]
+    assert ours == [
+        *(Message(EVENT, number, text(number)) for number in range(20_000)),
+        Message(COMMAND, 20_000, b'{"verb":"leave"}'),
+    ]
+    assert recording.complete
+    assert recording.header == header()
+    assert (words, recorder.lost, recorder.trouble) == ([], 0, "")
+
+
+def test_a_recording_of_nothing_is_a_whole_file_with_a_clock_anchor(start, words):
+    """However short a session is, it can be aligned with those of other machines."""
+    recorder = start()
+    recorder.close()
+    anchors = [message for message in open_recording(recorder.path).messages() if message.topic == CLOCK]
+    assert anchors
+    for message in anchors:
+        clock = msgspec.json.decode(message.payload, type=Clock)
+        assert clock.monotonic_ns == message.time_ns
+    assert numbers_in(recorder.path, complete=True) == []
+    assert not words
+
+
+def test_what_was_put_can_be_read_while_it_is_recorded(start):
+    recorder = start()
+    put(recorder, 0, 100)
+    wait_for(lambda: len(flushed(recorder.path)) == 100)
+    assert numbers_in(recorder.path) == list(range(100))
+
+
+def test_an_existing_file_is_never_overwritten(words, tmp_path):
+    path = tmp_path / "client-anna.mcap"
+    path.write_bytes(b"somebody's only copy")
+    assert open_recorder(path, header(), words.append) is None
+    assert path.read_bytes() == b"somebody's only copy"
+    (said,) = words
+    assert f"{path} exists, and no recording is overwritten" in said
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc and /sys")
+@pytest.mark.parametrize("folder", ["/proc/cogrip", "/proc/sys", "/sys/kernel", "/sys/cogrip/deeper"])
+def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder):
+    assert open_recorder(Path(folder) / "client-anna.mcap", header(), words.append) is None
+    (said,) = words
+    assert said.startswith(f"this session is not recorded: {folder}/client-anna.mcap: ")
+    assert said.endswith("choose another folder with --runs")
+
+
+def test_a_folder_that_is_a_file_is_not_called_an_existing_recording(words, tmp_path):
+    (tmp_path / "run").write_text("not a folder")
+    assert open_recorder(tmp_path / "run" / "client-anna.mcap", header(), words.append) is None
+    (said,) = words
+    assert said.startswith("this session is not recorded: ")
+    assert "overwritten" not in said
+    assert said.endswith("choose another folder with --runs")
+
+
+def test_a_full_ring_costs_messages_that_are_counted_and_marked_at_their_place(start, words):
+    """The writer is stopped twice while the loop goes on; the loop notices nothing but the count."""
+    recorder = start(ring_bytes=16 * 1024)
+    first = put_until(recorder, 0, lambda: flushed(recorder.path))
+    stop(recorder)
+    second = put_until(recorder, first, lambda: recorder.lost >= 100)
+    assert len(words) == 1, "said at once"
+    os.kill(writer_of(recorder), signal.SIGCONT)
+    kept = recorder.lost + second  # one more is let in as soon as there is room
+    third = put_until(recorder, second, lambda: second < max(flushed(recorder.path)))
+    stop(recorder)
+    fourth = put_until(recorder, third, lambda: recorder.lost >= kept)
+    os.kill(writer_of(recorder), signal.SIGCONT)
+    recorder.close()
+    lost = recorder.lost
+
+    found = [message for message in open_recording(recorder.path).messages() if message.topic != CLOCK]
+    gaps = [msgspec.json.decode(message.payload, type=Gap).messages for message in found if message.topic == GAP]
+    numbers = [message.time_ns for message in found if message.topic == EVENT]
+    assert len(numbers) + lost == fourth
+    assert sum(gaps) == lost
+    assert all(message.payload == text(message.time_ns) for message in found if message.topic == EVENT)
+    for before, after in pairwise(found):
+        if before.topic == after.topic == EVENT:
+            assert after.time_ns == before.time_ns + 1, "nothing is missing without a gap"
+    for before, gap, after in zip(found, found[1:], found[2:], strict=False):
+        if gap.topic == GAP:
+            missing = after.time_ns - before.time_ns - 1
+            assert missing == msgspec.json.decode(gap.payload, type=Gap).messages, "it stands where they are missing"
+    assert words == ["recording of client-anna.mcap is too slow: messages are left out, and counted"], "said once"
+
+
+def test_messages_lost_at_the_very_end_are_marked_too(start):
+    recorder = start(ring_bytes=4096)
+    stop(recorder)
+    last = put_until(recorder, 0, lambda: recorder.lost >= 70_000)  # more than two bytes count
+    os.kill(writer_of(recorder), signal.SIGCONT)
+    recorder.close()
+    found = [message for message in open_recording(recorder.path).messages() if message.topic != CLOCK]
+    numbers = [message.time_ns for message in found if message.topic == EVENT]
+    assert numbers == list(range(last - recorder.lost))
+    assert found[-1].topic == GAP
+    assert (
+        sum(msgspec.json.decode(each.payload, type=Gap).messages for each in found if each.topic == GAP)
+        == recorder.lost
+    )
+
+
+def test_a_killed_writer_is_noticed_and_what_it_flushed_is_there(start, words):
+    recorder = start()
+    put_until(recorder, 0, lambda: len(flushed(recorder.path)) > 1000)
+    safe = len(numbers_in(recorder.path))
+    os.kill(writer_of(recorder), signal.SIGKILL)
+    last = put_until(recorder, 10**9, lambda: recorder.trouble)
+    put(recorder, last, last + 500_000)  # and on, until the ring is full
+    assert recorder.lost > 0
+    recorder.close()
+    since_the_kill = last - 10**9 + 500_000
+    assert words == [f"recording of client-anna.mcap has stopped: {recorder.trouble}"], "said once"
+    assert "what it had written can be recovered" in recorder.trouble
+    recording = open_recording(recorder.path)
+    numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
+    assert not recording.complete
+    assert len(numbers) >= safe
+    assert numbers == list(range(len(numbers)))
+    assert recorder.lost >= since_the_kill, "what never came into the file is counted"
+
+
+def test_a_writer_that_is_asked_to_end_goes_on_to_the_loops_end(start, words):
+    """Ctrl-C reaches every process of a terminal; the writer's end is that of its loop."""
+    recorder = start()
+    put_until(recorder, 0, lambda: flushed(recorder.path))
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(writer_of(recorder), number)
+    put(recorder, 10**9, 10**9 + 1000)
+    recorder.close()
+    assert numbers_in(recorder.path)[-1000:] == list(range(10**9, 10**9 + 1000))
+    assert not words
+
+
+def test_a_removed_folder_comes_back_whole(start, words):
+    recorder = start()
+    removed = put_until(recorder, 0, lambda: len(flushed(recorder.path)) > 1000)
+    shutil.rmtree(recorder.path.parent)
+    wait_for(recorder.path.exists)
+    last = put_until(recorder, removed, lambda: removed < max(flushed(recorder.path), default=0))
+    recorder.close()
+    assert numbers_in(recorder.path, complete=True) == list(range(last))
+    assert (words, recorder.lost) == ([], 0)
+
+
+def test_a_folder_removed_at_the_last_moment_comes_back_too(start, words):
+    """Between the last flush and the end: the writer stands still meanwhile, so that nothing else can come between."""
+    recorder = start()
+    last = put_until(recorder, 0, lambda: len(flushed(recorder.path)) > 1000)
+    stop(recorder)
+    shutil.rmtree(recorder.path.parent)
+    closing = threading.Thread(target=recorder.close)
+    closing.start()
+    while not recorder._process.stdin.closed:  # the last that `close` does before it waits
+        pass
+    os.kill(writer_of(recorder), signal.SIGCONT)
+    closing.join()
+    assert numbers_in(recorder.path, complete=True) == list(range(last))
+    assert not words
+
+
+def test_a_folder_that_cannot_come_back_is_said(start, words):
+    recorder = start()
+    put_until(recorder, 0, lambda: flushed(recorder.path))
+    stop(recorder)
+    shutil.rmtree(recorder.path.parent)
+    recorder.path.parent.write_text("something else has that name now")
+    os.kill(writer_of(recorder), signal.SIGCONT)
+    wait_for(lambda: recorder._ring.said)
+    assert not words, "the loop looks at what the writer says only when it puts"
+    put(recorder, 10**9, 10**9 + 64)
+    assert words == [f"recording of client-anna.mcap has stopped: {recorder.trouble}"], "said at once"
+    put(recorder, 10**9 + 64, 10**9 + 1000)
+    recorder.close()
+    assert len(words) == 1, "said once"
+    assert str(recorder.path) in recorder.trouble
+
+
+# -- a full disk --------------------------------------------------------------------------------------------------------
+
+FULL_DISK = """
+import json, random, sys
+from pathlib import Path
+import msgspec
+from cogrip.protocol.io.recorder import open_recorder
+from cogrip.protocol.recording.header import header_of
+
+disk, header, room = Path(sys.argv[1]), header_of(json.loads(sys.argv[2])), sys.argv[3] == "room"
+words, chance = [], random.Random(1)
+if not room:
+    (disk / "full").open("wb", buffering=0).write(bytes(200 * 1024))
+recorder = open_recorder(disk / "run" / "client-anna.mcap", header, words.append)
+for number in range(600):
+    recorder.put(0, number, b'{"text":"%01024x"}' % chance.getrandbits(4096))
+    while room and number == 100 and recorder.path.stat().st_size < 50_000:
+        pass
+while not recorder._ring.said:
+    pass
+for number in range(1000):
+    recorder.put(0, 10**9 + number, b"{}")
+recorder.close()
+again = []
+other = open_recorder(disk / "run" / "client-ben.mcap", header, again.append)
+other.close()
+print(json.dumps({"words": words, "trouble": recorder.trouble, "again": again, "lost": recorder.lost}))
+for name in ("client-anna", "client-ben"):
+    Path(sys.argv[4], f"{name}.mcap").write_bytes((disk / "run" / f"{name}.mcap").read_bytes())
+"""
+
+
+def namespace() -> list[str] | str:
+    """How to run a command with mounts of its own, or why not."""
+    if not shutil.which("unshare"):
+        return "no `unshare` here"
+    for command in (["unshare", "--mount"], ["unshare", "--user", "--map-root-user", "--mount"]):
+        tried = subprocess.run(
+            [*command, "mount", "-t", "tmpfs", "none", "/mnt"], capture_output=True, text=True, check=False
+        )
+        if tried.returncode == 0:
+            return command
+    return f"mounting is not allowed here: {tried.stderr.strip()}"
+
+
+@pytest.mark.parametrize("room", ["room", "no room"])
+def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(tmp_path, room):
+    """A tmpfs of 200 kB, for about 600 kB; or one that is full before the first byte."""
+    command = namespace()
+    if isinstance(command, str):
+        pytest.skip(command)
+    disk, kept = tmp_path / "disk", tmp_path / "kept"
+    disk.mkdir()
+    kept.mkdir()
+    mount = f'mount -t tmpfs -o size=200k none "{disk}" && exec "$@"'
+    done = subprocess.run(
+        [*command, "sh", "-c", mount, "sh", sys.executable, "-c", FULL_DISK, disk, json.dumps(header().metadata()), room, kept],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    full = os.strerror(errno.ENOSPC)
+    path = disk / "run" / "client-anna.mcap"
+    assert told["trouble"] == f"{path}: {full}; what was written before stays readable"
+    assert told["words"] == [f"recording of client-anna.mcap has stopped: {told['trouble']}"], "said once"
+    if room == "no room":
+        assert [full in words for words in told["again"]] == [True]
+    else:
+        recording = open_recording(kept / "client-anna.mcap")
+        numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
+        assert len(numbers) > 100
+        assert numbers == list(range(len(numbers)))
+        assert not recording.damage, "no half a chunk is left"
+        assert told["lost"] == 1600 - len(numbers)

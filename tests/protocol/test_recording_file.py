@@ -1,0 +1,480 @@
+"""The file of a recording: written, read by us and by others, cut anywhere, damaged anywhere, or not one at all."""
+
+import base64
+import io
+import json
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from random import Random
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of, versions_here
+from cogrip.protocol.recording.reader import Follower, Message, Recording, RecordingError, open_recording
+from cogrip.protocol.recording.records import KINDS, Record, SeatStep
+from cogrip.protocol.recording.schema import json_schema
+from cogrip.protocol.recording.sink import encode, topics
+from cogrip.protocol.recording.writer import RecordingWriter
+
+EPOCH_NS = 1_700_000_000_123_456_789
+KINDS_SMALL = ("event", "command")
+
+
+def header(kinds: Sequence[str] = KINDS_SMALL, **changes: Any) -> Header:
+    whole = Header(
+        "client", "anna", '{"hello": "hand"}', 1024, 7, EPOCH_NS, False, versions_here(), topics("anna", kinds)
+    )
+    return msgspec.structs.replace(whole, **changes)
+
+
+def written(header: Header, chunks: Sequence[Sequence[Message]], *, finished: bool = True) -> bytes:
+    """A file with these chunks."""
+    stream = io.BytesIO()
+    writer = RecordingWriter(stream, header)
+    for chunk in chunks:
+        for message in chunk:
+            writer.put(*message)
+        writer.flush()
+    if finished:
+        writer.finish()
+    return stream.getvalue()
+
+
+def file_of(chunks: int, messages: int, seed: int = 1) -> tuple[bytes, list[list[Message]]]:
+    """A file, and what is in each of its chunks; no two messages have the same time."""
+    chance = Random(seed)
+    content = [
+        [
+            Message(chance.randrange(2), 1000 * chunk + number, b'{"text":"%030x"}' % chance.getrandbits(120))
+            for number in range(messages)
+        ]
+        for chunk in range(chunks)
+    ]
+    return written(header(), content), content
+
+
+def places(data: bytes) -> list[range]:
+    """The bytes of each chunk record, by an independent reader."""
+    summary = make_reader(io.BytesIO(data)).get_summary()
+    return [
+        range(each.chunk_start_offset, each.chunk_start_offset + each.chunk_length) for each in summary.chunk_indexes
+    ]
+
+
+SMALL, SMALL_CONTENT = file_of(8, 4)
+SMALL_PLACES = places(SMALL)
+HEADER_END = SMALL_PLACES[0].start
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where a test puts its file; the next example overwrites it."""
+    return tmp_path_factory.mktemp("recordings") / "client-anna.mcap"
+
+
+def read(path: Path, data: bytes) -> tuple[Recording, list[Message]]:
+    path.write_bytes(data)
+    recording = open_recording(path)
+    return recording, list(recording.messages())
+
+
+def read_or_refused(path: Path, data: bytes) -> tuple[Recording | None, list[Message]]:
+    """As `read`; None where the file is refused, in words that name it."""
+    path.write_bytes(data)
+    try:
+        recording = open_recording(path)
+    except RecordingError as error:
+        if str(path) not in str(error):
+            raise
+        return None, []
+    return recording, list(recording.messages())
+
+
+# -- written and read -------------------------------------------------------------------------------------------------
+
+
+def values(hint: Any) -> st.SearchStrategy[Any]:
+    """Anything that a field of this type may hold."""
+    simple: dict[Any, st.SearchStrategy[Any]] = {
+        int: st.integers(-(2**63), 2**64 - 1),
+        float: st.floats(allow_nan=False, allow_infinity=False),  # others are written as null, which is here too
+        str: st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
+        bytes: st.binary(max_size=60),
+        bool: st.booleans(),
+        NoneType: st.none(),
+    }
+    if hint in simple:
+        return simple[hint]
+    if get_origin(hint) in (Union, UnionType):
+        return st.one_of([values(each) for each in get_args(hint)])
+    if get_origin(hint) is tuple and get_args(hint)[-1] is ...:
+        return st.lists(values(get_args(hint)[0]), max_size=3).map(tuple)
+    if get_origin(hint) is tuple:
+        return st.tuples(*map(values, get_args(hint)))
+    assert issubclass(hint, SeatStep), hint
+    return records(hint)
+
+
+def records(kind: type[Record]) -> st.SearchStrategy[Record]:
+    hints = get_type_hints(kind)
+    return st.builds(kind, **{name: values(hint) for name, hint in hints.items() if name in kind.__struct_fields__})
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> list[tuple[str, int, Record]]:
+    """Some records of any kind, as (kind, time, record)."""
+    kinds = draw(st.lists(st.sampled_from(sorted(KINDS)), max_size=12))
+    times = st.integers(0, 2**63 - 1 - EPOCH_NS)
+    return [(kind, draw(times), draw(records(KINDS[kind]))) for kind in kinds]
+
+
+def fits(value: Any, schema: dict[str, Any]) -> bool:
+    """Is this what the schema says? Null is a value that is missing, anywhere."""
+    if value is None:
+        return True
+    match schema["type"]:
+        case "object":
+            properties = schema["properties"]
+            return isinstance(value, dict) and all(
+                key in properties and fits(each, properties[key]) for key, each in value.items()
+            )
+        case "array":
+            return isinstance(value, list) and all(fits(each, schema["items"]) for each in value)
+        case "string":
+            if schema.get("contentEncoding") == "base64":
+                base64.b64decode(value, validate=True)
+            return isinstance(value, str)
+        case "boolean":
+            return isinstance(value, bool)
+        case "integer":
+            return isinstance(value, int) and not isinstance(value, bool)
+        case "number":
+            return isinstance(value, int | float) and not isinstance(value, bool)
+    raise AssertionError(f"no viewer knows the type {schema['type']!r}")
+
+
+def test_the_validator_tells_what_does_not_fit():
+    schema = json.loads(json_schema(KINDS["step"]))
+    seat = {"user": "anna", "seated": True, "proxy_m": [0.0, None], "lost": 0}
+    assert fits({"step": 1, "object_m": [0.5], "seats": [seat]}, schema)
+    for wrong in (
+        [], {"step": 1.5}, {"step": True}, {"object_m": 0.5}, {"object_m": ["far"]}, {"more": 1},
+        {"seats": [{**seat, "seated": 1}]},
+    ):  # fmt: skip
+        assert not fits(wrong, schema), wrong
+
+
+@settings(max_examples=200)
+@given(messages(), st.sets(st.integers(0, 12)))
+def test_what_is_written_is_read_again_by_us_and_by_others(path, content, ends):
+    """Messages of any kind and time, flushed anywhere: three readers agree, and every message fits its schema."""
+    kinds = sorted(KINDS)
+    put = [Message(kinds.index(kind), time_ns, encode(record)) for kind, time_ns, record in content]
+    borders = [0, *sorted(end for end in ends if end < len(put)), len(put)]
+    head = header(kinds)
+    data = written(head, [put[start:end] for start, end in pairwise(borders)])
+    recording, found = read(path, data)
+    assert found == put
+    assert recording.complete
+    assert not recording.damage
+    assert recording.header == head
+    for (kind, _, record), message in zip(content, found, strict=True):
+        again = msgspec.json.decode(message.payload, type=KINDS[kind])
+        assert encode(again) == encode(record), "typed, it is what it was"
+
+    by_topic = [(head.topics[message.topic], message.time_ns + EPOCH_NS, message.payload) for message in put]
+    streamed = list(StreamReader(io.BytesIO(data), validate_crcs=True).records)
+    channels = {each.id: each for each in streamed if type(each).__name__ == "Channel"}
+    theirs = [each for each in streamed if type(each).__name__ == "Message"]
+    assert [(channels[each.channel_id].topic, each.log_time, each.data) for each in theirs] == by_topic
+    indexed = list(make_reader(io.BytesIO(data), validate_crcs=True).iter_messages(log_time_order=False))
+    assert sorted((channel.topic, each.log_time, each.data) for _, channel, each in indexed) == sorted(by_topic)
+    for schema, channel, each in indexed:
+        assert schema is not None
+        assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+        table = json.loads(schema.data)
+        assert table["type"] == "object"
+        assert fits(json.loads(each.data), table), (
+            f"{channel.topic}: {each.data.decode()} is not {schema.data.decode()}"
+        )
+
+
+def test_every_topic_has_a_schema_though_nothing_was_said_there():
+    data = written(header(sorted(KINDS)), [[Message(0, 0, b"{}")]])
+    summary = make_reader(io.BytesIO(data)).get_summary()
+    assert [each.topic for each in summary.channels.values()] == [f"/anna/{kind}" for kind in sorted(KINDS)]
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        assert schema.name == f"cogrip.{KINDS[channel.topic.rpartition('/')[2]].__name__}"
+        assert json.loads(schema.data)["type"] == "object"
+    (metadata,) = make_reader(io.BytesIO(data)).iter_metadata()
+    assert metadata.name == NAME
+    assert header_of(metadata.metadata) == header(sorted(KINDS))
+
+
+def test_chunks_are_of_64_kib(path):
+    """A long recording that nobody flushes still comes in chunks that are readable one by one."""
+    stream = io.BytesIO()
+    writer = RecordingWriter(stream, header())
+    for number in range(3000):
+        writer.put(0, number, b'{"text":"%064x"}' % number)
+    writer.finish()
+    sizes = [each.uncompressed_size for each in make_reader(io.BytesIO(stream.getvalue())).get_summary().chunk_indexes]
+    assert len(sizes) > 3
+    assert all(64 * 1024 < size < 66 * 1024 for size in sizes[:-1])
+    recording, found = read(path, stream.getvalue())
+    assert [message.time_ns for message in found] == list(range(3000))
+    assert len(list(recording.chunks())) == len(sizes)
+
+
+def test_a_follower_sees_what_was_flushed(path):
+    """The newest of each topic; a chunk of which only a part is there is waited for."""
+    path.write_bytes(SMALL[: SMALL_PLACES[0].start])
+    follower = Follower(path)
+    assert not follower.look()
+    done: list[Message] = []
+    for chunk, place in zip(SMALL_CONTENT, SMALL_PLACES, strict=True):
+        path.write_bytes(SMALL[: place.stop - 1])
+        assert follower.look() == newest(done)
+        done += chunk
+        path.write_bytes(SMALL[: place.stop])
+        assert follower.look() == newest(done)
+    path.write_bytes(SMALL)
+    assert follower.look() == newest(done)
+
+
+def newest(messages: Sequence[Message]) -> dict[str, Message]:
+    return {header().topics[message.topic]: message for message in messages}
+
+
+# -- cut --------------------------------------------------------------------------------------------------------------
+
+
+def check_cut(
+    path: Path, data: bytes, content: Sequence[Sequence[Message]], chunk_places: Sequence[range], size: int
+) -> None:
+    """Only RecordingError is raised, and all of what was whole is there, and nothing else."""
+    whole = [chunk for chunk, place in zip(content, chunk_places, strict=True) if place.stop <= size]
+    recording, found = read_or_refused(path, data[:size])
+    if recording is None:
+        assert size < chunk_places[0].start, f"{size} bytes hold the header, but it is refused"
+        return
+    assert found == [message for chunk in whole for message in chunk]
+    assert recording.complete == (size == len(data))
+    for damage in recording.damage:
+        assert damage.reason == "the end is cut off"
+        assert damage.offset + damage.length == size
+        assert damage.from_ns == (whole[-1][-1].time_ns if whole else None)
+        assert damage.to_ns is None
+    if any(place.start < size < place.stop for place in chunk_places):
+        assert len(recording.damage) == 1, "half a chunk is not passed over in silence"
+
+
+def test_a_file_cut_at_any_byte_gives_what_was_whole(path):
+    for size in range(len(SMALL) + 1):
+        check_cut(path, SMALL, SMALL_CONTENT, SMALL_PLACES, size)
+
+
+LARGE, LARGE_CONTENT = file_of(40, 120, seed=2)
+LARGE_PLACES = places(LARGE)
+
+
+@given(st.integers(0, len(LARGE)))
+def test_a_larger_file_cut_anywhere_gives_what_was_whole(path, size):
+    check_cut(path, LARGE, LARGE_CONTENT, LARGE_PLACES, size)
+
+
+def test_a_file_that_was_never_finished_is_whole_up_to_its_last_flush(path):
+    recording, found = read(path, written(header(), SMALL_CONTENT, finished=False))
+    assert found == [message for chunk in SMALL_CONTENT for message in chunk]
+    assert not recording.complete
+    assert not recording.damage
+
+
+# -- damaged ----------------------------------------------------------------------------------------------------------
+
+Flips = dict[int, int]  # at which byte, by which bits
+
+
+def flips(first: int, last: int, most: int = 6) -> st.SearchStrategy[Flips]:
+    return st.dictionaries(st.integers(first, last - 1), st.integers(1, 255), min_size=1, max_size=most)
+
+
+def flipped(data: bytes, flips: Flips) -> bytes:
+    damaged = bytearray(data)
+    for at, bits in flips.items():
+        damaged[at] ^= bits
+    return bytes(damaged)
+
+
+def check_damage(
+    path: Path, data: bytes, content: Sequence[Sequence[Message]], chunk_places: Sequence[range], flips: Flips
+) -> None:
+    """Nothing is raised; nothing is wrong; nothing is missing but what was hit; what is missing is named with its time."""
+    recording, found = read(path, flipped(data, flips))
+    original = [message for chunk in content for message in chunk]
+    given_times = [message.time_ns for message in found]
+    assert given_times == sorted(set(given_times)), "in the order of the file, none twice"
+    there = set(found)
+    assert there <= set(original)
+    hit = {number for number, place in enumerate(chunk_places) if any(at in place for at in flips)}
+    for number, chunk in enumerate(content):
+        if number not in hit:
+            assert there.issuperset(chunk), f"chunk {number} was not hit, but is not there"
+        missing = [message.time_ns for message in chunk if message not in there]
+        if missing:
+            assert any(covers(damage, missing[0], missing[-1]) for damage in recording.damage), (
+                f"chunk {number} is missing, but the damage named is {recording.damage}"
+            )
+    for damage in recording.damage:
+        assert 0 < damage.offset < len(data)
+        assert damage.offset + damage.length <= len(data)
+        assert damage.from_ns is None or damage.to_ns is None or damage.from_ns < damage.to_ns
+
+
+def covers(damage: Any, first_ns: int, last_ns: int) -> bool:
+    return (damage.from_ns is None or damage.from_ns < first_ns) and (damage.to_ns is None or last_ns < damage.to_ns)
+
+
+@settings(max_examples=2000)
+@given(flips(HEADER_END, len(SMALL)))
+def test_flipped_bytes_cost_only_the_chunks_that_they_hit(path, flips):
+    check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, flips)
+
+
+@settings(max_examples=500)
+@given(flips(LARGE_PLACES[0].start, len(LARGE), most=12))
+def test_flipped_bytes_in_a_larger_file(path, flips):
+    check_damage(path, LARGE, LARGE_CONTENT, LARGE_PLACES, flips)
+
+
+@pytest.mark.parametrize("bits", [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0xFF])
+def test_every_byte_of_one_chunk_and_its_index_flipped_costs_at_most_that_chunk(path, bits):
+    """Its length, its checksum, the length of its index: reading goes on at the next chunk."""
+    for at in range(SMALL_PLACES[3].start, SMALL_PLACES[4].start):
+        check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, {at: bits})
+
+
+@pytest.mark.parametrize("size", [0, 1, 2**16, 2**31, 2**40, 2**63, 2**64 - 1])
+def test_a_chunk_that_says_it_is_of_any_size_costs_no_more_than_itself(path, size):
+    """In the record, in its frame and in the compressed data's own frame header."""
+    place = SMALL_PLACES[3]
+    for at in (place.start + 1, place.start + 9 + 16, place.start + 9 + 36):
+        damaged = bytearray(SMALL)
+        damaged[at : at + 8] = size.to_bytes(8, "little")
+        changes = {n: a ^ b for n, (a, b) in enumerate(zip(SMALL, damaged, strict=True)) if a != b}
+        check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, changes)
+    data = place.start + 9 + 28 + 8 + 8
+    assert SMALL[data : data + 4] == b"\x28\xb5\x2f\xfd", "a zstd frame begins here"
+    damaged = bytearray(SMALL)
+    damaged[data + 4] = 0xE0  # a single segment whose size is in the eight bytes that follow
+    damaged[data + 5 : data + 13] = size.to_bytes(8, "little")
+    changes = {n: a ^ b for n, (a, b) in enumerate(zip(SMALL, damaged, strict=True)) if a != b}
+    check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, changes)
+
+
+@settings(max_examples=1000)
+@given(flips(0, HEADER_END))
+@example({HEADER_END - 1: 1})
+def test_a_damaged_header_is_refused_or_changes_nothing(path, flips):
+    """Topics, epoch and settings stand there: a message must not be given another topic or another time."""
+    recording, found = read_or_refused(path, flipped(SMALL, flips))
+    if recording is None:
+        return
+    assert recording.header == header()
+    assert found == [message for chunk in SMALL_CONTENT for message in chunk]
+
+
+def test_a_hole_in_the_middle_is_named_by_its_time(path):
+    """64 bytes of a chunk overwritten, and a whole disk block of zeros."""
+    place = LARGE_PLACES[20]
+    for hole in (range(place.start + 100, place.start + 164), range(place.start + 50, place.start + 50 + 4096)):
+        data = bytearray(LARGE)
+        data[hole.start : hole.stop] = bytes(len(hole))
+        recording, found = read(path, bytes(data))
+        lost = {number for number, each in enumerate(LARGE_PLACES) if each.start < hole.stop and each.stop > hole.start}
+        assert found == [
+            message for number, chunk in enumerate(LARGE_CONTENT) if number not in lost for message in chunk
+        ]
+        span = LARGE_CONTENT[19][-1].time_ns, LARGE_CONTENT[max(lost) + 1][0].time_ns
+        assert {(damage.from_ns, damage.to_ns) for damage in recording.damage} == {span}
+
+
+@given(st.binary(max_size=400))
+@example(SMALL[:8])
+def test_garbage_after_the_header_is_no_message(path, garbage):
+    recording, found = read(path, SMALL[:HEADER_END] + garbage)
+    assert not found
+    assert not recording.complete
+
+
+# -- not a recording --------------------------------------------------------------------------------------------------
+
+
+def foreign(write: Callable[[Writer], None]) -> bytes:
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    write(writer)
+    writer.finish()
+    return stream.getvalue()
+
+
+def with_metadata(**changes: str | None) -> bytes:
+    """A file of ours whose metadata was changed."""
+    table: dict[str, str | None] = {**header().metadata(), **changes}
+    kept = {key: value for key, value in table.items() if value is not None}
+    return foreign(lambda writer: writer.add_metadata(NAME, kept))
+
+
+NEWER = str(FORMAT + 1)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "not a recording"),
+        (b"time_s,x_m\n0,0\n", "not a recording"),
+        (SMALL[:7], "not a recording"),
+        (SMALL[:8], "ends before it says what it is"),
+        (SMALL[:40], "nothing of it can be saved"),
+        (SMALL[: HEADER_END - 20], "nothing of it can be saved"),
+        (foreign(lambda writer: None), "no recording of cogrip's"),
+        (foreign(lambda writer: writer.add_attachment(0, 0, "a", "b", b"c") and None), "no recording of cogrip's"),
+        (foreign(lambda writer: writer.add_metadata("rosbag", {"distro": "x"})), "header is not cogrip's"),
+        (with_metadata(format=NEWER), f"format {NEWER}, newer than {FORMAT}"),
+        (with_metadata(format=NEWER, topics=None, role=None, more="{}"), f"format {NEWER}, newer than {FORMAT}"),
+        (with_metadata(format="soon"), "header is not cogrip's"),
+        (with_metadata(epoch_ns="1e400"), "header is not cogrip's"),
+        (with_metadata(versions="[]"), "header is not cogrip's"),
+        (with_metadata(topics="{}"), "header is not cogrip's"),
+        (with_metadata(topics=None), "header is not cogrip's"),
+    ],
+)  # fmt: skip
+def test_what_is_no_recording_is_refused_with_the_reason(path, data, words):
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=words) as raised:
+        open_recording(path)
+    assert str(path) in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_file_that_is_not_there_is_not_called_damaged(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        open_recording(tmp_path / "nothing.mcap")
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_recording_or_are_refused(path, data):
+    path.write_bytes(SMALL[:8] + data)
+    with pytest.raises(RecordingError):
+        open_recording(path)

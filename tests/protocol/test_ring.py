@@ -1,0 +1,210 @@
+"""The ring between a loop and its writer: what is put comes out whole and in order, or is counted lost."""
+
+import os
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
+
+import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
+
+from cogrip.protocol.io.ring import Ring, make_ring
+
+CAPACITY = 4096  # of the smallest ring
+HEAD = 16  # bytes of a message beside its payload
+MOST = CAPACITY - HEAD
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Ring, Ring]]:
+    """Both ends of the smallest ring: two maps of it, as two processes have them."""
+    loop = make_ring(CAPACITY)
+    writer = Ring(os.dup(loop.fd))
+    yield loop, writer
+    loop.close()
+    writer.close()
+
+
+def padded(size: int) -> int:
+    """Bytes that a payload of `size` takes of the ring."""
+    return (HEAD + size + 7) // 8 * 8
+
+
+class Interleaving(RuleBasedStateMachine):
+    """Any order of puts and takes against a plain queue."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loop = make_ring(CAPACITY)
+        self.writer = Ring(os.dup(self.loop.fd))
+        self.queue: deque[tuple[int, int, bytes]] = deque()
+        self.lost = 0
+        self.taking: Iterator[tuple[int, int, bytes]] = iter(())
+        self.count = 0
+
+    def teardown(self) -> None:
+        self.taking = iter(())
+        self.loop.close()
+        self.writer.close()
+
+    def free(self) -> int:
+        return CAPACITY - sum(padded(len(payload)) for _, _, payload in self.queue)
+
+    @rule(
+        topic=st.integers(0, 2**16 - 1),
+        time_ns=st.integers(0, 2**64 - 1),
+        size=st.integers(0, 40)
+        | st.integers(0, CAPACITY + 8)
+        | st.sampled_from((0, 1, 7, 8, 9, 2032, MOST - 1, MOST, MOST + 1)),
+    )
+    def put(self, topic: int, time_ns: int, size: int) -> None:
+        self.count += 1
+        payload = (self.count.to_bytes(4, "little") * (size // 4 + 1))[:size]
+        before = self.loop.lost
+        self.loop.put(topic, time_ns, payload)
+        if self.loop.lost == before:
+            assert padded(size) <= self.free(), "it took room that the taker had not given back"
+            self.queue.append((topic, time_ns, payload))
+        else:
+            self.lost += 1
+            # the rest before the ring's end that a message may have to skip is shorter than the message
+            assert 2 * padded(size) > self.free(), "there was room"
+
+    @rule()
+    def take_all(self) -> None:
+        taken = list(self.writer.take())
+        assert taken == list(self.queue)
+        self.queue.clear()
+
+    @rule(count=st.integers(1, 5))
+    def take_some(self, count: int) -> None:
+        """A taker that stops halfway has the last one again: it was not done with it."""
+        taken = list(islice(self.writer.take(), count))
+        assert taken == list(islice(self.queue, count))
+        for _ in range(len(taken) - 1 if len(taken) == count else len(taken)):
+            self.queue.popleft()
+
+    @rule(data=st.data())
+    def put_while_taking(self, data: st.DataObject) -> None:
+        """What comes meanwhile is left for the next time."""
+        there = len(self.queue)
+        for number, message in enumerate(self.writer.take()):
+            assert message == self.queue[0]
+            if data.draw(st.booleans()):
+                self.put(number, number, data.draw(st.integers(0, 100)))
+            self.queue.popleft()
+            there -= 1
+        assert there == 0
+
+    @invariant()
+    def losses_are_counted(self) -> None:
+        assert self.loop.lost == self.writer.lost_there == self.lost
+
+
+def test_in_any_interleaving_messages_come_out_whole_and_in_order_or_are_counted_lost():
+    run_state_machine_as_test(Interleaving)
+
+
+def test_the_largest_message_fits_exactly_and_one_byte_more_does_not(ends):
+    loop, writer = ends
+    for _ in range(3):  # it begins at the ring's start every time
+        loop.put(3, 5, bytes(MOST))
+        assert loop.lost == 0
+        assert list(writer.take()) == [(3, 5, bytes(MOST))]
+    loop.put(3, 5, bytes(MOST + 1))
+    assert loop.lost == 1
+    assert not list(writer.take())
+    loop.put(3, 5, b"small")
+    assert list(writer.take()) == [(3, 5, b"small")]
+
+
+def test_a_full_ring_takes_nothing_until_something_is_taken(ends):
+    loop, writer = ends
+    for number in range(8):
+        loop.put(number, number, bytes(512 - HEAD))
+    assert loop.lost == 0
+    loop.put(9, 9, b"")
+    assert loop.lost == writer.lost_there == 1
+    taking = writer.take()
+    assert next(taking)[0] == 0
+    loop.put(9, 9, b"")
+    assert loop.lost == 2, "the first one is still being read"
+    assert next(taking)[0] == 1
+    loop.put(9, 9, b"")
+    assert loop.lost == 2
+    assert [topic for topic, _, _ in taking] == [2, 3, 4, 5, 6, 7]
+    assert [topic for topic, _, _ in writer.take()] == [9]
+
+
+@pytest.mark.parametrize("room", [8, 16, 24, 512])
+def test_what_does_not_fit_before_the_end_goes_to_the_start(ends, room):
+    loop, writer = ends
+    loop.put(0, 0, bytes(MOST - room))
+    assert len(list(writer.take())) == 1
+    payload = bytes(range(256)) * 3
+    for number in range(3):
+        loop.put(1, number, payload)
+    assert list(writer.take()) == [(1, number, payload) for number in range(3)]
+    assert loop.lost == 0
+
+
+def test_words_and_the_end_go_the_other_way(ends):
+    loop, writer = ends
+    assert not loop.said
+    writer.say("the disk is full: \N{CROSS MARK}")
+    writer.say("and again")
+    assert loop.said == "the disk is full: \N{CROSS MARK}", "the first words stay"
+    assert not writer.finished
+    loop.finish()
+    assert writer.finished
+
+
+def test_words_that_are_too_long_are_cut(ends):
+    loop, writer = ends
+    writer.say("\N{CROSS MARK}" * 4096)
+    assert loop.said.startswith("\N{CROSS MARK}" * 1000)
+    loop.put(0, 1, b"data")
+    assert list(writer.take()) == [(0, 1, b"data")], "no word ran into the data"
+
+
+TAKER = """
+import os, sys
+from cogrip.protocol.io.ring import Ring
+parent = os.getppid()
+ring, acknowledged = Ring(int(sys.argv[1])), Ring(int(sys.argv[2]))
+taken = 0
+while os.getppid() == parent and (not ring.finished or taken < int(sys.argv[3])):
+    for topic, time_ns, payload in ring.take():
+        assert (topic, time_ns, payload) == (taken % 7, taken, b"%d" % taken), (taken, topic, time_ns, payload)
+        taken += 1
+        if taken % 256 == 0:
+            acknowledged.put(0, taken, b"")
+assert taken == int(sys.argv[3]) and ring.lost_there == 0, (taken, ring.lost_there)
+"""
+
+
+def test_two_processes_at_full_speed_lose_nothing_while_there_is_room():
+    """Neither may see a counter of the other's half written: the ring is never more than half full here."""
+    messages, capacity = 400_000, 1 << 16
+    loop, answers = make_ring(capacity), make_ring(CAPACITY)
+    most_waiting = capacity // 2 // padded(len(b"%d" % messages))
+    command = [sys.executable, "-c", TAKER, str(loop.fd), str(answers.fd), str(messages)]
+    with subprocess.Popen(command, pass_fds=(loop.fd, answers.fd), stderr=subprocess.PIPE, text=True) as taker:
+        taken = number = 0
+        while number < messages and not loop.lost and taker.poll() is None:
+            if number - taken < most_waiting:
+                loop.put(number % 7, number, b"%d" % number)
+                number += 1
+            else:
+                taken = max([taken, *(time_ns for _, time_ns, _ in answers.take())])
+        if loop.lost:
+            taker.kill()
+        loop.finish()
+        words = taker.communicate()[1]
+    assert loop.lost == 0, f"message {number} was refused although half of the ring was free"
+    assert taker.returncode == 0, words
+    loop.close()
+    answers.close()
