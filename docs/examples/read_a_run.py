@@ -1,6 +1,6 @@
 """Reading a recorded run from Python. Run it cell by cell in an editor that knows `# %%`, or whole:
 
-    python docs/examples/read_a_run.py runs/20260101-120000-demo
+python docs/examples/read_a_run.py runs/20260101-120000-demo
 """
 
 # %% Open a run: a folder, or one .mcap file. Damaged files are read as far as they are whole.
@@ -22,12 +22,16 @@ for time_s, tick in end.records("tick"):
 # %% Columns as numpy arrays: shape (n,) or (n, axes), nan where there is nothing.
 columns = end.columns("tick", "position_m", "force_n", "work_j", "late_us")
 force = np.linalg.norm(columns["force_n"], axis=1)
-print(f"{name}: {len(force)} ticks, peak force {force.max():.2f} N, work by the hand {columns['work_j'][-1] * 1e3:.1f} mJ")
+print(
+    f"{name}: {len(force)} ticks, peak force {force.max():.2f} N, work by the hand {columns['work_j'][-1] * 1e3:.1f} mJ"
+)
 print(f"{name}: 99 of 100 ticks came within {np.percentile(columns['late_us'], 99):.0f} us of their time")
 
 # %% The server's side of the same run, on the same clock.
 gap_mm = [
-    abs(step.seats[0].proxy_m[0] - step.object_m[0]) * 1e3 for _, step in run.steps() if step.seats and step.seats[0].seated
+    abs(step.seats[0].proxy_m[0] - step.object_m[0]) * 1e3
+    for _, step in run.steps()
+    if step.seats and step.seats[0].seated
 ]
 if gap_mm:
     print(f"largest gap between {run.names()[0]}'s proxy and the object: {max(gap_mm):.2f} mm")

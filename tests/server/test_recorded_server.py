@@ -210,7 +210,9 @@ DURING = st.one_of(
     st.tuples(st.just("tick"), st.integers(0, 1), WORDS, st.sampled_from([1, 1, 1, 2, 9]), LATER_NS),
     st.tuples(st.just("run"), st.integers(1, 30), st.lists(st.integers(0, 4), max_size=3, unique=True)),
 )
-AT_THE_END = DURING | st.tuples(st.just("stop"), st.text(max_size=20)) | st.just(("close_books",))
+AT_THE_END = (
+    DURING | st.tuples(st.sampled_from(["stop", "socket_failed"]), st.text(max_size=20)) | st.just(("close_books",))
+)
 ACTIONS = st.builds(list.__add__, st.lists(DURING, min_size=3, max_size=20), st.lists(AT_THE_END, max_size=5))
 COUPLINGS: list[dict[str, Any]] = [
     {}, {"server_step": "paper", "encoder": "velocity", "decimator": "lowpass"}, {"kind": "coupling"},
@@ -235,6 +237,8 @@ def played(live: Live, actions: Sequence[Any]) -> None:
                 live.hear(*words)
             case "close_books", *_:
                 live.core.close_books()
+            case "socket_failed", reason:
+                live.core.socket_failed(reason)
             case "stop", reason:
                 live.core.stop(reason)
                 live.hear()
@@ -494,19 +498,31 @@ def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
     assert not verdict.cut, "the file was closed"
 
 
-STRANGE = st.sampled_from(
-    [b"", b"{}", b"[]", b"null", b'{"verb":"fly"}', b'{"step":1}', b'{"data":"?"}', b'{"ticks":"?"}']
-)
-
-
-@given(st.integers(0, 2000), st.binary(max_size=40) | STRANGE)
-def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(at: int, payload: bytes) -> None:
+def is_judged_or_refused(at: int, payload: bytes) -> None:
     refused, verdict = "", None
     try:
-        verdict = altered(at % len(SCRIPT.noted), payload)
+        verdict = altered(at, payload)
     except RecordingError as error:
         refused = str(error)
     assert "server.mcap cannot be replayed" in refused if verdict is None else not verdict.exact
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"", b"{}", b"[]", b"null", b'{"verb":"fly"}', b'{"verb":"rest","reason":"attic","count":3}', b'{"step":1}',
+        b'{"data":"?"}', b'{"ticks":"?"}',
+    ],
+)  # fmt: skip
+def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(payload: bytes) -> None:
+    topics = [topic for topic, *_ in SCRIPT.noted]
+    for topic in set(topics):
+        is_judged_or_refused(topics.index(topic), payload)
+
+
+@given(st.integers(0, len(SCRIPT.noted) - 1), st.binary(max_size=40))
+def test_any_bytes_give_a_verdict_or_a_refusal_in_words(at: int, payload: bytes) -> None:
+    is_judged_or_refused(at, payload)
 
 
 @pytest.mark.parametrize(

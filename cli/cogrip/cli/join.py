@@ -16,7 +16,7 @@ from cogrip.cli.settings_file import load
 from cogrip.client.loop import Ended, JoinError, LiveClient
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
-from cogrip.devices.registry import make
+from cogrip.devices.registry import axes_of, make
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
@@ -166,14 +166,22 @@ def _play_back(device: str | None, **options: float | None) -> str | None:
 def _device(settings: Settings | None, name: str, address: str | None, axes: int | None) -> tuple[Device, str]:
     try:
         if settings is None:
-            return make(address or DEFAULT_DEVICE, axes=axes or 3), address or DEFAULT_DEVICE
+            return _ready(make(address or DEFAULT_DEVICE, axes=axes or axes_of(address or DEFAULT_DEVICE))), (
+                address or DEFAULT_DEVICE
+            )
         users = [user for user in settings.users if name in ("", user.name)]
         if not users:
             known = ", ".join(user.name for user in settings.users)
             raise BadInput(f"--name {name!r}: no such user in the settings; there is: {known}")
         axes = axes or settings.object.axes
         if address:
-            return make(address, axes=axes), address
-        return make_for(users[0], axes), address_of(users[0])
+            return _ready(make(address, axes=axes)), address
+        return _ready(make_for(users[0], axes)), address_of(users[0])
     except DeviceError as error:
         raise BadInput(str(error)) from None
+
+
+def _ready(device: Device) -> Device:
+    """`device` once its record is known to be there. Raises DeviceError."""
+    _ = device.capability
+    return device

@@ -22,8 +22,13 @@ def recover(file: Path, /) -> int:
     """
     console = Console(highlight=False, soft_wrap=True)
     try:
+        if not file.exists():
+            raise BadInput(f"{file}: there is no such file; name a run folder or a .mcap file")
         if file.is_dir():
-            broken = [each for each in recordings_of(file) if not is_closed(each)]
+            found = recordings_of(file)
+            if not found:
+                raise BadInput(f"{file} holds no recording; name a run folder or a .mcap file")
+            broken = [each for each in found if not is_closed(each)]
             if not broken:
                 console.print(
                     f"{file}: every recording was closed as it should; there is nothing to recover", markup=False

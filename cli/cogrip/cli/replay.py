@@ -84,7 +84,7 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
         if differences:
             say(f"note: {end.path.name} was recorded by other versions: {'; '.join(differences)}")
     verdicts: list[dict[str, Any]] = []
-    exact = True
+    exact = not records.unreadable
     for end in ends:
         try:
             verdict = verify_recording(end.recording)
@@ -95,7 +95,8 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
             say(line)
         verdicts.append(_as_json(end.path.name, verdict))
     if json:
-        write_json({"exact": exact, "files": verdicts}, json)
+        unreadable = [str(path) for path in records.unreadable]
+        write_json({"exact": exact, "files": verdicts, "unreadable": unreadable}, json)
     return 0 if exact else 1
 
 

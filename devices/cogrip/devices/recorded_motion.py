@@ -56,11 +56,24 @@ def find(path: str, user: str) -> Recording:
 
 
 def capability_of(recording: Recording) -> Capability:
-    """The record of the device that was recorded. Raises DeviceError."""
+    """The record of the device that was recorded, on the axes that were. Raises DeviceError."""
     try:
-        return msgspec.convert(json.loads(recording.header.start)["capability"], Capability)
+        record = msgspec.convert(json.loads(recording.header.start)["capability"], Capability)
+        return record.first(axes_of(recording))
     except (KeyError, ValueError) as error:
         raise DeviceError(f"replay: {recording.path} does not say what device was recorded: {error}") from None
+
+
+def axes_of(recording: Recording) -> int:
+    """How many axes were recorded: those of the room, where the device had more. Raises DeviceError."""
+    topic = next(number for number, name in enumerate(recording.topics) if kind_of(name) == "tick")
+    try:
+        for message in recording.messages():
+            if message.topic == topic:
+                return len(msgspec.json.decode(message.payload, type=Tick).force_n)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise DeviceError(f"replay: {recording.path} cannot be read: {error}") from None
+    raise DeviceError(f"replay: {recording.path} holds no ticks")
 
 
 def read_motion(recording: Recording) -> Motion:

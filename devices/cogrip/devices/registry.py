@@ -17,17 +17,22 @@ FAMILIES: dict[str, str] = {
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""
 
 
+MOST_AXES = 3
+
+
 @dataclass(frozen=True, slots=True)
 class Family:
     """What stands behind a scheme.
 
     make      (address, axes, defaults) -> device; settings in the address win over `defaults`
+    axes      address -> how many axes what stands behind it has
     examples  addresses worth listing, each of which `make` accepts
     """
 
     summary: str
     make: Callable[[Address, int, Mapping[str, Setting]], Device]
     examples: tuple[str, ...]
+    axes: Callable[[Address], int] = lambda _: MOST_AXES
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +52,12 @@ def make(address: str, *, axes: int = 1, **defaults: Setting) -> Device:
     """
     parsed = parse_address(address)
     return _family(parsed.scheme, address).make(parsed, axes, defaults)
+
+
+def axes_of(address: str) -> int:
+    """How many axes the device at `address` has, at most MOST_AXES. Raises DeviceError."""
+    parsed = parse_address(address)
+    return _family(parsed.scheme, address).axes(parsed)
 
 
 def families() -> dict[str, str]:

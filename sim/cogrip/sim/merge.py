@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
+from statistics import median_low
 
 import msgspec
 
@@ -53,7 +53,13 @@ def merge(folders: Sequence[Path], out: Path) -> list[Alignment]:
     Raises RecordingError where there is no server's part, two parts of one person, or parts of different runs;
     FileExistsError if `out` exists.
     """
-    files = [file for folder in folders for file in recordings_of(folder)]
+    files = list({file.resolve(): file for folder in folders for file in recordings_of(folder)}.values())
+    names = [file.name for file in files]
+    for file in files:
+        if names.count(file.name) > 1:
+            raise RecordingError(
+                f"there are several files {file.name}; rename all but one, so that none is written over another"
+            )
     recordings = [open_recording(file) for file in files]
     servers = [each for each in recordings if each.header.role == "server"]
     if len(servers) != 1:
@@ -96,7 +102,7 @@ def _heard(recording: Recording) -> _Heard:
         elif kind == "clock":
             anchor = _clock(message.payload)
             anchors.append(anchor.utc_ns - anchor.monotonic_ns)
-    return _Heard(sent, received, round(median(anchors)) if anchors else None)
+    return _Heard(sent, received, median_low(anchors) if anchors else None)
 
 
 def _align(recording: Recording, client: _Heard, server: _Heard) -> Alignment:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.client.recorded import start_of as client_start
-from cogrip.protocol.recording.folder import recordings_of
+from cogrip.protocol.recording.folder import RECOVERED, recordings_of
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, Record, Step, Tick, kind_of
 from cogrip.protocol.settings import Settings
@@ -137,18 +137,19 @@ def _column(values: list[Any]) -> Array:
 
 @dataclass
 class RunRecords:
-    """The recordings of one run. `notes` say what is damaged or not there."""
+    """The recordings of one run. `notes` say what is damaged or not there; `unreadable` are files of which nothing can be read."""
 
     folder: Path
     clients: dict[str, End]
     server: End | None
     notes: list[str]
+    unreadable: list[Path] = field(default_factory=list)
 
     def end(self, who: str | int) -> End:
         """A client by name or seat number, or the server. Raises KeyError with who there is."""
         if who == WHO and self.server:
             return self.server
-        if isinstance(who, int) or who.isdigit():
+        if isinstance(who, int) or who.isdecimal():
             names = self.names()
             who = names[int(who)] if int(who) < len(names) else str(who)
         if who not in self.clients:
@@ -162,10 +163,13 @@ class RunRecords:
         return [*seats, *(name for name in self.clients if name not in seats)]
 
     def settings(self) -> Settings | None:
-        """Of the room, where the server's part is here."""
+        """Of the room, where the server's part is here. Raises RecordingError where that does not say them."""
         if self.server is None:
             return None
-        rooms, _ = server_start(self.server.recording.header.start)
+        try:
+            rooms, _ = server_start(self.server.recording.header.start)
+        except (KeyError, ValueError) as error:
+            raise RecordingError(f"{self.server.path} does not say its settings: {error}") from None
         names = {end.recording.header.room for end in self.clients.values()} or {self.folder.name}
         return next((room for room in rooms if room.name in names), rooms[0])
 
@@ -187,6 +191,7 @@ def open_run(path: str | Path) -> RunRecords:
     notes: list[str] = []
     clients: dict[str, End] = {}
     server: End | None = None
+    unreadable: list[Path] = []
     found = recordings_of(folder)
     for file in found:
         try:
@@ -195,6 +200,7 @@ def open_run(path: str | Path) -> RunRecords:
             if len(found) == 1:
                 raise
             notes.append(f"{error}.")
+            unreadable.append(file)
             continue
         if end.recording.header.role == "server":
             server = end
@@ -204,7 +210,7 @@ def open_run(path: str | Path) -> RunRecords:
         raise RecordingError(f"{folder} holds no recording that can be read; name a run folder or a .mcap file")
     folder = folder if folder.is_dir() else folder.parent
     _align([*clients.values(), *([server] if server else [])], folder, notes)
-    return RunRecords(folder, clients, server, notes)
+    return RunRecords(folder, clients, server, notes, unreadable)
 
 
 def _align(ends: list[End], folder: Path, notes: list[str]) -> None:
@@ -213,7 +219,7 @@ def _align(ends: list[End], folder: Path, notes: list[str]) -> None:
     starts = []
     for end in ends:
         header = end.recording.header
-        shift_ns = clocks.get(end.path.name, 0)
+        shift_ns = clocks.get(end.path.name.replace(RECOVERED, ".mcap"), 0)
         if clocks:  # merged from several machines
             end.offset_s = shift_ns * 1e-9
         kind = "tick" if header.role == "client" else None

@@ -97,7 +97,7 @@ class ReplayedDevice:
         if play.loop:
             back = minimum_jerk(course[-1], course[0], rate_hz)
             return np.vstack((course, back[0])), np.vstack((speeds, back[1]))
-        return course, np.vstack((speeds[:-1], np.zeros((1, self._axes)))) if len(speeds) else speeds
+        return np.vstack((course, course[-1])), np.vstack((speeds, np.zeros((1, self._axes))))  # and rests there
 
     def read(self, tick: int) -> Sample:
         if not self._open:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.recorded_motion import axes_of as recorded_axes
+from cogrip.devices.recorded_motion import find
 from cogrip.devices.registry import Family
 from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.devices.replayed.sources import RunSettings, RunSource, TableSettings, TableSource
@@ -16,11 +18,15 @@ MAX_AXES = 3
 
 def family() -> Family:
     """The family `replay:`, for the registry. It has no example: there is no recording everywhere."""
-    return Family(
-        "recorded people: replay:RUN#user=1 or replay:hand.csv#time=t_s&x=x_m, with speed, loop, start_s, stop_s",
-        make,
-        (),
-    )
+    what = "recorded people: replay:RUN#user=1 or replay:hand.csv#time=t_s&x=x_m, with speed, loop, start_s, stop_s"
+    return Family(what, make, (), axes)
+
+
+def axes(address: Address) -> int:
+    """How many axes were recorded. Raises DeviceError."""
+    if address.name.endswith(".csv"):
+        return 1 + max((place for place, key in enumerate("xyz") if key in address.query), default=0)
+    return recorded_axes(find(address.name, address.query.get("user", "0")))
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:

@@ -69,7 +69,7 @@ class TableSource:
 
     def motion(self, axes: int, rate_hz: int) -> tuple[int, Array, Array]:
         recording = read_recording(self._path, self._settings, axes)
-        position, velocity = recording.at(np.arange(int(recording.time_s[-1] * rate_hz) + 1) / rate_hz)
+        position, velocity = recording.at(np.arange(int(np.ceil(recording.time_s[-1] * rate_hz - 1e-9)) + 1) / rate_hz)
         if self._settings.origin == "start":
             position = position - position[0]
         return rate_hz, position, velocity

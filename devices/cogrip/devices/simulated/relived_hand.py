@@ -1,17 +1,23 @@
 """A recorded person's own effort behind an impedance: `hand=recording:RUN#user=1`.
 
-What the hand must have exerted is known from the record, up to the inertia of the arm: with the impedance K_h, B_h it
-was driven by K_h x + B_h v + F, where x, v and the device's force F are the recorded ones. The same drive meets
-another force now, and the hand gives way as its impedance lets it. In the same world it moves as it did.
+What the hand must have exerted is known from the record: with the impedance K_h, B_h it was driven by
+m x'' + B_h x' + K_h x + F, where the motion x, the device's mass m and its force F are the recorded ones.
+The same drive meets another force now, and the hand gives way as its impedance lets it. In the same world it moves as it
+did. The acceleration is that of a cubic through SMOOTH_S of positions (Savitzky and Golay 1964): encoders have none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from scipy.signal import savgol_filter  # type: ignore[import-untyped]
+
 from cogrip.devices.device import DeviceError
-from cogrip.devices.recorded_motion import find, read_motion, split_user
+from cogrip.devices.recorded_motion import Array, capability_of, find, read_motion, split_user
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
+
+SMOOTH_S = 0.03
 
 
 class RelivedHand:
@@ -26,7 +32,8 @@ class RelivedHand:
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
         """See `Hand.open`; the start is the recorded one. Raises DeviceError."""
         path, user = split_user(self._run)
-        motion = read_motion(find(path, user))
+        recording = find(path, user)
+        motion = read_motion(recording)
         if motion.position_m.shape[1] < self._axes:
             recorded = motion.position_m.shape[1]
             raise DeviceError(f"hand=recording:{self._run} was recorded on {recorded} axes, {self._axes} are asked for")
@@ -36,20 +43,30 @@ class RelivedHand:
             )
         self._position, self._velocity = motion.position_m[:, : self._axes], motion.velocity_mps[:, : self._axes]
         force = motion.force_n[:, : self._axes]
-        self._drive = self.stiffness_npm * self._position + self.damping_nspm * self._velocity + force
-        self._drive[-1] = self.stiffness_npm * self._position[-1]
+        inertia = capability_of(recording).apparent_mass_kg * _acceleration(self._position, rate_hz)
+        drive = self.stiffness_npm * self._position + self.damping_nspm * self._velocity + force + inertia
+        self._drive = np.vstack((drive, self.stiffness_npm * self._position[-1]))
         self._last = len(self._drive) - 1
         return tuple(self._position[0].tolist())
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
         """See `Hand.intended`: the recorded motion."""
-        row = min(tick, self._last)
+        row = min(tick, self._last - 1)
         return tuple(self._position[row].tolist()), tuple(self._velocity[row].tolist())
 
     def drive(self, tick: int) -> Sequence[float]:
         """See `Hand.drive`."""
         drive: list[float] = self._drive[min(tick, self._last)].tolist()
         return drive
+
+
+def _acceleration(position_m: Array, rate_hz: int) -> Array:
+    """x'' [m/s^2], shape as `position_m`; 0 for a motion shorter than the window."""
+    window = 2 * round(SMOOTH_S * rate_hz / 2) + 1
+    if len(position_m) < window:
+        return np.zeros_like(position_m)
+    smooth: Array = savgol_filter(position_m, window, 3, deriv=2, delta=1.0 / rate_hz, axis=0)
+    return smooth
 
 
 def make_relived(settings: ImpedanceSettings, axes: int, run: str) -> RelivedHand:

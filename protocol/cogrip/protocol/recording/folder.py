@@ -42,7 +42,7 @@ def find_client(path: Path, user: str) -> Recording:
         raise RecordingError(str(error) if error.errno is None else f"{path}: {error.strerror}") from None
     people = {each.header.who: each for each in recordings if each.header.role == "client"}
     seats = seats_of(recordings)
-    name = seats[int(user)] if user not in people and user.isdigit() and int(user) < len(seats) else user
+    name = seats[int(user)] if user not in people and user.isdecimal() and int(user) < len(seats) else user
     if name not in people:
         there = ", ".join(f"{seats.index(each)} ({each})" for each in people) or "nobody"
         raise RecordingError(f"{path} holds no recording of user {user}; there is: {there}")

@@ -41,6 +41,7 @@ class Header(msgspec.Struct, frozen=True):
     virtual    the clock was that of a laboratory
     rate_hz    of the loop
     room       of a client
+    cut        its end is missing, though the file is closed: it was recovered
     topics     by channel, from 1 on: a file whose first chunk is damaged can still be read
     """
 
@@ -54,6 +55,7 @@ class Header(msgspec.Struct, frozen=True):
     versions: Versions
     topics: tuple[str, ...]
     room: str = ""
+    cut: bool = False
     format: int = FORMAT
 
     def metadata(self) -> dict[str, str]:

@@ -118,6 +118,9 @@ class Recording:
                 except (ValueError, zstandard.ZstdError, error) as reason:
                     self.damage.append(Damage(offset, length + _FRAME.size, None, None, f"damaged chunk ({reason})"))
                     yield []
+            elif _SIGNATURE in file.read(min(length, _SIGNATURE_AT))[_CHUNK.size :]:
+                self.damage.append(Damage(offset, length + _FRAME.size, None, None, "damaged chunk (opcode)"))
+                yield []
             offset += _FRAME.size + length
 
     def open_chunk(self, content: bytes) -> list[Message]:
@@ -129,7 +132,9 @@ class Recording:
             raise ValueError(f"compressed as {content[at - name_length : at][:20]!r}")
         if size > MOST_BYTES:
             raise ValueError(f"says it holds {size} bytes")
-        records = zstandard.decompress(content[at + 8 :], max_output_size=size)
+        if zstandard.frame_content_size(content[at + 8 :]) != size:  # asked first: that much memory will be taken
+            raise ValueError("size")
+        records = zstandard.decompress(content[at + 8 :])
         if len(records) != size or (crc and zlib.crc32(records) != crc):
             raise ValueError("checksum")
         return self._messages(records)
@@ -191,6 +196,8 @@ def open_recording(path: Path) -> Recording:
             if opcode not in (HEADER, METADATA) or length > MOST_BYTES:
                 raise RecordingError(f"{path} is an MCAP file, but no recording of cogrip's")
             content = file.read(length)
+            if len(content) < length:
+                raise RecordingError(f"{path} ends before it says what it is; nothing of it can be saved")
             if opcode == METADATA:
                 break
     try:

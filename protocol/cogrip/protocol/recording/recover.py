@@ -1,12 +1,14 @@
 """A recording that was cut short or damaged, written anew with all of it that is whole; the old file is kept."""
 
+import errno
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
 from cogrip.protocol.recording.folder import RECOVERED
-from cogrip.protocol.recording.reader import MAGIC, Damage, open_recording
+from cogrip.protocol.recording.reader import MAGIC, Damage, Recording, open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
@@ -30,30 +32,46 @@ def is_closed(path: Path) -> bool:
 
 
 def recover(path: Path) -> Recovered:
-    """Write `<name>.recovered.mcap` beside `path`. What is missing in the middle is marked there as a gap.
+    """Write `<name>.recovered.mcap` beside `path`. What is missing in the middle is marked there as a gap, a missing end in
+    the header.
 
     Raises RecordingError for what is no recording, FileExistsError where it was recovered before, OSError.
     """
     recording = open_recording(path)
+    target = path.with_name(f"{path.name.removesuffix('.mcap')}{RECOVERED}")
+    if target.exists():
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    last = None
+    for chunk in recording.chunks():  # first to its end: whether that is missing stands in the header
+        last = chunk[-1].time_ns
+    cut = not recording.complete or any(each.to_ns is None and each.from_ns == last for each in recording.damage)
+    unfinished = target.with_suffix(".part")
+    try:
+        with unfinished.open("xb") as file:
+            header = msgspec.structs.replace(recording.header, cut=cut or recording.header.cut)
+            messages, seconds = _copy(recording, RecordingWriter(file, header))
+        unfinished.rename(target)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
+    return Recovered(target, messages, seconds, tuple(recording.damage))
+
+
+def _copy(recording: Recording, writer: RecordingWriter) -> tuple[int, float]:
+    """(messages, seconds from the first to the last) of what is whole; closes the new recording."""
     topics = recording.topics
     gap = next(number for number, topic in enumerate(topics) if kind_of(topic) == "gap")
-    target = path.with_name(f"{path.name.removesuffix('.mcap')}{RECOVERED}")
     messages, first_ns, last_ns, known = 0, None, 0, 0
-    with target.open("xb") as file:
-        writer = RecordingWriter(file, recording.header)
-        for chunk in recording.chunks():
-            for damage in recording.damage[known:]:
-                text = f"{damage.length} bytes of the recording were unreadable: {damage.reason}"
-                writer.put(gap, chunk[0].time_ns, msgspec.json.encode(Gap(0, text)))
-            known = len(recording.damage)
-            for message in chunk:
-                if message.topic < len(topics):
-                    writer.put(*message)
-                    messages += 1
-            if first_ns is None:
-                first_ns = chunk[0].time_ns
-            last_ns = chunk[-1].time_ns
-        writer.finish()
-    return Recovered(
-        target, messages, (last_ns - (first_ns or 0)) * 1e-9 if first_ns is not None else 0.0, tuple(recording.damage)
-    )
+    for chunk in recording.chunks():
+        for damage in recording.damage[known:]:
+            text = f"{damage.length} bytes of the recording were unreadable: {damage.reason}"
+            writer.put(gap, chunk[0].time_ns, msgspec.json.encode(Gap(0, text)))
+        known = len(recording.damage)
+        for message in chunk:
+            if message.topic < len(topics):
+                writer.put(*message)
+                messages += 1
+        first_ns = chunk[0].time_ns if first_ns is None else first_ns
+        last_ns = chunk[-1].time_ns
+    writer.finish()
+    return messages, (last_ns - first_ns) * 1e-9 if first_ns is not None else 0.0

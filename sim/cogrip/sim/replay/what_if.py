@@ -49,31 +49,36 @@ def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") 
         row.update(_hand(run, user, hands))
     spans = [_span(run.clients[user.name]) for user in recorded.users]
     first_s = min(start_s for start_s, _ in spans)
-    table["seconds"] = max(end_s for _, end_s in spans) - first_s
+    seconds, network_hz = max(end_s for _, end_s in spans) - first_s, recorded.rates.network_hz
+    if round(seconds * network_hz) != round(recorded.seconds * network_hz):  # else it ran as long as it should
+        table["seconds"] = seconds
     settings = resolve(table, changes)
     frame_ticks = settings.rates.device_hz // settings.rates.network_hz
     begins = [round((start_s - first_s) * settings.rates.network_hz) * frame_ticks for start_s, _ in spans]
     return World(settings, tuple(begins))
 
 
-def _hand(run: RunRecords, user: User, hands: Hands) -> dict[str, str]:
+def _hand(run: RunRecords, user: User, hands: Hands) -> dict[str, str | float]:
     """The keys of a user that bring the recorded person back."""
     end = run.clients.get(user.name)
     if end is None:
         there = ", ".join(run.clients) or "nobody"
         raise RecordingError(f"{run.folder} holds no recording of {user.name!r}; there is: {there}")
-    hello, capability = start_of(end.recording.header.start)
+    try:
+        hello, capability = start_of(end.recording.header.start)
+    except (KeyError, ValueError) as error:
+        raise RecordingError(f"{end.path} does not say what device was recorded: {error}") from None
     source = f"{run.folder if run.folder.is_dir() else end.path}#user={user.name}"
     if hands == "positions":
         return {"device": f"replay:{source}"}
-    if hands == "same" and hello.device.startswith("sim:"):
-        if address_of(user)[:HELLO_LENGTH] == hello.device:
-            return {}
-        if len(hello.device) < HELLO_LENGTH:
-            return {"device": hello.device}
+    whole = address_of(user) if address_of(user)[:HELLO_LENGTH] == hello.device else hello.device
+    known = whole != hello.device or len(hello.device) < HELLO_LENGTH  # an address that was cut is not
+    mass = {"device_mass_kg": capability.apparent_mass_kg}
+    if hands == "same" and hello.device.startswith("sim:") and known:
+        return {} if whole == address_of(user) else {"device": whole, **mass}
     machine = "phantom" if capability.model == "phantom" else "ideal"
-    hand = f"recording:{source}{_impedance(address_of(user))}"
-    return {"device": f"sim:{machine}", "hand": hand}
+    impedance = _impedance(whole if known else address_of(user))
+    return {"device": f"sim:{machine}", "hand": f"recording:{source}{impedance}", **mass}
 
 
 def _impedance(address: str) -> str:
