@@ -54,12 +54,6 @@ def merge(folders: Sequence[Path], out: Path) -> list[Alignment]:
     FileExistsError if `out` exists.
     """
     files = list({file.resolve(): file for folder in folders for file in recordings_of(folder)}.values())
-    names = [file.name for file in files]
-    for file in files:
-        if names.count(file.name) > 1:
-            raise RecordingError(
-                f"there are several files {file.name}; rename all but one, so that none is written over another"
-            )
     recordings = [open_recording(file) for file in files]
     servers = [each for each in recordings if each.header.role == "server"]
     if len(servers) != 1:
@@ -69,6 +63,12 @@ def merge(folders: Sequence[Path], out: Path) -> list[Alignment]:
     for name in people:
         if people.count(name) > 1:
             raise RecordingError(f"{name!r} is recorded {people.count(name)} times; merge the parts of one run only")
+    names = [file.name for file in files]
+    for file in files:
+        if names.count(file.name) > 1:
+            raise RecordingError(
+                f"there are several files {file.name}; rename all but one, so that none is written over another"
+            )
     here = _heard(servers[0])
     alignments = [_align(each, _heard(each), here) for each in recordings if each is not servers[0]]
     out.mkdir(parents=True)

@@ -137,7 +137,7 @@ def _column(values: list[Any]) -> Array:
 
 @dataclass
 class RunRecords:
-    """The recordings of one run. `notes` say what is damaged or not there; `unreadable` are files of which nothing can be read."""
+    """The recordings of one run. `notes` say what is damaged or not there; of `unreadable` files nothing can be read."""
 
     folder: Path
     clients: dict[str, End]
