@@ -92,7 +92,7 @@ def test_start_outside_the_workspace_is_refused() -> None:
 def test_listing_names_every_device_unopened() -> None:
     assert [listing.address for listing in describe(axes=3)] == ["sim:ideal", "sim:phantom"]
     assert all(listing.capability.axes == 3 for listing in describe(axes=3))
-    assert list(families()) == ["sim"]
+    assert list(families()) == ["replay", "sim"]
 
 
 def test_families_are_imported_when_asked_for() -> None:

@@ -136,7 +136,6 @@ def test_what_if_of_what_if(run: RunRecords, tmp_path: Path) -> None:
         assert np.abs(before - after).max() < 1e-3, name
 
 
-@pytest.mark.xfail(reason="what_if sets seconds to the ticks that were run, and the welcome tells them")
 def test_a_session_that_ends_inside_a_frame_is_the_same_run_as_well(tmp_path: Path) -> None:
     first = lab(resolve(TABLE, {"seconds": 0.7}), tmp_path / "first")  # 89.6 frames
     assert streams(lab(what_if(first, {}), tmp_path / "again")) == streams(first)
@@ -226,7 +225,8 @@ def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: 
     rewrite(spoiled / "client-ben.mcap", lambda message: message._replace(time_ns=message.time_ns + late_ns))
     other = what_if(open_run(spoiled), {}, "positions")
     assert other.begins == (0, round(late_ns * 128e-9) * 8)
-    assert other.settings.seconds == pytest.approx(1.0 + late_ns * 1e-9, abs=1e-6)
+    as_long = other.begins == (0, 0)  # less than half a frame late: nothing was longer than it should be
+    assert other.settings.seconds == (1.0 if as_long else pytest.approx(1.0 + late_ns * 1e-9, abs=1e-6))
     made = lab(other, tmp_path / "other")
     before, after = (each.clients["ben"].columns("tick", "tick", "position_m") for each in (run, made))
     assert np.array_equal(after["tick"], np.arange(len(after["tick"])))
@@ -307,7 +307,6 @@ def test_a_machine_nobody_simulates_is_an_ideal_one(spoiled: Path, model: str, m
     assert who(spoiled, "impedance").device == machine
 
 
-@pytest.mark.xfail(reason="the mass of the settings' user is taken, not that of the device that was recorded")
 @pytest.mark.parametrize("hands", ["same", "impedance"])
 def test_the_machine_has_the_recorded_mass(spoiled: Path, hands: Hands) -> None:
     """`cogrip join --device sim:phantom?hand=hold` moves 75 g; a user of the settings moves device_mass_kg, 100 g."""

@@ -1,6 +1,7 @@
 """`cogrip bench recording`: what recording costs a live session, and what its files cost to keep and to read."""
 
 import json
+import os
 import re
 import resource
 import signal
@@ -96,9 +97,15 @@ def _lateness(
         console.print(
             f"recording {'on ' if recorded else 'off'}: p99 lateness {', '.join(f'{each:.0f}' for each in found)} µs"
         )
+    for recorded, found in late_us.items():
+        median = statistics.median(found)
+        console.print(
+            f"recording {'on' if recorded else 'off'}: p99 lateness {median:.0f} µs, {min(found):.0f} to {max(found):.0f} µs"
+        )
+    load = os.getloadavg()[0]
+    if load > len(names) + 1:
+        console.print(f"the machine is busy (load {load:.1f}): measure the lateness again when it is quiet")
     on, off = statistics.median(late_us[True]), statistics.median(late_us[False])
-    spread = f"on {min(late_us[True]):.0f} to {max(late_us[True]):.0f}, off {min(late_us[False]):.0f} to {max(late_us[False]):.0f}"
-    console.print(f"median of p99: on {on:.0f} µs, off {off:.0f} µs ({spread})")
     return _told(console, "lateness, on over off", on / off, _MOST_RATIO, most=True)
 
 

@@ -6,13 +6,11 @@ where nobody sits are counted, and noted as one before anything else happens: a 
 
 import json
 from collections.abc import Callable, Sequence
-from typing import cast
 
 import msgspec
 
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.recording.noted import Noted
-from cogrip.protocol.recording.records import Address as AddressRecord
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.sink import Held, Sink, encode, topics
 from cogrip.protocol.settings import Settings
@@ -81,7 +79,7 @@ class RecordedServer(ServerCore):
         return session
 
     def _sent(self, entry: tuple[Address, bytes]) -> None:
-        self._put(DATAGRAM_OUT, Datagram(entry[1], cast(AddressRecord, entry[0])))
+        self._put(DATAGRAM_OUT, Datagram(entry[1], address_text(entry[0])))
 
     def _told(self, text: str) -> None:
         self._put(EVENT, Event(text))
@@ -89,7 +87,7 @@ class RecordedServer(ServerCore):
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
         self.note_rest()
         self._now_ns = now_ns
-        self._put(DATAGRAM_IN, Datagram(datagram, cast(AddressRecord, address)))
+        self._put(DATAGRAM_IN, Datagram(datagram, address_text(address)))
         super().receive(datagram, address, now_ns)
 
     def socket_failed(self, reason: str) -> None:
@@ -139,6 +137,16 @@ def _seat(room: Room, number: int) -> SeatStep:
         seat.settings.user, True, tuple(world.proxy(number).tolist()), tuple(world.force[number].tolist()),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.count().lost,
     )  # fmt: skip
+
+
+def address_text(address: Address) -> str:
+    """An address, text or a tuple as sockets give them, as JSON text."""
+    return msgspec.json.encode(address).decode()
+
+
+def address_of(text: str) -> Address:
+    """The way back. Raises ValueError (msgspec's) for what is none."""
+    return msgspec.json.decode(text, type=str | tuple[str | int, ...])
 
 
 def start_text(rooms: Sequence[Settings], software: str) -> str:

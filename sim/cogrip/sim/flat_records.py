@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cogrip.protocol.recording.records import Address, Datagram, Record, SeatStep, Step, Tick
+from cogrip.protocol.recording.records import Datagram, Record, SeatStep, Step, Tick
 from cogrip.protocol.recording.records import Row as Vector
+from cogrip.server.recorded import address_of
 
 Row = list[Any]
 NUMBER = "float64"
@@ -100,8 +101,12 @@ def _as_read(tick: Tick) -> Tick:
     )
 
 
-def _host_port(address: Address | None) -> str | None:
-    if not isinstance(address, tuple):
-        return address
+def _host_port(text: str) -> str | None:
+    """A datagram's address as one types it; a client's has none."""
+    if not text:
+        return None
+    address = address_of(text)
+    if not isinstance(address, tuple) or len(address) < 2:
+        return str(address)
     host, port = str(address[0]), address[1]
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -216,20 +216,36 @@ def open_run(path: str | Path) -> RunRecords:
 def _align(ends: list[End], folder: Path, notes: list[str]) -> None:
     """Put all ends on one clock that begins with the first tick of any client (of the server where there is none)."""
     clocks = read_clocks(folder)
-    starts = []
+    spans: list[tuple[float, float]] = []
     for end in ends:
-        header = end.recording.header
-        shift_ns = clocks.get(end.path.name.replace(RECOVERED, ".mcap"), 0)
-        if clocks:  # merged from several machines
-            end.offset_s = shift_ns * 1e-9
-        kind = "tick" if header.role == "client" else None
-        first = next((times[0] for times, _ in end.chunks(kind)), None) if kind else None
-        if first is not None:
-            starts.append(first)
-    if not starts:
-        starts = [next((times[0] for times, _ in end.chunks("datagram_in")), 0.0) for end in ends]
+        end.offset_s = clocks.get(end.path.name.replace(RECOVERED, ".mcap"), 0) * 1e-9
+        spans.append(_span(end))
+    longest = max(spans, key=lambda span: span[1] - span[0])
+    if any(first > longest[1] or last < longest[0] for first, last in spans):
+        notes.append(
+            "The recordings come from machines whose clocks are not one: each begins at its own start; "
+            "`cogrip merge` brings them together."
+        )
+        for end, (first_s, _) in zip(ends, spans, strict=True):
+            end.offset_s -= first_s
+        return
+    people = [first_s for end, (first_s, _) in zip(ends, spans, strict=True) if end.recording.header.role == "client"]
     for end in ends:
-        end.offset_s -= min(starts)
+        end.offset_s -= min(people or [first_s for first_s, _ in spans])
+
+
+def _span(end: End) -> tuple[float, float]:
+    """Times [s] of the first tick (where there is none, of the first message) and of the last message."""
+    ticks = [number for number, topic in enumerate(end.recording.topics) if kind_of(topic) == "tick"]
+    began_ns, first_ns = None, None
+    for message in end.recording.messages():
+        if began_ns is None:
+            began_ns = message.time_ns
+        if message.topic in ticks or not ticks:
+            first_ns = message.time_ns
+            break
+    start_ns = first_ns if first_ns is not None else began_ns or 0
+    return start_ns * 1e-9 + end.offset_s, max(start_ns, end.recording.last_ns()) * 1e-9 + end.offset_s
 
 
 def read_clocks(folder: Path) -> Mapping[str, int]:

@@ -161,12 +161,12 @@ def load_run(folder: Path) -> Run:
         if records.server is not None:
             room = _try(lambda end: step_trace(end, _room(records)), records.server, notes)
     names = _names(summary, settings, clients.values())
-    if room is None:
+    if room is None and not (folder / SERVER_RECORDING).exists():
         notes.append(f"{SERVER_RECORDING} is not here: no proxies, and no line up, in the plots.")
     notes += [
         f"{client_recording(name)} is not here: the plots do not show the hand of {name}."
         for name in names
-        if name not in clients
+        if name not in clients and not (folder / client_recording(name)).exists()
     ]
     return Run(folder, summary, settings, names, clients, room, tuple(notes))
 
@@ -179,7 +179,10 @@ def _try(read: Callable[[End], Trace], end: End, notes: list[str]) -> Trace | No
     except (RecordingError, KeyError, ValueError, IndexError) as error:
         notes.append(f"{end.path.name} is not readable as a run: {error}.")
         return None
-    return trace if trace.rows else None
+    if not trace.rows:
+        notes.append(f"{end.path.name} holds no ticks.")
+        return None
+    return trace
 
 
 def _room(records: RunRecords) -> str:

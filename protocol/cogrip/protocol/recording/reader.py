@@ -20,12 +20,14 @@ import zstandard
 from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, CHUNK, MESSAGE, METADATA, DATA_END = 0x01, 0x02, 0x06, 0x05, 0x0C, 0x0F
+HEADER, FOOTER, SCHEMA, MESSAGE, CHUNK, STATISTICS, METADATA, DATA_END = 0x01, 0x02, 0x03, 0x05, 0x06, 0x0B, 0x0C, 0x0F
 MOST_BYTES = 64 * 2**20  # of one record: more is a damaged length
 _FRAME = Struct("<BQ")
 _CHUNK = Struct("<QQQI")
 _MESSAGE = Struct("<HIQQ")
 _LENGTH = Struct("<I")
+_FOOTER = Struct("<QQI")
+_STATISTICS = Struct("<QHIIIIQQ")
 _SIGNATURE = b"\x04\x00\x00\x00zstd"
 _SIGNATURE_AT = _FRAME.size + _CHUNK.size
 _BLOCK = 1 << 20
@@ -151,6 +153,14 @@ class Recording:
             position = following
         return found
 
+    def last_ns(self) -> int:
+        """Time of the last message: from the statistics of a file that was closed, else by reading it; 0 if there is none."""
+        with self.path.open("rb") as file:
+            said_ns = _end_in_statistics(file, self.path.stat().st_size)
+        if said_ns is not None:
+            return said_ns - self.header.epoch_ns
+        return max((chunk[-1].time_ns for chunk in self.chunks()), default=0)
+
     def messages(self) -> Iterator[Message]:
         """Every message that is whole, in the order of the file."""
         for chunk in self.chunks():
@@ -229,6 +239,28 @@ def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
         key = text()
         pairs[key] = text()
     return name, pairs
+
+
+def _end_in_statistics(file: IO[bytes], size: int) -> int | None:
+    """log_time of the last message as the summary at the end of the file has it; None where that is not whole."""
+    footer = _FRAME.size + _FOOTER.size + len(MAGIC)
+    if size < footer:
+        return None
+    file.seek(size - footer)
+    opcode, length = _FRAME.unpack(file.read(_FRAME.size))
+    start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
+    if (opcode, length) != (FOOTER, _FOOTER.size) or file.read() != MAGIC or not 0 < start < size:
+        return None
+    file.seek(start)
+    while file.tell() + _FRAME.size < size:
+        opcode, length = _FRAME.unpack(file.read(_FRAME.size))
+        if opcode == STATISTICS and length >= _STATISTICS.size:
+            messages, *_, end_ns = _STATISTICS.unpack(file.read(_STATISTICS.size))
+            return end_ns if messages else None
+        if not SCHEMA <= opcode <= DATA_END or length > MOST_BYTES:
+            return None
+        file.seek(length, 1)
+    return None
 
 
 def _next_chunk(file: IO[bytes], offset: int) -> int | None:

@@ -9,7 +9,6 @@ import msgspec
 
 Number = float | None  # null where a number is not finite, or there is none
 Row = tuple[Number, ...]
-Address = str | tuple[str | int, ...]
 
 
 class Record(msgspec.Struct, frozen=True, gc=False):
@@ -42,11 +41,11 @@ class Tick(Record, frozen=True, gc=False, omit_defaults=True):
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
 
 
-class Datagram(Record, frozen=True, gc=False):
-    """A datagram as it was, and at the server whose: the address, as its socket names it."""
+class Datagram(Record, frozen=True, gc=False, omit_defaults=True):
+    """A datagram as it was, and at the server whose: the address as its socket names it, as JSON text."""
 
     data: bytes
-    address: Address | None = None
+    address: str = ""
 
 
 class Command(Record, frozen=True, gc=False, omit_defaults=True):

@@ -15,7 +15,7 @@ from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Command, Datagram, Step, Tick
 from cogrip.protocol.recording.sink import Sink
-from cogrip.server.recorded import RecordedServer, step_topic
+from cogrip.server.recorded import RecordedServer, address_of, step_topic
 from cogrip.server.recorded import start_of as server_start
 from cogrip.sim.replay.tape import Tape
 
@@ -24,6 +24,10 @@ _datagram = msgspec.json.Decoder(Datagram).decode
 _command = msgspec.json.Decoder(Command).decode
 _step = msgspec.json.Decoder(Step).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
+
+
+MOST_REST = 10**9
+"""Steps at rest that are believed: three months of them."""
 
 
 class Play(Protocol):
@@ -133,11 +137,13 @@ class ServerPlay:
             self.ticks += 1
         elif kind == "datagram_in":
             datagram = _datagram(message.payload)
-            core.receive(datagram.data, datagram.address, now_ns)
+            core.receive(datagram.data, address_of(datagram.address), now_ns)
         elif kind == "command":
             command = _command(message.payload)
             if command.verb == "rest":
-                room = next(room for room in core.rooms if room.name == command.reason)
+                room = next((room for room in core.rooms if room.name == command.reason), None)
+                if room is None or not 0 <= command.count <= MOST_REST:
+                    raise ValueError(f"a rest of {command.count} steps in room {command.reason!r}")
                 for _ in range(command.count):
                     core.tick(room, now_ns)
                 self.ticks += command.count
