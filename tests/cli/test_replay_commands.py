@@ -468,7 +468,7 @@ def test_joining_takes_the_axes_that_were_recorded(
     asked: list[tuple[int, int]] = []
 
     def client(arm: Device, hello: Hello, *_: object) -> None:
-        asked.append((hello.axes, arm.capability.axes))
+        asked.append((hello.device_axes, arm.capability.axes))
         raise BadInput("nobody is there")
 
     monkeypatch.setattr(join, "LiveClient", client)

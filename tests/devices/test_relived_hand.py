@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
+from scipy.signal import savgol_coeffs
 
 from cogrip.client.recorded import client_topics, start_text
 from cogrip.devices import Device, DeviceError, Sample, make
@@ -31,14 +33,33 @@ from cogrip.sim.replay.what_if import what_if
 RATE_HZ = 1024
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 K_NPM, B_NSPM, MASS_KG = 300.0, 5.0, 0.1  # of a hand and an ideal device that say nothing else
+WINDOW = 31  # samples: SMOOTH_S at RATE_HZ
 Numbers = np.ndarray[Any, np.dtype[np.float64]]
 Row = tuple[float, ...]
 Force = Callable[[int], Row]
 
 
-def write_recording(path: Path, rows: list[tuple[int, Row, Row, Row]], axes: int = 1, rate_hz: int = RATE_HZ) -> None:
+def largest_stray() -> float:
+    """How far the smoothed x'' strays from the true one, in half windows of max|x'''|: sum |w_i| |t_i|^3 / 6."""
+    places = np.arange(WINDOW)
+    return max(
+        float(np.abs(savgol_coeffs(WINDOW, 3, deriv=2, pos=at, use="dot")) @ np.abs(places - at) ** 3) / 6
+        for at in places.tolist()
+    ) / (WINDOW // 2)
+
+
+STRAY = largest_stray()
+
+
+def write_recording(
+    path: Path,
+    rows: list[tuple[int, Row, Row, Row]],
+    axes: int = 1,
+    rate_hz: int = RATE_HZ,
+    mass_kg: float = MASS_KG,
+) -> None:
     """A client's recording of these (tick, position, velocity, force)."""
-    device = make("sim:ideal", axes=axes)
+    device = make("sim:ideal", axes=axes, mass_kg=mass_kg)
     hello = make_hello(software="x", nonce=1, room="r", name="anna", digest="", device="sim:", axes=axes, rate_hz=1e3)
     header = Header(
         "client", "anna", start_text(hello, device.capability), rate_hz, 1, 0, True, versions_here(),
@@ -66,6 +87,17 @@ def held(device: Device, force: Force, ticks: int) -> list[tuple[int, Row, Row, 
     return rows
 
 
+def twice(path: Path, hand: str, force_n: float, swing: float) -> tuple[list[tuple[int, Row, Row, Row]], ...]:
+    """A second of a hand under a swinging force, and relived under the same one."""
+
+    def force(tick: int) -> Row:
+        return (force_n * sin(swing * tick / RATE_HZ),)
+
+    original = held(make(f"sim:ideal?hand={hand}", mass_kg=MASS_KG), force, RATE_HZ)
+    write_recording(path, original)
+    return original, held(make(f"sim:ideal?hand=recording:{path}#user=anna", mass_kg=MASS_KG), force, RATE_HZ)
+
+
 def positions(rows: list[tuple[int, Row, Row, Row]]) -> Numbers:
     return np.array([position for _, position, _, _ in rows])
 
@@ -75,7 +107,7 @@ def positions(rows: list[tuple[int, Row, Row, Row]]) -> Numbers:
 
 @given(
     samples=st.lists(
-        st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-8.0, 8.0)), min_size=2, max_size=40
+        st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-8.0, 8.0)), min_size=2, max_size=WINDOW - 1
     ),
     stiffness=st.floats(0.0, 2000.0),
     damping=st.floats(0.0, 50.0),
@@ -86,19 +118,56 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     stiffness: float,
     damping: float,
 ) -> None:
-    """K_h x + B_h v + F at every tick, and K_h x of the last place ever after: there the hand rests."""
+    """K_h x + B_h v + F at every tick, and K_h x of the last place ever after: there the hand rests.
+
+    Of so few samples no acceleration is known.
+    """
     path = tmp_path_factory.mktemp("drive") / "client-anna.mcap"
     write_recording(path, [(tick, (x,), (v,), (f,)) for tick, (x, v, f) in enumerate(samples)])
     settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
     hand = make_relived(settings, 1, f"{path}#user=anna")
     assert (hand.stiffness_npm, hand.damping_nspm) == (stiffness, damping)
     assert hand.open(RATE_HZ, None) == (samples[0][0],)
-    for tick, (x, v, f) in enumerate(samples[:-1]):
+    for tick, (x, v, f) in enumerate(samples):
         assert hand.drive(tick) == pytest.approx([stiffness * x + damping * v + f], rel=1e-12, abs=1e-12)
         assert hand.intended(tick) == ((x,), (v,))
-    for tick in (len(samples) - 1, len(samples), 10**6):
+    for tick in (len(samples), len(samples) + 1, 10**6):
         assert hand.drive(tick) == [stiffness * samples[-1][0]]
         assert hand.intended(tick)[0] == (samples[-1][0],)
+
+
+@given(
+    shape=st.tuples(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-20.0, 20.0), st.floats(-500.0, 500.0)),
+    ticks=st.integers(WINDOW, 100),
+    force=st.floats(-8.0, 8.0),
+    mass_kg=st.floats(0.01, 2.0),
+    stiffness=st.floats(0.0, 2000.0),
+    damping=st.floats(0.0, 50.0),
+)
+def test_the_drive_moves_the_mass_as_well(
+    tmp_path_factory: pytest.TempPathFactory,
+    shape: tuple[float, float, float, float],
+    ticks: int,
+    force: float,
+    mass_kg: float,
+    stiffness: float,
+    damping: float,
+) -> None:
+    """m x'' + B_h x' + K_h x + F, of a cubic exactly and at its ends too; m is the recorded device's."""
+    path = tmp_path_factory.mktemp("cubic") / "client-anna.mcap"
+    cubic = Polynomial(shape)
+    place, speed, acceleration = (each(np.arange(ticks) / RATE_HZ) for each in (cubic, cubic.deriv(), cubic.deriv(2)))
+    rows: list[tuple[int, Row, Row, Row]] = [
+        (tick, (float(place[tick]),), (float(speed[tick]),), (force,)) for tick in range(ticks)
+    ]
+    write_recording(path, rows, mass_kg=mass_kg)
+    settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
+    hand = make_relived(settings, 1, f"{path}#user=anna")
+    hand.open(RATE_HZ, None)
+    drive = np.array([hand.drive(tick)[0] for tick in range(ticks)])
+    expected = mass_kg * acceleration + damping * speed + stiffness * place + force
+    assert drive == pytest.approx(expected, rel=1e-9, abs=1e-6)
+    assert hand.drive(ticks) == [stiffness * float(place[-1])]
 
 
 def test_the_start_is_the_recorded_one_and_the_run_may_begin_late(tmp_path: Path) -> None:
@@ -118,23 +187,29 @@ def test_the_start_is_the_recorded_one_and_the_run_may_begin_late(tmp_path: Path
     force_n=st.floats(-4.0, 4.0),
     swing=st.floats(0.5, 30.0),
 )
-def test_under_the_same_forces_only_the_arms_inertia_is_missing(
+def test_under_the_same_forces_only_the_smoothing_of_the_acceleration_is_seen(
     tmp_path_factory: pytest.TempPathFactory, amplitude_m: float, stroke_s: float, force_n: float, swing: float
 ) -> None:
-    """The deviation e obeys m e'' + B_h e' + K_h e = -m x'': at this damping |e| <= 1.6 m max|x''| / K_h."""
+    """The deviation e obeys m e'' + B_h e' + K_h e = m d, so |e| <= 1.6 m max|d| / K_h at this damping.
+
+    d, the smoothed acceleration without the true one, is by Taylor's remainder at most STRAY h max|x'''|, where h is
+    half the window. Without the acceleration in the drive d would be x''.
+    """
     path = tmp_path_factory.mktemp("same") / "client-anna.mcap"
+    original, again = twice(path, f"reach&amplitude_m={amplitude_m}&stroke_s={stroke_s}", force_n, swing)
+    acceleration = np.diff([velocity for _, _, velocity, _ in original], axis=0) * RATE_HZ
+    jerk = np.diff(acceleration, axis=0) * RATE_HZ
+    stray = min(STRAY * (WINDOW // 2) / RATE_HZ * np.abs(jerk).max(), np.abs(acceleration).max())
+    assert np.abs(positions(again) - positions(original)).max() <= 1.6 * MASS_KG * stray / K_NPM + 1e-12
 
-    def force(tick: int) -> Row:
-        return (force_n * sin(swing * tick / RATE_HZ),)
 
-    hand = f"reach&amplitude_m={amplitude_m}&stroke_s={stroke_s}"
-    original = held(make(f"sim:ideal?hand={hand}", mass_kg=MASS_KG), force, RATE_HZ)
-    write_recording(path, original)
-    again = held(make(f"sim:ideal?hand=recording:{path}#user=anna", mass_kg=MASS_KG), force, RATE_HZ)
-    speed = np.array([velocity for _, _, velocity, _ in original])
-    acceleration = np.abs(np.diff(speed, axis=0)).max() * RATE_HZ
-    bound_m = 1.6 * MASS_KG * acceleration / K_NPM
-    assert np.abs(positions(again) - positions(original)).max() <= bound_m + 1e-12
+@pytest.mark.parametrize(("stroke_s", "missing"), [(0.2, 0.08), (0.3, 0.09), (0.7, 0.22)])
+def test_of_the_arms_inertia_little_is_missing(tmp_path: Path, stroke_s: float, missing: float) -> None:
+    """As a part of what m x'' is worth; measured 0.068, 0.079 and 0.208. It is at the ends, where smoothing is one-sided."""
+    original, again = twice(tmp_path / "client-anna.mcap", f"reach&amplitude_m=0.05&stroke_s={stroke_s}", 0.0, 1.0)
+    acceleration = np.diff([velocity for _, _, velocity, _ in original], axis=0) * RATE_HZ
+    worth_m = 1.6 * MASS_KG * np.abs(acceleration).max() / K_NPM
+    assert np.abs(positions(again) - positions(original)).max() <= missing * worth_m
 
 
 def test_at_rest_nothing_is_missing(tmp_path: Path) -> None:
@@ -149,11 +224,11 @@ def test_at_rest_nothing_is_missing(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module", params=["sim:ideal", "sim:phantom"])
 def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, RunRecords]:
-    """The demo's world and hands, three seconds, on one of the machines."""
+    """The demo's world and hands, ten seconds, on one of the machines."""
     folder = tmp_path_factory.mktemp("demo")
     device = str(request.param)
     table = tomllib.loads(DEMO.read_text())
-    run_laboratory(resolve(table, {"seconds": 3, "users.0.device": device, "users.1.device": device}), folder)
+    run_laboratory(resolve(table, {"seconds": 10, "users.0.device": device, "users.1.device": device}), folder)
     return device, open_run(folder)
 
 
@@ -175,8 +250,8 @@ def deviation_mm(one: RunRecords, other: RunRecords) -> dict[str, float]:
     return {name: float(np.abs(places[0][name] - places[1][name]).max() * 1e3) for name in places[0]}
 
 
-WORST_MM = {"sim:ideal": 0.25, "sim:phantom": 0.5}
-"""Of strokes of 37 and 33 mm; measured 0.207 and 0.45. What is missing is the arm's inertia and, of the phantom, friction."""
+WORST_MM = {"sim:ideal": 0.06, "sim:phantom": 0.4}
+"""Of strokes of 37 and 33 mm; measured 0.045 and 0.33. What is missing is the smoothing and, of the phantom, friction."""
 
 
 def test_the_same_world_moves_it_as_it_was_moved(demo: tuple[str, RunRecords], tmp_path: Path) -> None:
@@ -219,9 +294,9 @@ def test_another_world_is_felt_in_the_laboratory(demo: tuple[str, RunRecords], t
     """Ten times the mass: the hands move otherwise, by far more than they deviate in the same world."""
     device, run = demo
     found = deviation_mm(run, relived(run, tmp_path / "heavy", object__mass_kg=2.0))
-    assert min(found.values()) > 2.0 * WORST_MM[device], found
+    assert min(found.values()) > 4.0 * WORST_MM[device], found
     firm = deviation_mm(run, relived(run, tmp_path / "firm", coupling__stiffness_npm=4000.0))
-    assert max(firm.values()) > WORST_MM[device], firm
+    assert max(firm.values()) > 2.0 * WORST_MM[device], firm
 
 
 # What cannot be relived ----------------------------------------------------------------------------------------------

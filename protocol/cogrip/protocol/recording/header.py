@@ -2,6 +2,7 @@
 
 import platform
 import sys
+import zlib
 from importlib.metadata import version
 from typing import Any
 
@@ -11,6 +12,7 @@ from cogrip.protocol.messages import PROTOCOL_VERSION
 from cogrip.protocol.version import VERSION
 
 NAME = "cogrip"
+CHECK = "check"
 FORMAT = 1
 
 
@@ -59,14 +61,23 @@ class Header(msgspec.Struct, frozen=True):
     format: int = FORMAT
 
     def metadata(self) -> dict[str, str]:
-        return {
+        """As text, with a checksum: MCAP has none for metadata."""
+        texts = {
             key: value if isinstance(value, str) else msgspec.json.encode(value).decode()
             for key, value in msgspec.structs.asdict(self).items()
         }
+        return {**texts, CHECK: _check(texts)}
+
+
+def _check(texts: dict[str, str]) -> str:
+    return str(zlib.crc32("\n".join(f"{key}={texts[key]}" for key in sorted(texts)).encode()))
 
 
 def header_of(metadata: dict[str, str]) -> Header:
-    """The header in a file's metadata. Raises msgspec.ValidationError or DecodeError if it is none."""
+    """The header in a file's metadata. Raises ValueError (msgspec's too) if it is none, or damaged."""
+    texts = {key: value for key, value in metadata.items() if key != CHECK}
+    if metadata.get(CHECK) != _check(texts):
+        raise ValueError("its checksum does not fit; it is damaged")
     fields: dict[str, Any] = {}
     for field in msgspec.structs.fields(Header):
         if field.name in metadata:

@@ -20,7 +20,9 @@ import zstandard
 from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, MESSAGE, CHUNK, STATISTICS, METADATA, DATA_END = 0x01, 0x02, 0x03, 0x05, 0x06, 0x0B, 0x0C, 0x0F
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(0x01, 0x08)
+ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
+_IN_DATA = (HEADER, SCHEMA, CHANNEL, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END)
 MOST_BYTES = 64 * 2**20  # of one record: more is a damaged length
 _FRAME = Struct("<BQ")
 _CHUNK = Struct("<QQQI")
@@ -30,6 +32,7 @@ _FOOTER = Struct("<QQI")
 _STATISTICS = Struct("<QHIIIIQQ")
 _SIGNATURE = b"\x04\x00\x00\x00zstd"
 _SIGNATURE_AT = _FRAME.size + _CHUNK.size
+_INNER = Struct("<Q")
 _BLOCK = 1 << 20
 
 
@@ -95,35 +98,40 @@ class Recording:
         while True:
             file.seek(offset)
             frame = file.read(_FRAME.size)
-            if frame == MAGIC:
-                self.complete = True
-                return
-            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, MOST_BYTES)
-            if length > MOST_BYTES or not 0 < opcode <= DATA_END or offset + _FRAME.size + length > size:
-                if offset + len(MAGIC) == size and frame[: len(MAGIC)] == MAGIC:
-                    self.complete = True
-                    return
-                following = _next_chunk(file, offset + 1)
-                if following is None:
-                    if offset < size:
-                        self.damage.append(Damage(offset, size - offset, None, None, "the end is cut off"))
-                        yield []
-                    return
-                self.damage.append(Damage(offset, following - offset, None, None, "damaged"))
-                yield []
-                offset = following
-                continue
-            if opcode == CHUNK:
-                content = file.read(length)
+            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, 0)
+            end = offset + _FRAME.size + length
+            reason, here = "", False
+            if opcode == CHUNK and end <= size:
                 try:
-                    yield self.open_chunk(content)
-                except (ValueError, zstandard.ZstdError, error) as reason:
-                    self.damage.append(Damage(offset, length + _FRAME.size, None, None, f"damaged chunk ({reason})"))
-                    yield []
-            elif _SIGNATURE in file.read(min(length, _SIGNATURE_AT))[_CHUNK.size :]:
-                self.damage.append(Damage(offset, length + _FRAME.size, None, None, "damaged chunk (opcode)"))
+                    yield self.open_chunk(file.read(length))
+                    offset = end
+                    continue
+                except (ValueError, zstandard.ZstdError, error) as problem:
+                    reason = f"damaged chunk ({problem})"
+                    here = _agrees(file, offset)
+            elif opcode not in _IN_DATA or length > MOST_BYTES or end > size:
+                reason = "damaged"
+            else:
+                here = _agrees(file, offset)  # a chunk all the same, with a damaged opcode
+                if here or _next_chunk(file, offset + 1, end) is not None:  # or a length that would pass over one
+                    reason = "damaged"
+            if here:
+                self.damage.append(Damage(offset, end - offset, None, None, reason))
                 yield []
-            offset += _FRAME.size + length
+            if here or (not reason and opcode != DATA_END):
+                offset = end
+                continue
+            following = _next_chunk(file, offset + 1, size)
+            if following is None:
+                self.complete = is_closed(file)
+                if reason and offset < size:
+                    reason = reason if self.complete else "the end is cut off"
+                    self.damage.append(Damage(offset, size - offset, None, None, reason))
+                    yield []
+                return
+            self.damage.append(Damage(offset, following - offset, None, None, reason or "damaged"))
+            yield []
+            offset = following
 
     def open_chunk(self, content: bytes) -> list[Message]:
         """The messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged."""
@@ -134,6 +142,8 @@ class Recording:
             raise ValueError(f"compressed as {content[at - name_length : at][:20]!r}")
         if size > MOST_BYTES:
             raise ValueError(f"says it holds {size} bytes")
+        if _INNER.unpack_from(content, at)[0] != len(content) - at - _INNER.size:
+            raise ValueError("length")
         if zstandard.frame_content_size(content[at + 8 :]) != size:  # asked first: that much memory will be taken
             raise ValueError("size")
         records = zstandard.decompress(content[at + 8 :])
@@ -243,13 +253,11 @@ def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 def _end_in_statistics(file: IO[bytes], size: int) -> int | None:
     """log_time of the last message as the summary at the end of the file has it; None where that is not whole."""
-    footer = _FRAME.size + _FOOTER.size + len(MAGIC)
-    if size < footer:
+    if not is_closed(file):
         return None
-    file.seek(size - footer)
-    opcode, length = _FRAME.unpack(file.read(_FRAME.size))
+    file.seek(-_FOOTER.size - len(MAGIC), 2)
     start, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
-    if (opcode, length) != (FOOTER, _FOOTER.size) or file.read() != MAGIC or not 0 < start < size:
+    if not 0 < start < size:
         return None
     file.seek(start)
     while file.tell() + _FRAME.size < size:
@@ -263,24 +271,41 @@ def _end_in_statistics(file: IO[bytes], size: int) -> int | None:
     return None
 
 
-def _next_chunk(file: IO[bytes], offset: int) -> int | None:
-    """Where the next plausible chunk begins at or after `offset`."""
-    file.seek(offset)
-    start, block = offset, file.read(_BLOCK)
-    while block:
+def _next_chunk(file: IO[bytes], offset: int, end: int) -> int | None:
+    """Where the next chunk begins at or after `offset` and before `end`: its signature is there and its lengths agree."""
+    start = offset
+    while start < end:
+        file.seek(start)
+        block = file.read(_BLOCK)
         at = block.find(_SIGNATURE)
         while at >= 0:
             begin = start + at - _SIGNATURE_AT
-            if begin >= offset:
-                here = file.tell()
-                file.seek(begin)
-                opcode, length = _FRAME.unpack(file.read(_FRAME.size))
-                file.seek(here)
-                if opcode == CHUNK and length <= MOST_BYTES:
-                    return begin
+            if offset <= begin < end and _agrees(file, begin):
+                return begin
             at = block.find(_SIGNATURE, at + 1)
-        tail = block[-_SIGNATURE_AT - len(_SIGNATURE) :]
-        start += len(block) - len(tail)
-        more = file.read(_BLOCK)
-        block = tail + more if more else b""
+        if len(block) < _BLOCK:
+            return None
+        start += _BLOCK - _SIGNATURE_AT - len(_SIGNATURE)
     return None
+
+
+def _agrees(file: IO[bytes], begin: int) -> bool:
+    """Whether a chunk stands here: its signature, and lengths that say the same; its opcode may be damaged."""
+    file.seek(begin)
+    head = file.read(_SIGNATURE_AT + len(_SIGNATURE) + _INNER.size)
+    if len(head) < _SIGNATURE_AT + len(_SIGNATURE) + _INNER.size:
+        return False
+    _, length = _FRAME.unpack_from(head)
+    (inner,) = _INNER.unpack_from(head, _SIGNATURE_AT + len(_SIGNATURE))
+    signed = head[_SIGNATURE_AT : _SIGNATURE_AT + len(_SIGNATURE)] == _SIGNATURE
+    return bool(signed and length <= MOST_BYTES and length == len(head) - _FRAME.size + inner)
+
+
+def is_closed(file: IO[bytes]) -> bool:
+    """Whether its writer came to the end of the file: a footer and the magic bytes stand there."""
+    footer = _FRAME.size + _FOOTER.size + len(MAGIC)
+    if file.seek(0, 2) < footer:
+        return False
+    file.seek(-footer, 2)
+    tail = file.read()
+    return bool(_FRAME.unpack_from(tail) == (FOOTER, _FOOTER.size)) and tail.endswith(MAGIC)

@@ -8,7 +8,8 @@ from pathlib import Path
 import msgspec
 
 from cogrip.protocol.recording.folder import RECOVERED
-from cogrip.protocol.recording.reader import MAGIC, Damage, Recording, open_recording
+from cogrip.protocol.recording.reader import Damage, Recording, open_recording
+from cogrip.protocol.recording.reader import is_closed as ends_whole
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
@@ -26,9 +27,7 @@ class Recovered:
 def is_closed(path: Path) -> bool:
     """Whether its writer came to the end."""
     with path.open("rb") as file:
-        file.seek(0, 2)
-        file.seek(max(0, file.tell() - len(MAGIC)))
-        return file.read() == MAGIC
+        return ends_whole(file)
 
 
 def recover(path: Path) -> Recovered:
