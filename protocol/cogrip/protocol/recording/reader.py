@@ -276,7 +276,7 @@ def _next_chunk(file: IO[bytes], offset: int, end: int) -> int | None:
     start = offset
     while start < end:
         file.seek(start)
-        block = file.read(_BLOCK)
+        block = file.read(min(_BLOCK, end - start + _SIGNATURE_AT + len(_SIGNATURE)))
         at = block.find(_SIGNATURE)
         while at >= 0:
             begin = start + at - _SIGNATURE_AT

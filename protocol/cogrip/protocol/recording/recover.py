@@ -44,9 +44,9 @@ def recover(path: Path) -> Recovered:
     for chunk in recording.chunks():  # first to its end: whether that is missing stands in the header
         last = chunk[-1].time_ns
     cut = not recording.complete or any(each.to_ns is None and each.from_ns == last for each in recording.damage)
-    unfinished = target.with_suffix(".part")
+    unfinished = target.with_suffix(f".{os.getpid()}.part")  # half a recovery must not stand for the whole old file
     try:
-        with unfinished.open("xb") as file:
+        with unfinished.open("wb") as file:
             header = msgspec.structs.replace(recording.header, cut=cut or recording.header.cut)
             messages, seconds = _copy(recording, RecordingWriter(file, header))
         unfinished.rename(target)

@@ -2,8 +2,8 @@
 
 How the recorded people take part:
 
-    simulated   the same simulated hand and device as in the settings: it makes the same effort and gives way to new forces
-    impedance   what the recorded hand must have exerted, K_h x + B_h v + F, behind its impedance (`RelivedHand`)
+    same        the same simulated hand and device as in the settings: it makes the same effort and gives way to new forces
+    impedance   what the recorded hand must have exerted, m x'' + B_h x' + K_h x + F, behind its impedance (`RelivedHand`)
     positions   the recorded device positions, whatever the force
 """
 
