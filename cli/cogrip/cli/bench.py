@@ -7,6 +7,10 @@ BENCHES = {
         "cogrip.cli.bench_stability:bench_stability",
         "Trace the stable region's outline, against eigenvalues on a dense grid.",
     ),
+    "recording": (
+        "cogrip.cli.bench_recording:bench_recording",
+        "Live sessions with recording and without, in turns; the size of their files, and how fast they are read.",
+    ),
     "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
 }
 
