@@ -40,6 +40,7 @@ class End:
     name: str
     process: Any
     path: Path
+    server: Any
     writer: int = field(init=False)
     _follower: Follower = field(init=False)
 
@@ -68,7 +69,9 @@ class End:
         """Skips the test where the machine stalled, and fails it where the session broke off otherwise."""
         if self.process.popen.poll() is not None:
             code = self.process.end()
-            pytest.fail(f"{self.name} has ended before it was told to, with {code}: {self.process.said}")
+            pytest.fail(
+                f"{self.name} has ended before it was told to, with {code}: {self.process.said}\n{self.server.said}"
+            )
 
     def await_moment(self, chance: Random, rate_hz: int) -> None:
         """Until some of it is on the disk, and then to anywhere between two flushes."""
@@ -117,8 +120,8 @@ def test_whatever_is_killed_its_recording_and_those_of_the_others_play_again_exa
     folder.mkdir()
     server, port = serve(settings, "--into", str(folder))
     join = ("join", f"127.0.0.1:{port}", "--config", settings, "--into", folder)
-    ends = [End("server", server, folder / SERVER_RECORDING)]
-    ends += [End(name, run(*join, "--name", name), folder / client_recording(name)) for name in NAMES]
+    ends = [End("server", server, folder / SERVER_RECORDING, server)]
+    ends += [End(name, run(*join, "--name", name), folder / client_recording(name), server) for name in NAMES]
     for end in ends:
         end.await_recording()
     for end in ends[1:]:
@@ -128,6 +131,7 @@ def test_whatever_is_killed_its_recording_and_those_of_the_others_play_again_exa
     plan.sort(
         key=lambda kill: kill[0].process is server and kill[1] == "process"
     )  # nobody outlives the server for long
+    print("to be killed:", ", ".join(f"{end.name} ({part})" for end, part in plan))
     killed_ns = {}
     for end, part in plan:
         end.await_moment(chance, 128 if end.process is server else 1024)
@@ -171,7 +175,10 @@ def test_a_run_folder_removed_while_people_play_is_there_again_afterwards(run, s
     folder.mkdir()
     server, port = serve(DEMO, "--into", str(folder))
     person = run("join", f"127.0.0.1:{port}", "--into", folder)
-    ends = [End("server", server, folder / SERVER_RECORDING), End("anna", person, folder / client_recording("anna"))]
+    ends = [
+        End("server", server, folder / SERVER_RECORDING, server),
+        End("anna", person, folder / client_recording("anna"), server),
+    ]
     for end in ends:
         end.await_recording()
         while end.newest() < 50:

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
-from cogrip.protocol.io.ring import Ring, make_ring
+from cogrip.protocol.io.ring import LOST, Ring, make_ring
 
 CAPACITY = 4096  # of the smallest ring
 HEAD = 16  # bytes of a message beside its payload
 MOST = CAPACITY - HEAD
+MARKS = 512  # bytes that words of losses may take: one for each stretch of them
 
 
 @pytest.fixture
@@ -41,6 +42,7 @@ class Interleaving(RuleBasedStateMachine):
         self.loop = make_ring(CAPACITY)
         self.writer = Ring(os.dup(self.loop.fd))
         self.queue: deque[tuple[int, int, bytes]] = deque()
+        self.lost_before: deque[int] = deque()
         self.lost = 0
         self.taking: Iterator[tuple[int, int, bytes]] = iter(())
         self.count = 0
@@ -54,7 +56,7 @@ class Interleaving(RuleBasedStateMachine):
         return CAPACITY - sum(padded(len(payload)) for _, _, payload in self.queue)
 
     @rule(
-        topic=st.integers(0, 2**16 - 1),
+        topic=st.integers(0, LOST - 1),
         time_ns=st.integers(0, 2**64 - 1),
         size=st.integers(0, 40)
         | st.integers(0, CAPACITY + 8)
@@ -68,16 +70,19 @@ class Interleaving(RuleBasedStateMachine):
         if self.loop.lost == before:
             assert padded(size) <= self.free(), "it took room that the taker had not given back"
             self.queue.append((topic, time_ns, payload))
+            self.lost_before.append(before)
         else:
             self.lost += 1
-            # the rest before the ring's end that a message may have to skip is shorter than the message
-            assert 2 * padded(size) > self.free(), "there was room"
+            # the rest before the ring's end that a message may have to skip is shorter than the message; the same holds
+            # for the word of what was lost before, which may be in the ring already or have to go in first
+            assert 2 * padded(size) + MARKS > self.free(), "there was room"
 
     @rule()
     def take_all(self) -> None:
-        taken = list(self.writer.take())
-        assert taken == list(self.queue)
-        self.queue.clear()
+        for message in self.writer.take():
+            assert message == self.queue.popleft()
+            assert self.writer.missed == self.lost_before.popleft(), "what was lost is known at its place"
+        assert not self.queue
 
     @rule(count=st.integers(1, 5))
     def take_some(self, count: int) -> None:
@@ -86,6 +91,7 @@ class Interleaving(RuleBasedStateMachine):
         assert taken == list(islice(self.queue, count))
         for _ in range(len(taken) - 1 if len(taken) == count else len(taken)):
             self.queue.popleft()
+            self.lost_before.popleft()
 
     @rule(data=st.data())
     def put_while_taking(self, data: st.DataObject) -> None:
@@ -96,6 +102,7 @@ class Interleaving(RuleBasedStateMachine):
             if data.draw(st.booleans()):
                 self.put(number, number, data.draw(st.integers(0, 100)))
             self.queue.popleft()
+            self.lost_before.popleft()
             there -= 1
         assert there == 0
 
@@ -172,7 +179,7 @@ def test_words_that_are_too_long_are_cut(ends):
 
 TAKER = """
 import os, sys
-from cogrip.protocol.io.ring import Ring
+from cogrip.protocol.io.ring import LOST, Ring
 parent = os.getppid()
 ring, acknowledged = Ring(int(sys.argv[1])), Ring(int(sys.argv[2]))
 taken = 0

@@ -88,11 +88,8 @@ class Task:
         """Write what the ring holds; without a file it is let go, so that the loop's count stays true."""
         for topic, time_ns, payload in self.ring.take():
             self._last_ns = time_ns
-            lost = self.ring.lost_there
-            if lost > self._lost:
-                gap = Gap(lost - self._lost, "the ring was full")
-                self._lost = lost
-                self._try(self._writer.put, self._gap, time_ns, _encode(gap))
+            if self.ring.missed > self._lost:
+                self._note_gap(self.ring.missed - self._lost)
             self._try(self._writer.put, topic, time_ns, payload)
             self._put += self._well
 
@@ -107,6 +104,9 @@ class Task:
     def flush(self) -> None:
         self._try(self._writer.flush)
         self._count()
+        self._keep_the_file()
+
+    def _keep_the_file(self) -> None:
         if self._well and os.name == "posix" and not os.fstat(self._stream.fd).st_nlink:
             self._try(self._rescue)
 
@@ -127,13 +127,18 @@ class Task:
 
     def finish(self) -> None:
         self.take()
-        lost = self.ring.lost_there
-        if lost > self._lost:
-            self._try(self._writer.put, self._gap, self._last_ns, _encode(Gap(lost - self._lost, "the ring was full")))
+        if self.ring.lost_there > self._lost:
+            self._note_gap(self.ring.lost_there - self._lost)
+        self.anchor()
         self._try(self._writer.flush)
         self._count()
         self._try(self._writer.finish)
         self._try(self._stream.flush)
+        self._keep_the_file()
+
+    def _note_gap(self, messages: int) -> None:
+        self._lost += messages
+        self._try(self._writer.put, self._gap, self._last_ns, _encode(Gap(messages, "the ring was full")))
 
 
 def main(arguments: list[str]) -> int:

@@ -9,8 +9,9 @@
     48   its text
     PAGE data: u32 length, u16 topic, u16 unused, u64 time, payload; padded to 8 bytes; never across the end
 
-A length of SKIP says: go on at the start. Both counters only grow, and each has one writer; a message's bytes are there
-before its counter says so.
+A length of SKIP says: go on at the start. Topic LOST is the ring's own: so many messages (u64) found no room just here.
+Both counters only grow, and each has one writer; a message's bytes are there before its counter says so. Counters are
+items of a cast view, stored all eight bytes at once: `struct` zeroes before it packs, and the other side would see that.
 """
 
 import mmap
@@ -21,40 +22,47 @@ from struct import Struct
 
 PAGE = 4096
 SKIP = 0xFFFF_FFFF
-_U64 = Struct("<Q")
+LOST = 0xFFFF
+_U64 = Struct("Q")
+_COUNTERS = 6
 _HEAD = Struct("<IHHQ")
-_PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED, _TEXT = 0, 8, 16, 24, 32, 40, 48
+_PUT, _TAKEN, _LOST, _CLOSED, _SAID, _SAVED = range(_COUNTERS)
+_TEXT = 8 * _COUNTERS
 
 
 class Ring:
     """Map the ring behind file descriptor `fd`; `make_ring` makes one."""
 
-    __slots__ = ("_capacity", "_map", "_put", "_taken", "fd", "lost")
+    __slots__ = ("_capacity", "_counters", "_map", "_marked", "_put", "_taken", "fd", "lost", "missed")
 
     def __init__(self, fd: int) -> None:
         self.fd = fd
         self._map = mmap.mmap(fd, 0)
         self._capacity = len(self._map) - PAGE
-        self._put = self._read(_PUT)
-        self._taken = self._read(_TAKEN)
+        self._counters = memoryview(self._map)[:_TEXT].cast("Q")
+        self._put = self._counters[_PUT]
+        self._taken = self._counters[_TAKEN]
         self.lost = 0  # messages that found no room
-
-    def _read(self, at: int) -> int:
-        value: int = _U64.unpack_from(self._map, at)[0]
-        return value
+        self._marked = 0  # of them, those that LOST has told of
+        self.missed = 0  # messages that were lost before the one taken last
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         """A message, or one more lost where there is no room."""
+        if self.lost > self._marked and self._place(LOST, time_ns, _U64.pack(self.lost - self._marked)):
+            self._marked = self.lost
+        if self.lost > self._marked or not self._place(topic, time_ns, payload):
+            self.lost += 1
+            self._counters[_LOST] = self.lost
+
+    def _place(self, topic: int, time_ns: int, payload: bytes) -> bool:
         size = len(payload)
         need = (_HEAD.size + size + 7) & ~7
         put, capacity = self._put, self._capacity
         at = put % capacity
         room = capacity - at
         whole = need if need <= room else need + room
-        if put + whole - self._read(_TAKEN) > capacity:
-            self.lost += 1
-            _U64.pack_into(self._map, _LOST, self.lost)
-            return
+        if put + whole - self._counters[_TAKEN] > capacity:
+            return False
         if need > room:
             _HEAD.pack_into(self._map, PAGE + at, SKIP, 0, 0, 0) if room >= _HEAD.size else None
             at = 0
@@ -62,11 +70,12 @@ class Ring:
         start = PAGE + at + _HEAD.size
         self._map[start : start + size] = payload
         self._put = put + whole
-        _U64.pack_into(self._map, _PUT, self._put)
+        self._counters[_PUT] = self._put
+        return True
 
     def take(self) -> Iterator[tuple[int, int, bytes]]:
         """(topic, time, payload) of all that is there now; each is free again when the next is asked for."""
-        until, capacity = self._read(_PUT), self._capacity
+        until, capacity = self._counters[_PUT], self._capacity
         while self._taken < until:
             at = self._taken % capacity
             room = capacity - at
@@ -75,45 +84,50 @@ class Ring:
                 self._taken += room
                 continue
             start = PAGE + at + _HEAD.size
-            yield topic, time_ns, self._map[start : start + size]
+            payload = self._map[start : start + size]
+            if topic == LOST:
+                self.missed += _U64.unpack(payload)[0]
+            else:
+                yield topic, time_ns, payload
             self._taken += (_HEAD.size + size + 7) & ~7
-            _U64.pack_into(self._map, _TAKEN, self._taken)
+            self._counters[_TAKEN] = self._taken
 
     @property
     def lost_there(self) -> int:
         """The taker's view of `lost`."""
-        return self._read(_LOST)
+        return self._counters[_LOST]
 
     @property
     def saved(self) -> int:
         """Messages that the taker has brought to where they should go; the taker sets it."""
-        return self._read(_SAVED)
+        return self._counters[_SAVED]
 
     @saved.setter
     def saved(self, messages: int) -> None:
-        _U64.pack_into(self._map, _SAVED, messages)
+        self._counters[_SAVED] = messages
 
     def finish(self) -> None:
         """Say that nothing more will come."""
-        _U64.pack_into(self._map, _CLOSED, 1)
+        self._counters[_CLOSED] = 1
 
     @property
     def finished(self) -> bool:
-        return bool(self._read(_CLOSED))
+        return bool(self._counters[_CLOSED])
 
     def say(self, text: str) -> None:
         """The taker's words to the loop; the first ones stay."""
-        if not self._read(_SAID):
+        if not self._counters[_SAID]:
             words = text.encode("utf-8", "replace")[: PAGE - _TEXT]
             self._map[_TEXT : _TEXT + len(words)] = words
-            _U64.pack_into(self._map, _SAID, len(words))
+            self._counters[_SAID] = len(words)
 
     @property
     def said(self) -> str:
-        length = self._read(_SAID)
+        length = self._counters[_SAID]
         return self._map[_TEXT : _TEXT + length].decode("utf-8", "replace") if length else ""
 
     def close(self) -> None:
+        self._counters.release()
         self._map.close()
         os.close(self.fd)
 
