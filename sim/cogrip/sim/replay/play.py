@@ -58,6 +58,7 @@ class ClientPlay:
         self._account: ClientAccount | None = None
 
     def take(self, message: Message) -> None:
+        self.core.outbox.clear()  # it was noted; nobody is there to send it to
         kind, now_ns = self._kinds[message.topic], message.time_ns
         if kind == "tick":
             self._tick(_tick(message.payload), now_ns)
@@ -128,6 +129,8 @@ class ServerPlay:
 
     def take(self, message: Message) -> None:
         kind, now_ns, core = self._kinds[message.topic], message.time_ns, self.core
+        core.outbox.clear()  # it was noted; nobody is there to send it to
+        core.events.clear()
         if kind == "step":
             room, step = self._rooms[message.topic], _step(message.payload)
             if room is None:
