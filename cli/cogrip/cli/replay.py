@@ -1,5 +1,8 @@
 """`cogrip replay`: does a recorded session play again exactly, and what would it have been with another setting?"""
 
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +16,7 @@ from cogrip.cli.question import Json, Overrides, write_json
 from cogrip.cli.settings_file import override, try_hands
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
-from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings import SettingsError
 from cogrip.sim.comparison import ComparisonError
@@ -25,6 +28,7 @@ from cogrip.sim.replay.what_if import what_if as other_world
 from cogrip.sim.traces import describe
 
 TABLE_WIDTH = 110
+WORTH_WORKERS_BYTES = 8_000_000
 
 
 def replay(
@@ -85,11 +89,11 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
             say(f"note: {end.path.name} was recorded by other versions: {'; '.join(differences)}")
     verdicts: list[dict[str, Any]] = []
     exact = not records.unreadable
-    for end in ends:
-        try:
-            verdict = verify_recording(end.recording)
-        except RecordingError as error:
-            raise BadInput(str(error)) from None
+    try:
+        found = _verdicts([end.recording for end in ends])
+    except RecordingError as error:
+        raise BadInput(str(error)) from None
+    for end, verdict in zip(ends, found, strict=True):
         exact = exact and verdict.exact
         for line in _words(end.path.name, verdict):
             say(line)
@@ -98,6 +102,15 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
         unreadable = [str(path) for path in records.unreadable]
         write_json({"exact": exact, "files": verdicts, "unreadable": unreadable}, json)
     return 0 if exact else 1
+
+
+def _verdicts(recordings: list[Recording]) -> list[Verdict]:
+    """One for each; those of a long run are found side by side. Raises RecordingError."""
+    workers = min(len(recordings), os.cpu_count() or 1)
+    if workers < 2 or sum(each.path.stat().st_size for each in recordings) < WORTH_WORKERS_BYTES:
+        return [verify_recording(each) for each in recordings]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(verify_recording, recordings))
 
 
 def _words(file: str, verdict: Verdict) -> list[str]:
