@@ -17,6 +17,7 @@ from typing import IO, cast
 
 import msgspec
 
+from cogrip.protocol.io.recorder import lock
 from cogrip.protocol.io.ring import Ring
 from cogrip.protocol.recording.header import header_of
 from cogrip.protocol.recording.records import Clock, Gap
@@ -124,6 +125,7 @@ class Task:
             done += os.sendfile(fd, self._stream.fd, done, size - done)
         os.dup2(fd, self._stream.fd)
         os.close(fd)
+        lock(self._stream.fd)
 
     def finish(self) -> None:
         self.take()

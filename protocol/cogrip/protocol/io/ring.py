@@ -47,7 +47,7 @@ class Ring:
         self.missed = 0  # messages that were lost before the one taken last
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
-        """A message, or one more lost where there is no room."""
+        """A message, or one more lost where there is no room; one of up to half the ring always fits an empty one."""
         if self.lost > self._marked and self._place(LOST, time_ns, _U64.pack(self.lost - self._marked)):
             self._marked = self.lost
         if self.lost > self._marked or not self._place(topic, time_ns, payload):
