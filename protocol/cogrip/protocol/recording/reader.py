@@ -33,6 +33,7 @@ _STATISTICS = Struct("<QHIIIIQQ")
 _SIGNATURE = b"\x04\x00\x00\x00zstd"
 _SIGNATURE_AT = _FRAME.size + _CHUNK.size
 _INNER = Struct("<Q")
+_INDEX = Struct("<HI")
 _BLOCK = 1 << 20
 
 
@@ -113,7 +114,8 @@ class Recording:
                 reason = "damaged"
             else:
                 here = _agrees(file, offset)  # a chunk all the same, with a damaged opcode
-                if here or _next_chunk(file, offset + 1, end) is not None:  # or a length that would pass over one
+                # or a length that would pass over one, which may be damaged itself
+                if here or not _fits(file, offset) or _next_chunk(file, offset + 1, end) is not None:
                     reason = "damaged"
             if here:
                 self.damage.append(Damage(offset, end - offset, None, None, reason))
@@ -299,6 +301,16 @@ def _agrees(file: IO[bytes], begin: int) -> bool:
     (inner,) = _INNER.unpack_from(head, _SIGNATURE_AT + len(_SIGNATURE))
     signed = head[_SIGNATURE_AT : _SIGNATURE_AT + len(_SIGNATURE)] == _SIGNATURE
     return bool(signed and length <= MOST_BYTES and length == len(head) - _FRAME.size + inner)
+
+
+def _fits(file: IO[bytes], begin: int) -> bool:
+    """Whether an index (channel u16, u32 bytes of entries) or the data's end is as long as it has to be."""
+    file.seek(begin)
+    opcode, length = _FRAME.unpack(file.read(_FRAME.size))
+    if opcode == MESSAGE_INDEX:
+        head = file.read(_INDEX.size)
+        return len(head) == _INDEX.size and length == _INDEX.size + _INDEX.unpack(head)[1]
+    return bool(opcode != DATA_END or length == 4)
 
 
 def is_closed(file: IO[bytes]) -> bool:
