@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -11,7 +10,8 @@ import numpy as np
 from cogrip.devices.device import Capability
 from cogrip.devices.recorded_motion import Array, capability_of, find, read_motion
 from cogrip.devices.replayed.device import PlaySettings
-from cogrip.devices.settings import Finite, Positive, keys_of
+from cogrip.devices.settings import keys_of
+from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.recorded_hand import RecordedSettings, read_recording
 
 
@@ -21,17 +21,19 @@ class RunSettings(PlaySettings, frozen=True, kw_only=True):
     user: str = "0"
 
 
-class TableSettings(PlaySettings, frozen=True, kw_only=True):
-    """Query keys of a CSV file: as those of the hand `csv`."""
+_OTHERS = (*keys_of(ImpedanceSettings), *keys_of(PlaySettings))
+_COLUMNS = tuple(field for field in msgspec.structs.fields(RecordedSettings) if field.name not in _OTHERS)
+"""Keys of the hand `csv` that say where the motion stands in the file: neither of the hand's own nor of when it plays."""
 
-    time: str
-    x: str
-    y: str | None = None
-    z: str | None = None
-    scale: Finite = 1.0
-    time_scale: Positive = 1.0
-    where: str | None = None
-    origin: Literal["start", "keep"] = "start"
+TableSettings = msgspec.defstruct(
+    "TableSettings",
+    [(field.name, field.type, field.default) for field in _COLUMNS],
+    bases=(PlaySettings,),
+    module=__name__,
+    frozen=True,
+    kw_only=True,
+)
+"""Query keys of a CSV file: those of every replay, then `_COLUMNS`. Made, not written: two records cannot both be bases."""
 
 
 class RunSource:
@@ -51,12 +53,10 @@ class RunSource:
 class TableSource:
     """A CSV file: no device is known, so its record has no limits of its own."""
 
-    def __init__(self, path: str, settings: TableSettings) -> None:
+    def __init__(self, path: str, settings: PlaySettings) -> None:
+        """`settings` is a TableSettings."""
         self._path = path
-        own = {
-            key: value for key, value in msgspec.structs.asdict(settings).items() if key in keys_of(RecordedSettings)
-        }
-        self._settings = RecordedSettings(**{key: own[key] for key in own if key not in keys_of(PlaySettings)})
+        self._settings = RecordedSettings(**{field.name: getattr(settings, field.name) for field in _COLUMNS})
 
     def capability(self, axes: int) -> Capability:
         _, position, _ = self.motion(axes, 1024)

@@ -28,7 +28,7 @@ RETURN_S = 1.0
 
 
 class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
-    """Query keys of `csv`.
+    """Query keys of `csv`; `time` to `origin` are those of a replayed table too (`TableSettings`).
 
     time, x, y, z   column names; axes without a column do not move
     scale           metres per unit of the position columns

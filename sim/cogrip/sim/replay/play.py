@@ -13,11 +13,11 @@ from cogrip.client.recorded import RecordedClient, sample_of
 from cogrip.client.recorded import start_of as client_start
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import Command, Datagram, Step, Tick
+from cogrip.protocol.recording.records import Asked, Command, Datagram, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.server.recorded import RecordedServer, address_of, step_topic
 from cogrip.server.recorded import start_of as server_start
-from cogrip.sim.replay.tape import Tape
+from cogrip.sim.replay.tape import Tape, UntoldError
 
 _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
@@ -120,7 +120,7 @@ class ServerPlay:
         rooms, software = server_start(tape.recording.header.start)
         self.core = RecordedServer(rooms, software, lambda: tape.asked().session)
         for room in self.core.rooms:
-            self.core.count_ticks(room, lambda: _ticks(tape.asked().ticks))
+            self.core.count_ticks(room, lambda: _told(tape.asked()))
         self.core.record(sink)
         self.ticks = 0
         self._kinds = tape.kinds
@@ -163,3 +163,10 @@ class ServerPlay:
 
 PLAYS: dict[str, Callable[[Tape, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
 """By the role in a recording's header."""
+
+
+def _told(asked: Asked) -> TickCount:
+    """The ticks that an answer tells. Raises UntoldError where it answers another question: one is missing before it."""
+    if not asked.ticks:
+        raise UntoldError
+    return _ticks(asked.ticks)

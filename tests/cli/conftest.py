@@ -1,0 +1,50 @@
+"""A run to spoil, and the command as its users type it."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.cli.spoiled_runs import Cogrip
+
+from cogrip.cli.main import main
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
+
+TABLE: dict[str, Any] = {
+    "name": "pair",
+    "seconds": 0.5,
+    "link": {"delay_ms": 10, "loss": 0.1},
+    "playout": {"frames": 2},
+    "users": [{"name": "anna"}, {"name": "ben", "device": "sim:ideal", "hand": "hold"}],
+}
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded")
+    run_laboratory(resolve(TABLE), folder)
+    return folder
+
+
+@pytest.fixture
+def run(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy to spoil, in the present folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+    shutil.copytree(recorded, tmp_path / "run")
+    return Path("run")
+
+
+@pytest.fixture
+def cogrip(capsys: pytest.CaptureFixture[str]) -> Cogrip:
+    """See `Cogrip`."""
+
+    def command(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return code, captured.out, captured.err
+
+    return command

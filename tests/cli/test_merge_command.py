@@ -1,0 +1,83 @@
+"""`cogrip merge` as its users type it: exit codes, words, what it leaves."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.cli.spoiled_runs import ANNA, BEN, FILES, SERVER, Cogrip, cut
+
+LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"
+
+
+@pytest.fixture
+def parts(run: Path) -> list[Path]:
+    """The run in three folders, as three machines leave it."""
+    folders = [Path(name) for name in ("at the server's", "at anna's", "at ben's")]
+    for folder, file in zip(folders, (SERVER, ANNA, BEN), strict=True):
+        folder.mkdir()
+        (run / file).rename(folder / file)
+    (run / "settings.json").rename(folders[0] / "settings.json")
+    return folders
+
+
+def test_merge_says_what_it_did(parts: list[Path], cogrip: Cogrip) -> None:
+    code, said, problems = cogrip("merge", *parts, "--out", "merged")
+    assert (code, problems) == (0, "")
+    lines = said.splitlines()
+    for file, line in zip((ANNA, BEN), lines, strict=False):
+        assert re.fullmatch(
+            rf"{file}: [+-]\d+\.\d{{3}} ms to the server's clock, by datagrams; there are no clock anchors "
+            r"\(datagrams bound it to ±\d+\.\d ms\)",
+            line,
+        )
+    assert lines[2:] == ["merged: merged; see `cogrip report merged`"]
+    assert {path.name for path in Path("merged").iterdir()} == {*FILES, "clocks.json", "settings.json"}
+    assert cogrip("replay", "merged", "--verify")[0] == 0
+
+
+def test_a_merged_run_is_a_run_like_any_other(parts: list[Path], cogrip: Cogrip) -> None:
+    assert cogrip("merge", *parts, "--out", "merged")[0] == 0
+    assert cogrip("replay", "merged", "--what-if", "--set", "seed=3", "--runs", "other")[0] == 0
+    cut(Path("merged") / ANNA)
+    code, _, problems = cogrip("replay", "merged", "--verify")
+    assert code == 0
+    assert "saved in merged/client-anna.recovered.mcap" in problems
+
+
+def test_a_file_that_is_named_twice_is_one_file(parts: list[Path], cogrip: Cogrip) -> None:
+    assert cogrip("merge", *parts, parts[0] / SERVER, "--out", "merged")[0] == 0
+    assert cogrip("merge", parts[0], parts[1], parts[1] / ANNA, "--out", "without ben")[0] == 0
+    assert cogrip("replay", "merged", "--verify")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("at anna's", "--out", "new"), "name at least two folders, the server's and a client's"),
+        (("--out", "new"), "name at least two folders"),
+        (("at anna's", "at ben's", "--out", "new"), "a run has one server, and here is none"),
+        (("at the server's", "its copy", "at anna's", "--out", "new"), "a run has one server"),
+        (("at the server's", "at anna's", "one name", "--out", "new"), "there are several files client-anna.mcap"),
+        (("at the server's", "at anna's", "twice", "--out", "new"), "'anna' is recorded 2 times"),
+        (("at the server's", "nowhere", "--out", "new"), "nowhere: there is no such run"),
+        (("at the server's", "file.txt", "--out", "new"), "file.txt is not a recording"),
+        (("at the server's", LIVE / BEN, "--out", "new"), "no datagrams in common; they are not of one run"),
+        (("at the server's", "at anna's", "--out", "at ben's"), "--out at ben's exists already; name a new folder"),
+        (("at the server's", "at anna's", "--out", "file.txt/new"), "Not a directory"),
+        (("at the server's", "at anna's"), "--out"),
+    ],
+)
+def test_what_cannot_be_merged_is_named_and_nothing_is_left(
+    parts: list[Path], cogrip: Cogrip, arguments: tuple[object, ...], words: str
+) -> None:
+    Path("file.txt").write_text("not a recording")
+    shutil.copytree("at anna's", "twice")
+    shutil.copytree("at the server's", "its copy")
+    Path("one name").mkdir()
+    shutil.copy2(Path("at ben's") / BEN, Path("one name") / ANNA)
+    before = sorted(Path().rglob("*"))
+    code, said, problems = cogrip("merge", *arguments)
+    assert code == 2
+    assert words in said + problems
+    assert sorted(Path().rglob("*")) == before

@@ -1,0 +1,96 @@
+"""`cogrip recover` as its users type it: exit codes, words, what it leaves."""
+
+import json
+import re
+from pathlib import Path
+
+import msgspec
+from tests.cli.spoiled_runs import ANNA, BEN, SERVER, TORN, Cogrip, cut, damage
+
+from cogrip.protocol.recording.reader import open_recording
+
+
+def test_recover_a_file(run: Path, cogrip: Cogrip) -> None:
+    cut(run / ANNA)
+    code, said, problems = cogrip("recover", run / ANNA)
+    assert (code, problems) == (0, "")
+    recovered = run / "client-anna.recovered.mcap"
+    assert re.fullmatch(
+        rf"{ANNA} was not closed: \d+ messages over 0\.\d+ s are saved in {recovered}; {len(TORN)} bytes could not be read\n",
+        said,
+    )
+    header = open_recording(run / ANNA).header
+    assert header.cut is False
+    assert open_recording(recovered).header == msgspec.structs.replace(header, cut=True)
+    code, said, _ = cogrip("replay", recovered, "--verify", "--json", "-")
+    (verdict,) = json.loads(said)["files"]
+    assert (code, verdict["exact"], verdict["cut"]) == (0, True, True)
+
+
+def test_recover_a_file_that_is_damaged_in_the_middle_alone(run: Path, cogrip: Cogrip) -> None:
+    """It was closed, so its end is all there."""
+    damage(run / BEN)
+    assert cogrip("recover", run / BEN)[0] == 0
+    assert open_recording(run / "client-ben.recovered.mcap").header == open_recording(run / BEN).header
+
+
+def test_recover_a_run_saves_each_file_that_was_cut(run: Path, cogrip: Cogrip) -> None:
+    for file in (ANNA, SERVER):
+        cut(run / file)
+    code, said, _ = cogrip("recover", run)
+    assert code == 0
+    assert [line.partition(" ")[0] for line in said.splitlines()] == [ANNA, SERVER]
+    assert {path.name for path in run.glob("*.recovered.mcap")} == {
+        "client-anna.recovered.mcap",
+        "server.recovered.mcap",
+    }
+    code, said, _ = cogrip("recover", run)
+    assert code == 0
+    assert "every recording was closed as it should; there is nothing to recover" in said
+
+
+def test_recover_twice_and_what_is_none(run: Path, cogrip: Cogrip) -> None:
+    cut(run / ANNA)
+    assert cogrip("recover", run / ANNA)[0] == 0
+    kept = (run / "client-anna.recovered.mcap").read_bytes()
+    for file, words in (
+        (run / ANNA, f"{run / 'client-anna.recovered.mcap'} exists already; remove it to recover anew"),
+        (run / "settings.json", "is not a recording (no MCAP file)"),
+        (Path("nowhere.mcap"), "nowhere.mcap"),
+    ):
+        code, _, problems = cogrip("recover", file)
+        assert code == 2
+        assert words in problems
+    assert (run / "client-anna.recovered.mcap").read_bytes() == kept
+
+
+def test_a_file_of_which_nothing_can_be_saved(run: Path, cogrip: Cogrip) -> None:
+    (run / ANNA).write_bytes((run / ANNA).read_bytes()[:20])
+    code, _, problems = cogrip("recover", run / ANNA)
+    assert code == 2
+    assert "ends before it says what it is; nothing of it can be saved" in problems
+    code, said, problems = cogrip("replay", run, "--verify")
+    assert "nothing of it can be saved" in said + problems
+    assert f"{BEN}: equal, bit by bit" in said
+
+
+def test_a_file_that_ends_within_its_header_ends_before_it_says_what_it_is(run: Path, cogrip: Cogrip) -> None:
+    (run / ANNA).write_bytes((run / ANNA).read_bytes()[:200])
+    code, _, problems = cogrip("recover", run / ANNA)
+    assert code == 2
+    assert "ends before it says what it is; nothing of it can be saved" in problems
+
+
+def test_recover_says_that_there_is_no_recording(run: Path, cogrip: Cogrip) -> None:
+    Path("empty").mkdir()
+    code, said, problems = cogrip("recover", "empty")
+    assert code == 2
+    assert "every recording was closed" not in said
+    assert "empty holds no recording; name a run folder or a .mcap file" in problems
+
+
+def test_recover_says_in_words_that_there_is_no_such_file(run: Path, cogrip: Cogrip) -> None:
+    code, _, problems = cogrip("recover", "nowhere.mcap")
+    assert code == 2
+    assert "Errno" not in problems
+    assert "nowhere.mcap: there is no such file; name a run folder or a .mcap file" in problems

@@ -1,0 +1,121 @@
+"""`cogrip replay`, and `join` with a replay, given what they cannot use: it is named, and nothing is left."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.cli.spoiled_runs import ANNA, BEN, SERVER, Cogrip
+from tests.recording_files import rewrite
+
+from cogrip.cli import join
+from cogrip.cli.problem import BadInput
+from cogrip.devices import Device
+from cogrip.protocol.messages import Hello
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run",), "say either --verify or --what-if"),
+        (("run", "--verify", "--what-if"), "say either --verify or --what-if"),
+        (("run", "--verify", "--set", "seed=2"), "--set changes the world, so it goes with --what-if"),
+        (("run", "--what-if", "--json", "-"), "--json goes with --verify"),
+        (("nowhere", "--verify"), "nowhere: there is no such run; name a run folder or a .mcap file"),
+        (("run/settings.json", "--verify"), "is not a recording (no MCAP file); name a run folder or its .mcap file"),
+        (("empty", "--verify"), "empty holds no recording that can be read"),
+        (("run", "--what-if", "--set", "coupling.impedence_nspm=50"), "did you mean coupling.impedance_nspm?"),
+        (("run", "--what-if", "--set", "nonsense"), "section.key=value"),
+        (("run", "--what-if", "--set", "coupling.impedance_nspm=-1"), "coupling.impedance_nspm = -1"),
+        (("run", "--what-if", "--set", "users.0.device=sim:phantm"), "sim:phantm"),
+        (("run", "--what-if", "--hands", "impedance", "--set", "rates.device_hz=2048"), "was recorded at 1024 Hz"),
+        (("run", "--what-if", "--hands", "both"), "both"),
+        (
+            ("run", "--what-if", "--set", "object.axes=3", "--hands", "positions"),
+            "was recorded on 1 axes, 3 are asked for",
+        ),
+        (("run/client-anna.mcap", "--what-if"), "holds no recording of the server"),
+        (("run", "--what-if", "--runs", "/proc/x"), "no folder can be made there"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_left(
+    run: Path, cogrip: Cogrip, arguments: tuple[str, ...], words: str
+) -> None:
+    Path("empty").mkdir()
+    before = sorted(Path().rglob("*"))
+    code, said, problems = cogrip("replay", *arguments)
+    assert code == 2
+    assert words in problems + said
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_person_who_is_missing_is_named(run: Path, cogrip: Cogrip) -> None:
+    (run / BEN).unlink()
+    code, _, problems = cogrip("replay", run, "--what-if", "--set", "seed=2", "--runs", "other")
+    assert code == 2
+    assert "run holds no recording of 'ben'; there is: anna" in problems
+    assert not Path("other").exists()
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ({"format": 2}, "is a recording of format 2, newer than 1, the newest known here; update cogrip"),
+        ({"start": "{}"}, "cannot be replayed"),
+        ({"start": "no JSON"}, "cannot be replayed"),
+        ({"role": "spectator"}, "is of a 'spectator'; only client and server can be replayed"),
+    ],
+)
+def test_files_that_cannot_be_replayed_say_why(run: Path, cogrip: Cogrip, header: dict[str, Any], words: str) -> None:
+    rewrite(run / ANNA, **header)
+    code, said, problems = cogrip("replay", run / ANNA, "--verify")
+    assert code == 2
+    assert words in problems, said
+
+
+@pytest.mark.parametrize("start", ["{}", "no JSON"])
+@pytest.mark.parametrize(("file", "what"), [(SERVER, "its settings"), (ANNA, "what device was recorded")])
+def test_a_header_that_cannot_be_read_is_bad_input_for_what_if(
+    run: Path, cogrip: Cogrip, file: str, what: str, start: str
+) -> None:
+    rewrite(run / file, start=start)
+    code, _, problems = cogrip("replay", run, "--what-if", "--runs", "other")
+    assert code == 2
+    assert f"{run / file} does not say {what}: " in problems
+    assert not Path("other").exists()
+
+
+@pytest.mark.parametrize(
+    ("device", "more", "words"),
+    [
+        ("replay:nowhere", (), "there is no such run; name a run folder or a .mcap file"),
+        ("replay:nowhere", ("--axes", 1), "there is no such run; name a run folder or a .mcap file"),
+        ("replay:run#user=cleo", (), "no recording of user cleo; there is: 0 (anna), 1 (ben)"),
+        ("replay:run#user=cleo", ("--axes", 1), "no recording of user cleo; there is: 0 (anna), 1 (ben)"),
+        ("replay:run#user=anna", ("--axes", 3), "was recorded on 1 axes, 3 are asked for"),
+    ],
+)
+def test_joining_with_a_replay_that_cannot_be_played(
+    run: Path, cogrip: Cogrip, device: str, more: tuple[object, ...], words: str
+) -> None:
+    code, _, problems = cogrip("join", "127.0.0.1:1", "--device", device, *more)
+    assert code == 2
+    assert words in problems
+
+
+@pytest.mark.parametrize(
+    ("device", "more", "axes"),
+    [("replay:run#user=anna", (), 1), ("replay:run#user=anna", ("--axes", 1), 1), ("sim:ideal", (), 3)],
+)
+def test_joining_takes_the_axes_that_were_recorded(
+    run: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, device: str, more: tuple[object, ...], axes: int
+) -> None:
+    """What goes to the server, looked at where it would go out."""
+    asked: list[tuple[int, int]] = []
+
+    def client(arm: Device, hello: Hello, *_: object) -> None:
+        asked.append((hello.device_axes, arm.capability.axes))
+        raise BadInput("nobody is there")
+
+    monkeypatch.setattr(join, "LiveClient", client)
+    assert cogrip("join", "127.0.0.1:1", "--device", device, *more)[0] == 2
+    assert asked == [(axes, axes)]

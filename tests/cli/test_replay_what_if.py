@@ -1,0 +1,60 @@
+"""`cogrip replay --what-if` as its users type it: exit codes, words, what it leaves."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.cli.spoiled_runs import FILES, Cogrip
+
+from cogrip.protocol.recording.reader import open_recording
+from cogrip.sim.records import open_run
+
+LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"
+
+
+def test_another_world_leaves_a_run_and_a_comparison(run: Path, cogrip: Cogrip) -> None:
+    code, said, _ = cogrip("replay", run, "--what-if", "--set", "coupling.stiffness_npm=300", "--runs", "other")
+    assert code == 0
+    (folder,) = Path("other").iterdir()
+    assert folder.name.endswith("-pair-what-if")
+    left = {path.name for path in folder.iterdir()}
+    assert left >= {*FILES, "settings.json", "summary.json", "report.html", "comparison.html"}
+    assert json.loads((folder / "settings.json").read_text())["coupling"]["stiffness_npm"] == 300.0
+    assert f"comparison: {folder / 'comparison.html'}" in said
+    assert "what if coupling.stiffness_npm = 300" in said
+    assert "as recorded" in said
+    assert "peak force [N]" in said
+    page = (folder / "comparison.html").read_text()
+    assert "as recorded" in page
+    assert "what if coupling.stiffness_npm = 300" in page
+    assert cogrip("replay", folder, "--verify")[0] == 0
+
+
+def test_an_unchanged_world_is_the_recorded_one(run: Path, cogrip: Cogrip) -> None:
+    assert cogrip("replay", run, "--what-if", "--runs", "other")[0] == 0
+    (folder,) = Path("other").iterdir()
+    for file in FILES:
+        assert list(open_recording(folder / file).messages()) == list(open_recording(run / file).messages())
+    before, after = (json.loads((each / "summary.json").read_text()) for each in (run, folder))
+    assert before == after
+
+
+@pytest.mark.parametrize(
+    ("hands", "device"), [("impedance", "sim:ideal"), ("positions", "replay:run#user=ben"), ("same", "sim:ideal")]
+)
+def test_how_the_hands_take_part(run: Path, cogrip: Cogrip, hands: str, device: str) -> None:
+    assert cogrip("replay", run, "--what-if", "--hands", hands, "--set", "object.mass_kg=1", "--runs", "other")[0] == 0
+    (folder,) = Path("other").iterdir()
+    ben = json.loads((folder / "settings.json").read_text())["users"][1]
+    assert ben["device"] == device
+    assert ben["hand"] == ("recording:run#user=ben" if hands == "impedance" else "hold")
+
+
+def test_beside_a_live_run_stands_what_the_laboratory_changes_by_itself(run: Path, cogrip: Cogrip) -> None:
+    code, said, _ = cogrip("replay", LIVE, "--what-if", "--set", "link.delay_ms=5", "--runs", "other")
+    assert code == 0
+    for words in ("as recorded", "unchanged, in the laboratory", "what if link.delay_ms = 5"):
+        assert words in said
+    (folder,) = Path("other").iterdir()
+    assert open_run(folder / "unchanged").settings() is not None
+    assert {path.name for path in LIVE.iterdir()} == {*FILES, "settings.json", "summary.json"}, "nothing is left there"

@@ -1,0 +1,143 @@
+"""A recorded client called as the live loop calls it, and a server's words for it to hear."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
+
+from cogrip.client.recorded import KINDS, RecordedClient, client_topics
+from cogrip.devices.device import Capability, Sample
+from cogrip.protocol import messages
+from cogrip.protocol.accounts import Percentiles, TickCount
+from cogrip.protocol.line import LineSender
+from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
+from cogrip.protocol.rates import due_ns
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import digest, resolve, seat_settings
+
+DEVICE_HZ, M = 1024, 8
+START_NS = 1_000_000_000  # of tick 0
+SESSION = 7
+Word = tuple[str, int, float]  # what, which of that kind, how large
+
+
+def capability(axes: int, gives_velocity: bool) -> Capability:
+    return Capability(
+        family="test", model="arm", axes=axes, workspace_m=((-1.0, 1.0),) * axes, peak_force_n=10.0,
+        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=10.0, slew_nps=math.inf, speed_mps=math.inf,
+        resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=gives_velocity,
+    )  # fmt: skip
+
+
+class Person(RecordedEnd):
+    role, who, file, rate_hz = "client", "anna", "client-anna.mcap", DEVICE_HZ
+    core: RecordedClient
+
+    def __init__(self, axes: int = 1, gives_velocity: bool = False, world: Mapping[str, Any] = {}) -> None:
+        what = {"axes": axes, **world.get("object", {})}
+        self.settings = resolve({**world, "object": what, "users": [{"name": "anna"}]})
+        hello = make_hello(
+            software="test", nonce=1, room="", name="anna", digest="", device="test", axes=axes, rate_hz=1024.0
+        )  # fmt: skip
+        super().__init__(RecordedClient(hello, capability(axes, gives_velocity)), client_topics("anna"))
+        self.axes, self.gives_velocity = axes, gives_velocity
+        self.tick, self.now_ns = -1, 0
+        self.heard = False
+        self.line = LineSender(axes, 4)
+        self.said: list[bytes] = [b""]
+
+    def ticks_in(self, noted: Sequence[Put]) -> int:
+        return sum(KINDS[topic] == "tick" for topic, *_ in noted)
+
+    def welcome(self) -> bytes:
+        seat = seat_settings(self.settings, 0)
+        return messages.encode(Welcome(1, 1, SESSION, digest(self.settings), "test", seat))
+
+    def sit(self) -> None:
+        self.core.call(self.now_ns)
+        self.core.receive(self.welcome(), self.now_ns)
+        self.now_ns += 300_000_000
+        self.core.keep_seat(self.now_ns)
+
+    def frame(self, value: float) -> bytes:
+        """The next frame of the line down."""
+        stamp = Stamp(self.now_ns + 1, max(0, self.now_ns - 5_000_000), 1_000_000)
+        coupled = self.settings.coupling.kind == "coupling"
+        return next_frame(self.line, SESSION, (value,) * self.axes, stamp, coupled)
+
+    def word(self, kind: str, number: int, value: float) -> bytes:
+        """A datagram as it may arrive; `number` tells which of that kind."""
+        known = {
+            **mangled(self.said, number),
+            **well_formed(SESSION, number, (value,) * self.axes, value),
+            "welcome": self.welcome(),
+            "farewell": messages.encode(Farewell(SESSION, "enough")),
+            "refuse": messages.encode(Refuse(1, 1, "full", "the room is full")),
+        }
+        datagram = self.frame(value) if kind == "next" else known[kind]
+        self.said.append(datagram)
+        return datagram
+
+    def run_tick(self, gap: int, sample: Sample | None, words: Sequence[Word] = ()) -> None:
+        core = self.core
+        if self.heard:  # what came since the last tick; a live loop calls the core before it ticks again
+            core.keep_seat(self.now_ns)
+        self.heard = False
+        self.tick += gap
+        now_ns = self.now_ns = due_ns(START_NS, self.tick, DEVICE_HZ) + gap * 1000  # late, as live ticks are
+        core.sense(self.tick, sample, now_ns)
+        for word in words:
+            core.receive(self.word(*word), now_ns)
+        core.timing = (gap, self.tick % 50, self.tick // 100)
+        core.act(now_ns)
+        core.outbox.clear()
+
+    def sample(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sample:
+        velocity = tuple(velocity_mps[: self.axes]) if self.gives_velocity else None
+        return Sample(tuple(position_m[: self.axes]), velocity)
+
+    def run(self, ticks: int, answered: bool = True) -> None:
+        """A hand that swings, and a server that answers or has fallen silent."""
+        for _ in range(ticks):
+            phase = 0.02 * (self.tick + 1)
+            place, speed = 0.02 * math.sin(phase), 0.02 * 0.02 * DEVICE_HZ * math.cos(phase)
+            words = [("next", 0, 0.2 * math.cos(phase))] if answered and (self.tick + 1) % M == 0 else []
+            self.run_tick(1, self.sample((place,) * 3, (speed,) * 3), words)
+
+    def end(self, reason: str) -> None:
+        account = self.core.account(TickCount(self.tick + 1, self.tick + 1, Percentiles(1.0, 2.0, 3.0, 4.0)))
+        self.core.leave(reason, account, self.now_ns)
+
+    def poll(self, later_ns: int, words: Sequence[Word] = ()) -> None:
+        self.now_ns += later_ns
+        self.core.poll(self.now_ns)
+        for word in words:
+            self.core.receive(self.word(*word), self.now_ns)
+            self.heard = True
+
+
+def scripted() -> Person:
+    """A session with every kind of message, every command, every state."""
+    person = Person(2, gives_velocity=False)
+    person.poll(0, [("garbage", 3, 0.0)])
+    person.sit()
+    person.run(60)
+    person.run_tick(1, Sample((math.nan, 0.0), None))
+    person.run(5)
+    person.core.rearm()
+    person.run(30)
+    person.run_tick(300, person.sample((0.01, 0.01), ()))  # the watchdog
+    person.core.rearm()
+    person.run(40)
+    person.core.fail("device: unplugged")
+    person.run_tick(1, None)
+    person.core.stop()
+    person.run(10)
+    person.end("the session is over")
+    person.poll(100_000_000)
+    person.poll(1_000_000, [("farewell", 0, 0.0)])
+    return person
+
+
+SCRIPT = scripted()

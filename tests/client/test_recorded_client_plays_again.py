@@ -1,0 +1,140 @@
+"""A recorded client plays again bit by bit, whatever happened to it."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.client.recorded_person import SCRIPT, Person, Word, capability
+from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
+
+from cogrip.client.recorded import COMMAND, EVENT, KINDS, RecordedClient, start_of
+from cogrip.protocol.recording.records import Command
+
+FINITE = st.floats(-0.1, 0.1)
+STRANGE = st.sampled_from([math.nan, math.inf, -math.inf, 1e308, -1e308, 1e200, 5e-324, -0.0, 2.0])
+NUMBERS = st.integers(0, 9).flatmap(lambda chance: STRANGE if chance == 0 else FINITE)
+THREE = st.tuples(NUMBERS, NUMBERS, NUMBERS)
+
+
+def words(*kinds: str, most: int = 3) -> st.SearchStrategy[list[Word]]:
+    """For `Person.word`."""
+    return st.lists(st.tuples(st.sampled_from(kinds), st.integers(0, 300), st.floats(-1.0, 1.0)), max_size=most)
+
+
+NOISE = ("garbage", "stranger", "heartbeat", "hostile")
+WORDS = words("next", "next", "next", "again", "flipped", "cut", "too long", "state", "welcome", *NOISE)
+LAST_WORDS = words("farewell", "refuse", "garbage", "cut", "stranger", "hostile", most=1)
+REASONS = st.text(max_size=20)
+GAPS = st.sampled_from([1] * 8 + [2, 8, 9, 50, 120, 2500])
+LATER_NS = st.sampled_from([0, 2_000_000, 2_000_000, 90_000_000, 260_000_000, 1_500_000_000])
+BEFORE = st.lists(st.tuples(LATER_NS, words(*NOISE)), max_size=3)
+ACTIONS = st.lists(
+    st.one_of(
+        st.tuples(st.just("tick"), GAPS, st.none() | st.tuples(THREE, THREE), WORDS),
+        st.tuples(st.just("run"), st.integers(8, 150), st.booleans()),
+        st.tuples(st.just("poll"), LATER_NS, WORDS | LAST_WORDS),
+        st.tuples(st.sampled_from(["fail", "end"]), REASONS),
+        st.tuples(st.sampled_from(["stop", "rearm", "keep_seat"])),
+    ),
+    min_size=4, max_size=25,
+)  # fmt: skip
+WORLDS: list[dict[str, dict[str, Any]]] = [
+    {},
+    {"coupling": {"decimator": "lowpass", "encoder": "velocity", "server_step": "paper"}},
+    {"coupling": {"decimator": "none"}, "object": {"kind": "wall"}},
+    {"coupling": {"kind": "coupling"}},
+]
+PEOPLE = st.builds(Person, st.integers(1, 3), st.booleans(), st.sampled_from(WORLDS))
+
+
+def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: Sequence[Any]) -> None:
+    core = person.core
+    core.call(0)
+    for later_ns, words in before:
+        person.poll(later_ns, words)
+    person.poll(2_000_000, [*last, ("welcome", 0, 0.0)])
+    for action in actions if core.seated else ():
+        match action:
+            case "tick", gap, sample, words:
+                person.run_tick(gap, None if sample is None else person.sample(*sample), words)
+            case "run", ticks, answered:
+                person.run(ticks, answered)
+            case "poll", later_ns, words:
+                person.poll(later_ns, words)
+            case "fail", reason:
+                core.fail(reason)
+            case "keep_seat", *_:
+                core.keep_seat(person.now_ns)
+            case "end", reason:
+                person.end(reason)
+            case verb, *_:
+                getattr(core, verb)()
+
+
+@settings(max_examples=300)
+@given(PEOPLE, BEFORE, LAST_WORDS, ACTIONS)
+def test_whatever_happened_plays_again_exactly(
+    person: Person, before: list[Any], last: list[Any], actions: list[Any]
+) -> None:
+    played(person, before, last, actions)
+    person.exact()
+
+
+@given(PEOPLE, ACTIONS, st.floats(0.0, 1.0))
+def test_whatever_is_left_of_a_cut_recording_plays_exactly(person: Person, actions: list[Any], part: float) -> None:
+    played(person, [], [], actions)
+    length = round(part * len(person.noted))
+    verdict = the_beginning_is_exact(person, length)
+    assert verdict.ticks == person.ticks_in(person.noted[:length])
+
+
+def test_every_beginning_of_a_recording_plays_exactly() -> None:
+    for length in range(len(SCRIPT.noted)):
+        the_beginning_is_exact(SCRIPT, length)
+
+
+@given(st.integers(0, 400))
+def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
+    at = min(at, len(SCRIPT.noted))
+    verdict = nothing_is_judged_after_a_gap(SCRIPT, at)
+    assert verdict.ticks == SCRIPT.ticks_in(SCRIPT.noted[:at])
+
+
+def test_a_scripted_session_has_everything() -> None:
+    SCRIPT.exact()
+    kinds = {KINDS[topic] for topic, *_ in SCRIPT.noted}
+    assert kinds == {"tick", "datagram_in", "datagram_out", "command", "event", "account"}
+    verbs = [msgspec.json.decode(payload, type=Command).verb for topic, _, payload in SCRIPT.noted if topic == COMMAND]
+    assert set(verbs) == {"call", "poll", "keep_seat", "rearm", "fail", "stop", "account", "leave"}
+    texts = [json.loads(payload)["text"] for topic, _, payload in SCRIPT.noted if topic == EVENT]
+    assert [text.split(":")[0] for text in texts] == [
+        "live", "fault", "live", "fault", "degraded", "live", "fault", "idle",
+    ]  # fmt: skip
+    assert all(one <= other for one, other in pairwise(time for _, time, _ in SCRIPT.noted))
+
+
+@given(st.integers(1, 3), st.floats(0.0, allow_nan=False), st.booleans())
+def test_a_core_starts_from_what_the_header_says(axes: int, limit: float, gives_velocity: bool) -> None:
+    """A device's bounds may be infinite."""
+    person, record = Person(axes), replace(capability(axes, gives_velocity), slew_nps=limit, speed_mps=limit)
+    hello, _ = start_of(person.core.start)
+    assert start_of(RecordedClient(hello, record).start) == (hello, record)
+
+
+def test_nothing_is_lost_before_it_is_known_where_it_goes() -> None:
+    """A live client has a file only once it has a seat; its first hello is recorded all the same."""
+    at_once, later = Person(), Person()
+    later.core = RecordedClient(*start_of(at_once.core.start))
+    for person in (at_once, later):
+        person.sit()
+    later.core.record(later.held)
+    for person in (at_once, later):
+        person.run(20)
+    assert later.noted == at_once.noted
+    assert msgspec.json.decode(later.noted[0][2], type=Command).verb == "call"

@@ -1,0 +1,65 @@
+"""Hands to be replayed: recordings as they are made, read back, and played."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from tests.recording_files import written
+
+from cogrip.client.recorded import client_topics, start_text
+from cogrip.devices import make
+from cogrip.protocol.rates import due_ns
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.reader import open_recording
+from cogrip.protocol.recording.records import Tick, kind_of
+from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.session import make_hello
+
+RATE_HZ = 1024
+SECONDS = 1.5
+TICKS = round(SECONDS * RATE_HZ)
+Numbers = np.ndarray[Any, np.dtype[np.float64]]
+Place = Sequence[float] | None
+
+
+def write_recording(
+    path: Path, places: Sequence[tuple[int, Place]], address: str = "sim:phantom", axes: int = 1, name: str = "anna"
+) -> None:
+    """A client's recording of these (tick, position), None where there was no sample; its velocity is the tick's number."""
+    device = make(address, axes=axes)
+    hello = make_hello(software="x", nonce=1, room="r", name=name, digest="", device=address, axes=axes, rate_hz=1e3)
+    start = start_text(hello, device.capability)
+    header = Header("client", name, start, RATE_HZ, 1, 0, True, versions_here(), client_topics(name))
+    with written(path, header) as writer:
+        for tick, place in places:
+            size = len(place) if place else axes
+            row = (float(tick),) * size
+            record = Tick(tick, 0, 0, tuple(place) if place else None, row, row, 0.0, 0.0, (), (), (0.0,) * size)
+            writer.put(0, due_ns(0, tick, RATE_HZ), encode(record))
+
+
+def recorded(path: Path) -> tuple[Numbers, Numbers]:
+    """Position and velocity of every tick as the file holds them, read by nothing under test."""
+    recording = open_recording(path)
+    ticks = [
+        msgspec.json.decode(message.payload, type=Tick)
+        for message in recording.messages()
+        if kind_of(recording.topics[message.topic]) == "tick"
+    ]
+    return np.array([tick.position_m for tick in ticks]), np.array([tick.velocity_mps for tick in ticks])
+
+
+def played(address: str, ticks: int, axes: int = 1, rate_hz: int = RATE_HZ) -> Numbers:
+    """Positions of so many ticks, shape (ticks, axes)."""
+    device = make(address, axes=axes)
+    device.open(rate_hz)
+    rows = []
+    for tick in range(ticks):
+        sample = device.read(tick)
+        assert sample is not None
+        rows.append(sample.position_m)
+        device.write((0.5,) * axes)
+    device.close()
+    return np.array(rows)

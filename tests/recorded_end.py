@@ -1,0 +1,189 @@
+"""A recorded core under test, client or server: what was noted is written to a file and played again."""
+
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from tests.recording_files import written
+
+from cogrip.client.recorded import RecordedClient
+from cogrip.protocol import messages
+from cogrip.protocol.line import LineSender
+from cogrip.protocol.messages import Heartbeat, Stamp, State, Waves
+from cogrip.protocol.recording.header import Header, versions_here
+from cogrip.protocol.recording.reader import RecordingError, open_recording
+from cogrip.protocol.recording.records import Gap, kind_of
+from cogrip.protocol.recording.sink import Held, encode
+from cogrip.server.recorded import RecordedServer
+from cogrip.sim.replay.verify import Verdict, verify
+
+Put = tuple[int, int, bytes]  # topic, time, payload
+Row = tuple[float, ...]
+
+
+class RecordedEnd:
+    """What a core noted, and verdicts on it: as it is, or altered."""
+
+    role: ClassVar[str]
+    who: ClassVar[str]
+    file: ClassVar[str]
+    rate_hz: ClassVar[int]
+
+    def __init__(self, core: RecordedClient | RecordedServer, topics: tuple[str, ...]) -> None:
+        self.core = core
+        self.topics = topics
+        self.held = Held()
+        core.record(self.held)
+
+    @property
+    def noted(self) -> list[Put]:
+        return self.held.messages
+
+    def ticks_in(self, noted: Sequence[Put]) -> int:
+        """Ticks or steps."""
+        raise NotImplementedError
+
+    def places(self, *kinds: str) -> list[int]:
+        """Where messages of these kinds stand."""
+        return [at for at, (topic, *_) in enumerate(self.noted) if kind_of(self.topics[topic]) in kinds]
+
+    def verdict(self, noted: Sequence[Put] | None = None, closed: bool = True) -> Verdict:
+        """Write `noted` (else all that was noted) to a file, and verify that."""
+        header = Header(
+            self.role, self.who, self.core.start, self.rate_hz, 1, 5, True, versions_here(), self.topics
+        )  # fmt: skip
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / self.file
+            with written(path, header, closed) as writer:
+                for message in self.noted if noted is None else noted:
+                    writer.put(*message)
+            return verify(open_recording(path))
+
+    def altered(self, at: int, payload: bytes, time_ns: int | None = None) -> Verdict:
+        """With another payload, or at another time."""
+        topic, now_ns, _ = self.noted[at]
+        new = (topic, now_ns if time_ns is None else time_ns, payload)
+        return self.verdict([*self.noted[:at], new, *self.noted[at + 1 :]])
+
+    def exact(self) -> None:
+        verdict = self.verdict()
+        assert verdict.exact, verdict.difference
+        assert verdict.messages == len(self.noted)
+        assert verdict.ticks == self.ticks_in(self.noted)
+        assert not verdict.cut
+        assert verdict.versions == ()
+
+
+# What holds for every recording ---------------------------------------------------------------------------------------
+
+
+def the_beginning_is_exact(end: RecordedEnd, length: int) -> Verdict:
+    """A chunk may end between any two messages: between what a tick sent and the tick itself, too."""
+    verdict = end.verdict(end.noted[:length], closed=False)
+    assert verdict.difference is None, (length, verdict.difference)
+    assert verdict.exact
+    assert verdict.cut
+    return verdict
+
+
+def nothing_is_judged_after_a_gap(end: RecordedEnd, at: int) -> Verdict:
+    """Three messages from `at` on were not recorded."""
+    gap = Gap(3, "the ring was full")
+    topic = next(number for number, name in enumerate(end.topics) if kind_of(name) == "gap")
+    gap_ns = end.noted[min(at, len(end.noted) - 1)][1]
+    verdict = end.verdict([*end.noted[:at], (topic, gap_ns, encode(gap)), *end.noted[at + 3 :]])
+    assert verdict.difference is None
+    assert (verdict.hole, verdict.hole_ns) == (gap, gap_ns)
+    assert not verdict.exact
+    assert not verdict.cut, "the file was closed"
+    return verdict
+
+
+def another_time_is_found(end: RecordedEnd, at: int, later_ns: int) -> None:
+    topic, time_ns, payload = end.noted[at]
+    found = end.altered(at, payload, time_ns + later_ns).difference
+    assert found is not None
+    assert (found.field, found.recorded, found.replayed) == ("time_ns", str(time_ns + later_ns), str(time_ns))
+    assert found.topic == end.topics[topic]
+
+
+def another_text_is_found(end: RecordedEnd, at: int, field: str) -> None:
+    topic, time_ns, payload = end.noted[at]
+    before = json.loads(payload)[field]
+    found = end.altered(at, encode({field: before + " "})).difference
+    assert found is not None
+    assert (found.time_ns, found.topic, found.field) == (time_ns, end.topics[topic], field)
+    assert (json.loads(found.recorded), json.loads(found.replayed)) == (before + " ", before)
+
+
+def a_missing_message_is_found(end: RecordedEnd, at: int) -> None:
+    time_ns = end.noted[at][1]
+    verdict = end.verdict([*end.noted[:at], *end.noted[at + 1 :]])
+    assert verdict.difference is not None
+    assert verdict.difference.time_ns >= time_ns
+    assert verdict.messages >= sum(each < time_ns for _, each, _ in end.noted), "all before it is the same"
+
+
+def changed_places_are_found(end: RecordedEnd, at: int) -> None:
+    """This message and the next."""
+    one, other = end.noted[at : at + 2]
+    verdict = end.verdict([*end.noted[:at], other, one, *end.noted[at + 2 :]])
+    assert verdict.difference is not None
+    assert verdict.difference.time_ns >= one[1]
+
+
+def any_payload_is_judged_or_refused(end: RecordedEnd, at: int, payload: bytes) -> None:
+    refused, verdict = "", None
+    try:
+        verdict = end.altered(at, payload)
+    except RecordingError as error:
+        refused = str(error)
+    assert f"{end.file} cannot be replayed" in refused if verdict is None else not verdict.exact
+
+
+# Words that arrive ----------------------------------------------------------------------------------------------------
+
+
+def flipped(datagram: bytes, place: int, bits: int) -> bytes:
+    """One byte of it changed."""
+    data = bytearray(datagram or b"x")
+    data[place % len(data)] ^= bits
+    return bytes(data)
+
+
+def mangled(said: Sequence[bytes], number: int) -> dict[str, bytes]:
+    """What may become of one of these datagrams on its way, and what never was one; `number` tells which."""
+    one = said[number % len(said)]
+    return {
+        "again": one,
+        "flipped": flipped(one, number, 1 << number % 8),
+        "cut": one[: number % 60],
+        "garbage": number.to_bytes(8, "big") * (number % 20),
+        "too long": bytes(2000),
+    }
+
+
+def well_formed(session: int, number: int, row: Row, value: float) -> dict[str, bytes]:
+    """Messages of the session or a strange one; `number` tells which of that kind."""
+    stamp, largest, total = Stamp(number * 1000), tuple(1e4 * each for each in row), tuple(1e15 * each for each in row)
+    made = {
+        "stranger": Heartbeat(session % 1000 + 1 + number, stamp),
+        "heartbeat": Heartbeat(session, stamp),
+        "state": State(session, number, row, row, value, 0, stamp),
+        "hostile": Waves(
+            session, number, largest, total, (1e15,) * len(row), 0.0, 0.0, number, stamp, row + row
+        ),
+    }  # fmt: skip
+    return {kind: messages.encode(message) for kind, message in made.items()}
+
+
+def next_frame(line: LineSender, session: int, row: Row, stamp: Stamp, coupled: bool) -> bytes:
+    """The next frame of a line, as a coupling or as waves carry it."""
+    line.push(row)
+    first, waves, total, squares = line.contents()
+    place = tuple(each * 0.01 for each in row)
+    if coupled:
+        return messages.encode(State(session, line.next_number - 1, place, place, 0.0, 0, stamp))
+    return messages.encode(Waves(session, first, waves, total, squares, 0.0, 0.0, 0, stamp, place + place))

@@ -1,0 +1,146 @@
+"""A recorded server called as the live loop calls it, and people of all kinds who talk to it."""
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import count
+
+import msgspec
+
+from cogrip.protocol import messages
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.line import LineSender
+from cogrip.protocol.messages import Leave, Stamp, Welcome
+from cogrip.protocol.recording.records import Command
+from cogrip.protocol.session import LOST_NS, make_hello
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.server.recorded import COMMAND, KINDS, RecordedServer, server_topics
+
+from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
+
+FRAME_NS = 1_000_000_000 // 128
+STEP = len(KINDS)
+ADDRESSES = [("127.0.0.1", 4001), ("127.0.0.1", 4002), ("::1", 4003, 0, 0), "person 3", ("10.0.0.7", 65535)]
+Word = tuple[int, str, int, float]  # who, what, which of that kind, how large
+
+
+def a_room(name: str = "lab", people: str = "ab", **tables: object) -> Settings:
+    return resolve({"name": name, "users": [{"name": person} for person in people], **tables})
+
+
+class Server(RecordedEnd):
+    role, who, file, rate_hz = "server", "server", "server.mcap", 128
+    core: RecordedServer
+
+    def __init__(self, *rooms: Settings) -> None:
+        self.rooms = rooms or (a_room(),)
+        sessions, asked = count(2**63 - 1000), count(1)
+        core = RecordedServer(self.rooms, "test", lambda: next(sessions))
+        super().__init__(core, server_topics([room.name for room in self.rooms]))
+        for room in self.core.rooms:  # the pacer of a live loop tells more every time
+            self.core.count_ticks(room, lambda: TickCount(due=(number := next(asked)), run=number))
+        self.now_ns = 1_000_000_000
+        self.lines = [LineSender(self.rooms[0].object.axes, 4) for _ in ADDRESSES]
+        self.session = [1 for _ in ADDRESSES]
+        self.said: list[bytes] = [b""]
+
+    def ticks_in(self, noted: Sequence[Put]) -> int:
+        """Steps that were noted one by one, and those of rooms at rest."""
+        commands = [msgspec.json.decode(payload, type=Command) for topic, _, payload in noted if topic == COMMAND]
+        return sum(topic >= STEP for topic, *_ in noted) + sum(command.count for command in commands)
+
+    def hello(self, who: int, **changed: object) -> bytes:
+        given: dict[str, object] = {
+            "software": "test", "nonce": who + 1, "room": "", "name": "", "digest": "", "device": "sim:ideal", "axes": 3,
+            "rate_hz": 1024.0,
+        }  # fmt: skip
+        return messages.padded(make_hello(**{**given, **changed}))  # type: ignore[arg-type]
+
+    def frame(self, who: int, value: float) -> bytes:
+        """The next frame of this person's line up."""
+        row, coupled = (value,) * self.rooms[0].object.axes, self.rooms[0].coupling.kind == "coupling"
+        stamp = Stamp(self.now_ns - 1, self.now_ns - 9_000_000, 2_000_000)
+        return next_frame(self.lines[who], self.session[who], row, stamp, coupled)
+
+    def word(self, who: int, kind: str, number: int, value: float) -> bytes:
+        """A datagram as it may arrive; `number` tells which of that kind."""
+        row, session = (value,) * self.rooms[0].object.axes, self.session[who]
+        made: dict[str, Callable[[], bytes]] = {
+            "next": lambda: self.frame(who, value),
+            "leave": lambda: messages.encode(Leave(session, "bored")),
+            **self.hellos(who, number),
+        }
+        known = {**mangled(self.said, number), **well_formed(session, number, row, value)}
+        datagram = made[kind]() if kind in made else known[kind]
+        self.said.append(datagram)
+        return datagram
+
+    def hellos(self, who: int, number: int) -> dict[str, Callable[[], bytes]]:
+        """Of those who may sit down, and of those who may not."""
+        names = [user.name for room in self.rooms for user in room.users]
+        return {
+            "hello": lambda: self.hello(who),
+            "another hello": lambda: self.hello(who, nonce=number),
+            "hello by name": lambda: self.hello(who, name=[*names, "nobody"][number % (len(names) + 1)]),
+            "hello to a room": lambda: self.hello(
+                who, room=[*(room.name for room in self.rooms), "attic"][number % 3 % 2]
+            ),
+            "other settings": lambda: self.hello(who, digest="other"),
+            "too few axes": lambda: self.hello(who, axes=1),
+            "too slow": lambda: self.hello(who, rate_hz=100.0),
+            "newer": lambda: self.hello(who).replace(b"cogrip\x01", b"cogrip\x63", 1),
+            "short hello": lambda: self.hello(who)[:-1],
+        }
+
+    def hear(self, *words: Word) -> None:
+        for word in words:
+            self.core.receive(self.word(*word), ADDRESSES[word[0]], self.now_ns)
+        for address, datagram in self.core.outbox:
+            with suppress(messages.MalformedError):  # of a room that went wild
+                answer = messages.decode(datagram)
+                if isinstance(answer, Welcome):
+                    self._welcomed(ADDRESSES.index(address), answer.session)  # type: ignore[arg-type]
+        self.core.outbox.clear()
+
+    def _welcomed(self, who: int, session: int) -> None:
+        if self.session[who] != session:
+            self.session[who] = session
+            self.lines[who] = LineSender(self.rooms[0].object.axes, 4)
+
+    def tick(self, number: int, words: Sequence[Word] = (), frames: int = 1, later_ns: int = FRAME_NS) -> None:
+        """What came is heard, then a room is stepped."""
+        self.now_ns += later_ns
+        self.hear(*words)
+        room = self.core.rooms[number % len(self.core.rooms)]
+        self.core.timing[room.name] = (number, frames * 10, frames - 1)
+        self.core.tick(room, self.now_ns, frames)
+        self.core.events.clear()
+        self.hear()
+
+    def run(self, ticks: int, who: Sequence[int] = (0, 1)) -> None:
+        """Some people swing, all rooms are stepped."""
+        for step in range(ticks):
+            words = [(each, "next", 0, 0.3 * math.sin(0.1 * step + each)) for each in who]
+            for number in range(len(self.rooms)):
+                self.tick(number, [] if number else words, later_ns=0 if number else FRAME_NS)
+
+
+def scripted() -> Server:
+    """A session with every kind of message and every command, in two rooms."""
+    server = Server(a_room("lab", "ab", object={"axes": 2}), a_room("hall", "z", object={"axes": 2}))
+    server.hear((0, "hello", 0, 0.0), (1, "hello", 0, 0.0), (1, "hello", 0, 0.0), (4, "newer", 0, 0.0))
+    server.hear((2, "hello by name", 2, 0.0), (3, "hello", 0, 0.0), (4, "garbage", 7, 0.0))
+    server.run(40, (0, 1, 2))
+    server.tick(0, [(0, "again", 3, 0.0)], frames=3)
+    server.run(10, (0,))
+    server.hear((0, "leave", 0, 0.0), (0, "leave", 0, 0.0))
+    server.tick(1, later_ns=LOST_NS + 1)
+    server.hear((4, "hello by name", 0, 0.0))
+    server.run(10, (1, 4))
+    server.core.stop("the time is over")
+    server.hear((4, "leave", 0, 0.0))
+    server.core.close_books()
+    return server
+
+
+SCRIPT = scripted()

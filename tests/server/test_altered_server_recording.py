@@ -1,0 +1,221 @@
+"""One altered field of a server's recording is found and named; what cannot be played is refused in words."""
+
+import json
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cogrip.protocol import messages
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.messages import Waves
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.records import Asked, Command, Datagram, Step
+from cogrip.protocol.recording.sink import encode
+from cogrip.server.recorded import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT
+
+from tests.recorded_end import (
+    a_missing_message_is_found,
+    another_text_is_found,
+    another_time_is_found,
+    any_payload_is_judged_or_refused,
+    changed_places_are_found,
+    flipped,
+)
+from tests.server.recorded_rooms import SCRIPT, STEP, Server
+
+OUTPUTS = SCRIPT.places("datagram_out", "event", "account")
+STEPS = SCRIPT.places("step")
+STEP_FIELDS = st.sampled_from(["object_m[0]", "object_m[1]", "object_mps[0]"])
+SEAT_FIELDS = st.sampled_from(
+    ["proxy_m[0]", "proxy_m[1]", "force_n[1]", "up_margin_j", "line_margin_j", "up_used_j", "down_made_j"]
+)
+
+
+@given(st.sampled_from(STEPS), STEP_FIELDS | st.builds("seats[{}].{}".format, st.integers(0, 1), SEAT_FIELDS))
+def test_the_last_bit_of_any_number_of_a_step_is_found(at: int, where: str) -> None:
+    topic, time_ns, payload = SCRIPT.noted[at]
+    table = json.loads(payload)
+    path: list[str | int] = [
+        int(key) if key.isdigit() else key for key in where.replace("]", "").replace("[", ".").split(".")
+    ]
+    assume(path[0] != "seats" or int(path[1]) < len(table["seats"]))
+    holder = table
+    for key in path[:-1]:
+        holder = holder[key]
+    old = holder[path[-1]]
+    assume(old is not None)
+    holder[path[-1]] = new = math.nextafter(old, math.inf)
+    verdict = SCRIPT.altered(at, encode(table))
+    found = verdict.difference
+    assert found is not None
+    assert (found.time_ns, found.topic, found.field) == (time_ns, SCRIPT.topics[topic], where)
+    assert (float(found.recorded), float(found.replayed)) == (new, old)
+    assert verdict.messages == at, "all before it is the same"
+    assert not verdict.exact
+    assert not verdict.cut, "the file was closed"
+
+
+@pytest.mark.parametrize(
+    ("where", "value"), [("step", 10**6), ("seats[0].lost", 77), ("seats[1].user", "zoe"), ("seats[0].seated", False)]
+)
+def test_counts_and_names_of_a_step_are_compared(where: str, value: Any) -> None:
+    at = next(at for at in STEPS[20:] if SCRIPT.noted[at][0] == STEP)
+    table = json.loads(SCRIPT.noted[at][2])
+    holder, key = (table, where) if "." not in where else (table["seats"][int(where[6])], where[9:])
+    holder[key] = value
+    found = SCRIPT.altered(at, encode(table)).difference
+    assert found is not None
+    assert (found.time_ns, found.field, found.recorded) == (SCRIPT.noted[at][1], where, json.dumps(value))
+
+
+@given(st.sampled_from(SCRIPT.places("datagram_out")), st.integers(0, 2**20), st.integers(1, 255))
+def test_any_bit_of_a_datagram_that_was_sent_is_found(at: int, place: int, bits: int) -> None:
+    _, time_ns, payload = SCRIPT.noted[at]
+    sent = msgspec.json.decode(payload, type=Datagram)
+    new = encode(Datagram(flipped(sent.data, place, bits), sent.address))
+    found = SCRIPT.altered(at, new).difference
+    assert found is not None
+    assert (found.time_ns, found.topic, found.field) == (time_ns, "/server/datagram_out", "data")
+    assert (json.loads(found.recorded), json.loads(found.replayed)) == (
+        json.loads(new)["data"],
+        json.loads(payload)["data"],
+    )
+
+
+def test_to_whom_a_datagram_was_sent_is_compared() -> None:
+    at = SCRIPT.places("datagram_out")[0]
+    sent = msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram)
+    found = SCRIPT.altered(at, encode(Datagram(sent.data, '["127.0.0.1",4009]'))).difference
+    assert found is not None
+    assert (found.field, found.recorded, found.replayed) == (
+        "address",
+        json.dumps('["127.0.0.1",4009]'),
+        json.dumps('["127.0.0.1",4001]'),
+    )
+
+
+@pytest.mark.parametrize(("topic", "field"), [(EVENT, "text"), (ACCOUNT, "account")])
+def test_events_and_accounts_are_compared(topic: int, field: str) -> None:
+    for at in [at for at in OUTPUTS if SCRIPT.noted[at][0] == topic]:
+        another_text_is_found(SCRIPT, at, field)
+
+
+@given(st.sampled_from(OUTPUTS), st.sampled_from([-1, 1, 1000]))
+def test_the_time_of_any_output_is_compared(at: int, later_ns: int) -> None:
+    another_time_is_found(SCRIPT, at, later_ns)
+
+
+def _first(topic: int, record: type[Any], holds: Callable[[Any], bool]) -> tuple[int, Any]:
+    for at, (each, _, payload) in enumerate(SCRIPT.noted):
+        if each == topic and holds(one := msgspec.json.decode(payload, type=record)):
+            return at, one
+    raise LookupError
+
+
+TICKS = encode(TickCount(9, 9)).decode()
+
+
+@pytest.mark.parametrize(
+    ("topic", "record", "holds", "change", "found_in", "field"),
+    [
+        (ASKED, Asked, lambda asked: asked.session, {"session": 5}, DATAGRAM_OUT, "data"),
+        (ASKED, Asked, lambda asked: asked.ticks, {"ticks": TICKS}, DATAGRAM_OUT, "data"),
+        (ASKED, Asked, lambda asked: asked.ticks, {"room": "hall"}, ASKED, "room"),
+        (COMMAND, Command, lambda command: command.verb == "stop", {"reason": "enough"}, DATAGRAM_OUT, "data"),
+        (STEP, Step, lambda step: step.frames == 3, {"frames": 1}, DATAGRAM_OUT, "data"),
+        (DATAGRAM_IN, Datagram, lambda heard: True, {"address": '["127.0.0.1",4444]'}, EVENT, "text"),
+    ],
+    ids=["a session's number", "the loop's ticks", "whose ticks", "why it stops", "frames of a step", "who said it"],
+)  # fmt: skip
+def test_another_input_is_found_by_what_comes_of_it(
+    topic: int, record: type[Any], holds: Callable[[Any], bool], change: dict[str, Any], found_in: int, field: str
+) -> None:
+    at, old = _first(topic, record, holds)
+    found = SCRIPT.altered(at, encode(msgspec.structs.replace(old, **change))).difference
+    assert found is not None
+    assert (found.topic, found.field) == (SCRIPT.topics[found_in], field)
+    now_ns = SCRIPT.noted[at][1]
+    assert found.time_ns == min(
+        time_ns for topic, time_ns, _ in SCRIPT.noted if topic == found_in and time_ns >= now_ns
+    )
+    assert found.recorded != found.replayed
+
+
+def test_a_wave_that_was_heard_otherwise_is_found_where_it_is_played() -> None:
+    def waves(heard: Datagram) -> bool:
+        try:
+            said = messages.decode(heard.data)
+        except messages.MalformedError:
+            return False
+        return isinstance(said, Waves) and said.waves[0] != 0.0
+
+    at, heard = _first(DATAGRAM_IN, Datagram, waves)
+    said = messages.decode(heard.data)
+    assert isinstance(said, Waves)
+    wave = (math.nextafter(said.waves[0], 1.0), *said.waves[1:])
+    other = Datagram(messages.encode(msgspec.structs.replace(said, waves=wave)), heard.address)
+    verdict = SCRIPT.altered(at, encode(other))
+    found = verdict.difference
+    assert found is not None
+    assert found.time_ns == SCRIPT.noted[at][1], "in the same step"
+    assert found.topic in ("/server/datagram_out", "/room/lab/step")
+    assert at < verdict.messages < at + 8
+
+
+def _tells_ticks(at: int) -> bool:
+    return bool(msgspec.json.decode(SCRIPT.noted[at][2], type=Asked).ticks)
+
+
+@given(st.sampled_from([at for at, (topic, *_) in enumerate(SCRIPT.noted) if topic not in (DATAGRAM_IN, COMMAND)]))
+def test_a_message_that_is_left_out_is_found(at: int) -> None:
+    a_missing_message_is_found(SCRIPT, at)
+
+
+def test_an_answer_that_is_left_out_before_one_of_another_kind_is_found() -> None:
+    """Answers are told in their order: without it a session's number is told where a loop's ticks are asked for."""
+    out_of_step = [at for at, then in pairwise(SCRIPT.places("asked")) if _tells_ticks(at) and not _tells_ticks(then)]
+    assert out_of_step
+    for at in out_of_step:
+        a_missing_message_is_found(SCRIPT, at)
+
+
+@given(st.integers(0, len(SCRIPT.noted) - 2))
+def test_two_messages_that_changed_places_are_found(at: int) -> None:
+    one, other = SCRIPT.noted[at : at + 2]
+    assume({one[0], other[0]} & {DATAGRAM_OUT, EVENT, ACCOUNT, ASKED})  # of two inputs either order is one that may be
+    assume(one != other)
+    changed_places_are_found(SCRIPT, at)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"", b"{}", b"[]", b"null", b'{"verb":"fly"}', b'{"verb":"rest","reason":"attic","count":3}', b'{"step":1}',
+        b'{"data":"?"}', b'{"ticks":"?"}',
+    ],
+)  # fmt: skip
+def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(payload: bytes) -> None:
+    topics = [topic for topic, *_ in SCRIPT.noted]
+    for topic in set(topics):
+        any_payload_is_judged_or_refused(SCRIPT, topics.index(topic), payload)
+
+
+@given(st.integers(0, len(SCRIPT.noted) - 1), st.binary(max_size=40))
+def test_any_bytes_give_a_verdict_or_a_refusal_in_words(at: int, payload: bytes) -> None:
+    any_payload_is_judged_or_refused(SCRIPT, at, payload)
+
+
+@pytest.mark.parametrize(
+    "start", ["", "{", "[]", "{}", '{"rooms": 3, "software": ""}', '{"rooms": [{"name": ""}], "software": ""}']
+)
+def test_a_start_that_is_none_is_refused_in_words(start: str) -> None:
+    server = Server()
+    server.core.start = start
+    with pytest.raises(RecordingError, match=r"server.mcap cannot be replayed"):
+        server.verdict()

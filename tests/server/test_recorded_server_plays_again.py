@@ -1,0 +1,143 @@
+"""A recorded server plays again bit by bit, whoever came and whatever they said."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Hello
+from cogrip.protocol.recording.records import Command
+from cogrip.protocol.session import LOST_NS
+from cogrip.server.recorded import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, RecordedServer, start_of
+
+from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
+from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, Server, a_room
+
+HELLOS = ("hello", "hello", "another hello", "hello by name", "hello to a room")
+REFUSED = ("other settings", "too few axes", "too slow", "newer", "short hello")
+NOISE = ("again", "flipped", "cut", "garbage", "too long", "stranger", "heartbeat", "state", "hostile")
+WORDS = st.lists(
+    st.tuples(
+        st.integers(0, len(ADDRESSES) - 1),
+        st.sampled_from([*HELLOS, *REFUSED, *NOISE, "next", "next", "next", "next", "leave"]),
+        st.integers(0, 300),
+        st.floats(-1.0, 1.0),
+    ),
+    max_size=4,
+)
+LATER_NS = st.sampled_from([0, FRAME_NS, FRAME_NS, 100_000_000, LOST_NS + 1])
+DURING = st.one_of(
+    st.tuples(st.just("hear"), WORDS),
+    st.tuples(st.just("tick"), st.integers(0, 1), WORDS, st.sampled_from([1, 1, 1, 2, 9]), LATER_NS),
+    st.tuples(st.just("run"), st.integers(1, 30), st.lists(st.integers(0, 4), max_size=3, unique=True)),
+)
+AT_THE_END = (
+    DURING | st.tuples(st.sampled_from(["stop", "socket_failed"]), st.text(max_size=20)) | st.just(("close_books",))
+)
+ACTIONS = st.builds(list.__add__, st.lists(DURING, min_size=3, max_size=20), st.lists(AT_THE_END, max_size=5))
+COUPLINGS: list[dict[str, Any]] = [
+    {}, {"server_step": "paper", "encoder": "velocity", "decimator": "lowpass"}, {"kind": "coupling"},
+]  # fmt: skip
+
+
+@st.composite
+def servers(draw: st.DrawFn) -> Server:
+    tables = {"object": {"axes": draw(st.integers(1, 3))}, "coupling": draw(st.sampled_from(COUPLINGS))}
+    rooms = [a_room("lab", draw(st.sampled_from(["a", "ab", "abc"])), **tables)]
+    if draw(st.booleans()):
+        rooms.append(a_room("hall", "zy", **tables))
+    server = Server(*rooms)
+    server.hear(*[(who, "hello", 0, 0.0) for who in range(draw(st.integers(0, 4)))])
+    return server
+
+
+def played(server: Server, actions: Sequence[Any]) -> None:
+    for action in actions:
+        match action:
+            case "hear", words:
+                server.hear(*words)
+            case "close_books", *_:
+                server.core.close_books()
+            case "socket_failed", reason:
+                server.core.socket_failed(reason)
+            case "stop", reason:
+                server.core.stop(reason)
+                server.hear()
+            case verb, *what:
+                getattr(server, verb)(*what)
+
+
+@settings(max_examples=300)
+@given(servers(), ACTIONS)
+def test_whatever_happened_plays_again_exactly(server: Server, actions: list[Any]) -> None:
+    played(server, actions)
+    server.exact()
+
+
+@given(servers(), ACTIONS, st.floats(0.0, 1.0))
+def test_whatever_is_left_of_a_cut_recording_plays_exactly(server: Server, actions: list[Any], part: float) -> None:
+    played(server, actions)
+    length = round(part * len(server.noted))
+    verdict = the_beginning_is_exact(server, length)
+    assert verdict.ticks >= server.ticks_in(server.noted[:length]) - 1, "the last may be waiting for its clock"
+
+
+@given(st.integers(0, 400))
+def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
+    nothing_is_judged_after_a_gap(SCRIPT, min(at, len(SCRIPT.noted)))
+
+
+def test_a_room_where_nobody_sits_writes_nothing_until_somebody_comes() -> None:
+    server = Server(a_room("lab", "ab"), a_room("hall", "z"))
+    server.run(50, ())
+    assert server.noted == []
+    resting_ns = server.now_ns
+    server.tick(0, [(0, "hello", 0, 0.0)])
+    rests = [msgspec.json.decode(payload, type=Command) for topic, _, payload in server.noted[:2] if topic == COMMAND]
+    assert rests == [Command("rest", "lab", 50), Command("rest", "hall", 50)]
+    assert [time_ns for _, time_ns, _ in server.noted[:2]] == [resting_ns, resting_ns]
+    server.run(10, (0,))
+    server.tick(0, later_ns=LOST_NS + 1)
+    server.run(20, ())
+    server.hear((1, "hello", 0, 0.0))
+    server.exact()
+
+
+def test_a_scripted_session_has_everything() -> None:
+    SCRIPT.exact()
+    assert {topic for topic, *_ in SCRIPT.noted} == {
+        DATAGRAM_IN, DATAGRAM_OUT, COMMAND, ASKED, EVENT, ACCOUNT, STEP, STEP + 1,
+    }  # fmt: skip
+    events = " ".join(json.loads(payload)["text"] for topic, _, payload in SCRIPT.noted if topic == EVENT)
+    for words in ("joined from", "[full]", "[version]", "left: bored", "silent for too long"):
+        assert words in events
+    assert SCRIPT.core.dropped["malformed"] >= 1
+
+
+def test_a_core_starts_from_what_the_header_says() -> None:
+    rooms = [
+        a_room("lab", "abc", object={"axes": 3, "kind": "cube"}),
+        a_room("hall", "z", coupling={"kind": "coupling"}),
+    ]
+    assert start_of(RecordedServer(rooms, "a version", lambda: 1).start) == (rooms, "a version")
+
+
+def test_what_the_socket_refused_is_an_input_too() -> None:
+    """It stands in the books that are closed at the end."""
+    server = Server()
+    server.hear((0, "hello", 0, 0.0))
+    server.run(5, (0,))
+    server.core.socket_failed("Network is unreachable")
+    server.core.close_books()
+    server.exact()
+
+
+def test_a_hello_is_what_it_should_be() -> None:
+    """The words are what they are called."""
+    server = Server()
+    assert isinstance(messages.decode(server.word(0, "hello", 0, 0.0)), Hello)
+    assert messages.foreign_version(server.word(0, "newer", 0, 0.0)) == 0x63

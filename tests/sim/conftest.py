@@ -1,0 +1,24 @@
+"""A run for whoever reads what runs left."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.sim.reported_runs import SETTINGS
+
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two people, a bad link, two seconds."""
+    folder = tmp_path_factory.mktemp("run")
+    run_laboratory(resolve(SETTINGS), folder)
+    return folder
+
+
+@pytest.fixture
+def folder(finished: Path, tmp_path: Path) -> Path:
+    """A copy to spoil."""
+    return Path(shutil.copytree(finished, tmp_path / "run"))

@@ -1,0 +1,48 @@
+"""Reports as tests read them: the page, its tags, and what the terminal shows."""
+
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from cogrip.cli.summary_table import terminal_summary
+from cogrip.sim.report import render, write_report
+from cogrip.sim.traces import load_run
+
+SETTINGS: dict[str, Any] = {
+    "name": "short",
+    "seconds": 2.0,
+    "link": {"delay_ms": 10, "jitter_ms": 5, "loss": 0.1},
+    "playout": {"frames": 2, "tank_mj": 0.5},
+    "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}],
+}
+
+
+class Page(HTMLParser):
+    """Every tag with its attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+
+def page_of(folder: Path) -> str:
+    """The whole report, with its plots."""
+    return write_report(folder).read_text(encoding="utf-8")
+
+
+def text_of(folder: Path) -> str:
+    """The report without plots, which take most of the time."""
+    return render(load_run(folder), [])
+
+
+def printed(summary: dict[str, Any], width: int = 100) -> str:
+    console = Console(width=width, color_system=None)
+    with console.capture() as capture:
+        console.print(terminal_summary(summary))
+    return capture.get()

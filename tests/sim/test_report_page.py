@@ -1,0 +1,183 @@
+"""The report of a run: complete, self-contained, escaped, and never at a loss for what is missing."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from tests.recording_files import rewrite
+from tests.sim.reported_runs import SETTINGS, Page, page_of, printed, text_of
+
+from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.records import Tick
+from cogrip.protocol.recording.sink import encode
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.report import write_report
+from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+
+SCRIPT = "<script>alert(1)</script>"
+PLOTS_IN_VIRTUAL_TIME = {"positions", "forces", "waves", "energy", "link", "coherence"}
+
+
+def test_report_and_plots_are_left_in_the_folder(folder: Path) -> None:
+    report = write_report(folder)
+    assert report == folder / "report.html"
+    plots = {path.stem: path.read_bytes() for path in (folder / "plots").glob("*.png")}
+    assert set(plots) == PLOTS_IN_VIRTUAL_TIME
+    assert all(picture.startswith(b"\x89PNG") for picture in plots.values())
+    text = report.read_text(encoding="utf-8")
+    assert "Passive" in text
+    assert "Not drawn: in virtual time no tick is late" in text
+    assert text.count("data:image/png;base64,") == len(plots)
+
+
+def test_report_fetches_nothing(folder: Path) -> None:
+    text = page_of(folder)
+    assert not re.search(r"https?:|url\(|@import", text)
+    page = Page(text)
+    assert not {tag for tag, _ in page.tags} & {"script", "link", "iframe", "object", "embed", "base"}
+    sources = [str(attributes["src"]) for _, attributes in page.tags if "src" in attributes]
+    assert len(sources) == len(PLOTS_IN_VIRTUAL_TIME)
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not any("href" in attributes for _, attributes in page.tags)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"object": {"axes": 3}, "users": [{"name": name} for name in "abc"]},
+        {"object": {"kind": "wall"}, "users": [{"name": "anna", "hand": "push"}]},
+        {"coupling": {"kind": "coupling", "stiffness_npm": 2000.0}},
+        {"users": [{"name": f"person {seat}"} for seat in range(14)], "seconds": 0.3},
+    ],
+    ids=["three axes", "wall", "virtual coupling", "a crowd for a moment"],
+)
+def test_every_kind_of_run_has_a_report(tmp_path: Path, more: dict[str, Any]) -> None:
+    run_laboratory(resolve({**SETTINGS, "seconds": 1.2, **more}), tmp_path)
+    assert "data:image/png" in page_of(tmp_path)
+    assert (tmp_path / "plots" / "waves.png").exists() == ("coupling" not in more)
+
+
+def test_live_loops_are_drawn(folder: Path) -> None:
+    late_us = iter(np.geomspace(1.0, 900.0, 2048).round().astype(int).tolist())
+
+    def of_a_live_loop(kind: str, message: Message) -> bytes:
+        if kind != "tick":
+            return message.payload
+        tick = msgspec.json.decode(message.payload, type=Tick)
+        return encode(msgspec.structs.replace(tick, late_us=next(late_us), work_us=40))
+
+    rewrite(folder / client_recording("anna"), of_a_live_loop)
+    write_report(folder)
+    assert (folder / "plots" / "loops.png").exists()
+
+
+def test_the_same_run_gives_the_same_report(folder: Path) -> None:
+    assert page_of(folder) == page_of(folder)
+
+
+def test_settings_that_are_not_the_default_are_marked(folder: Path) -> None:
+    text = text_of(folder)
+    assert "<tr><th>tank_mj</th><td class=changed>0.5</td></tr>" in text
+    assert "<tr><th>redundancy</th><td>8</td></tr>" in text
+
+
+def test_a_long_reason_is_shown_whole(folder: Path) -> None:
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["users"][0] |= {"state": "fault", "reason": "because " * 30}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert text_of(folder).count("because") == 60  # once in the verdict, once in the table
+
+
+def test_every_text_from_outside_is_escaped(folder: Path) -> None:
+    summary = json.loads((folder / "summary.json").read_text())
+    settings = json.loads((folder / "settings.json").read_text())
+    summary["name"] = settings["name"] = settings["object"]["kind"] = SCRIPT
+    settings[SCRIPT] = {SCRIPT: SCRIPT}
+    summary["users"][0] |= {"name": SCRIPT, "state": "fault", "reason": SCRIPT, "peak_force_n": SCRIPT}
+    settings["users"][0] |= {"name": SCRIPT, SCRIPT: SCRIPT}
+    summary["object"]["position_m"] = [SCRIPT]
+    summary["server"]["dropped"] = {SCRIPT: SCRIPT}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    (folder / "settings.json").write_text(json.dumps(settings))
+    text = text_of(folder)
+    assert "script" not in {tag for tag, _ in Page(text).tags}
+    assert "<script" not in text
+    assert text.count("&lt;script&gt;") >= 8
+    assert SCRIPT[:8] in printed(summary)
+
+
+def test_markup_and_tex_in_names_are_only_text(folder: Path) -> None:
+    """Nothing forbids them to whoever writes the files by hand; matplotlib and rich have languages of their own."""
+    name = "[red]_$x^$"
+    for file in ("summary.json", "settings.json"):
+        path = folder / file
+        path.write_text(path.read_text().replace("anna", name))
+    (folder / client_recording("anna")).unlink()
+    assert name in page_of(folder)
+    assert name in printed(json.loads((folder / "summary.json").read_text()))
+
+
+@pytest.mark.parametrize(
+    ("missing", "said", "plots"),
+    [
+        ({SERVER_RECORDING}, "server.mcap is not here", PLOTS_IN_VIRTUAL_TIME),
+        ({client_recording("ben")}, "client-ben.mcap is not here", PLOTS_IN_VIRTUAL_TIME - {"coherence"}),
+        (
+            {client_recording("ben"), client_recording("anna")},
+            "no client&#x27;s trace",
+            {"positions", "forces", "energy", "link"},
+        ),
+        ({client_recording("ben"), client_recording("anna"), SERVER_RECORDING}, "no trace is here", set()),
+        ({"summary.json"}, "There is no summary of this run", PLOTS_IN_VIRTUAL_TIME),
+        ({"settings.json"}, "The settings are not known", PLOTS_IN_VIRTUAL_TIME),
+        ({"summary.json", "settings.json"}, "cut short", PLOTS_IN_VIRTUAL_TIME),
+        (
+            {"summary.json", "settings.json", client_recording("ben"), client_recording("anna")},
+            "cut short",
+            {"positions"},
+        ),
+    ],
+)
+def test_what_is_missing_is_said(folder: Path, missing: set[str], said: str, plots: set[str]) -> None:
+    (folder / "plots").mkdir()
+    for name in PLOTS_IN_VIRTUAL_TIME:
+        (folder / "plots" / f"{name}.png").touch()  # of an earlier report: must not outlive what it was drawn from
+    for name in missing:
+        (folder / name).unlink()
+    assert said in page_of(folder)
+    assert {path.stem for path in (folder / "plots").glob("*.png")} == plots
+
+
+def test_folder_of_no_run(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="name the folder of a run"):
+        write_report(tmp_path)
+
+
+def test_damaged_json_is_said(folder: Path) -> None:
+    (folder / "summary.json").write_text("{")
+    (folder / "settings.json").write_text("[]")
+    text = text_of(folder)
+    assert "summary.json is not readable" in text
+    assert "settings.json holds no table" in text
+
+
+def without(value: Any) -> Any:
+    """The same keys, and null wherever a value stood."""
+    if isinstance(value, dict):
+        return {key: without(inner) for key, inner in value.items()}
+    return [without(inner) for inner in value] if isinstance(value, list) else None
+
+
+def test_nulls_are_not_known(folder: Path) -> None:
+    summary = without(json.loads((folder / "summary.json").read_text()))
+    (folder / "summary.json").write_text(json.dumps(summary))
+    text = text_of(folder)
+    assert "not known" in text
+    assert "was never heard" in text
+    assert ">None<" not in text
+    assert "None" not in printed(summary)
