@@ -12,6 +12,10 @@ BENCHES = {
         "Live sessions with recording and without, in turns; the size of their files, and how fast they are read.",
     ),
     "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
+    "velocity": (
+        "cogrip.cli.bench_velocity:bench_velocity",
+        "Velocity estimators on recorded hands and in sessions, for each device; what impedance each device carries.",
+    ),
 }
 
 bench = App(name="bench", help="Measure this machine: ratios of what is timed side by side in one run.")

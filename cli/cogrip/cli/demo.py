@@ -16,8 +16,8 @@ from rich.live import Live
 
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
-from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.settings_file import load, shipped, try_hands
+from cogrip.cli.problem import Problem
+from cogrip.cli.settings_file import load, shipped, try_hands, with_people
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
@@ -36,6 +36,7 @@ def demo(
     config: Path | None = None,
     overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
+    device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
 ) -> int:
@@ -51,6 +52,8 @@ def demo(
         Override a setting: section.key=value. Repeatable.
     hands
         Hand of the first, second ... person in place of the settings' (such as csv:FILE&time=t_s&x=x_m). Repeatable.
+    device
+        Device address of the first, second ... person in place of the settings' (`cogrip devices`). Repeatable.
     seconds
         How long; the settings say if not given.
     runs
@@ -59,13 +62,7 @@ def demo(
     path = config or shipped("demo.toml")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
-    if len(hands) > len(settings.users):
-        raise BadInput(f"--hands is given {len(hands)} times, but {path} has {len(settings.users)} users")
-    users = [
-        msgspec.structs.replace(user, hand=hands[number]) if number < len(hands) else user
-        for number, user in enumerate(settings.users)
-    ]
-    settings = msgspec.structs.replace(settings, users=tuple(users))
+    settings = with_people(settings, hands, device)
     try_hands(settings)
     console = Console(highlight=False, soft_wrap=True)
     folder = new_run_folder(runs, settings.name)

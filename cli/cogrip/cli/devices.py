@@ -1,51 +1,25 @@
-"""`cogrip devices`: what there is to hold."""
+"""`cogrip devices`: what there is to hold, and making it ready."""
 
-from collections.abc import Callable
-from math import isinf
+from cyclopts import App
 
-from rich.console import Console
-from rich.table import Table
+from cogrip.cli.device_list import device_list
 
-from cogrip.devices.device import Capability
-from cogrip.devices.registry import describe, families
-
-_ROWS: dict[str, Callable[[Capability], str]] = {
-    "axes": lambda record: str(record.axes),
-    "workspace": lambda record: "\n".join(f"{low * 1e3:g} to {high * 1e3:g} mm" for low, high in record.workspace_m),
-    "peak force": lambda record: _number(record.peak_force_n, "N"),
-    "continuous force": lambda record: _number(record.continuous_force_n, "N"),
-    "advised stiffness": lambda record: _number(record.stiffness_npm, "N/m"),
-    "advised damping": lambda record: _number(record.damping_nspm, "N s/m"),
-    "force slope": lambda record: _number(record.slew_nps, "N/s"),
-    "speed limit": lambda record: _number(record.speed_mps, "m/s"),
-    "resolution": lambda record: "exact" if not record.resolution_m else _number(record.resolution_m * 1e3, "mm"),
-    "apparent mass": lambda record: _number(record.apparent_mass_kg, "kg"),
-    "highest rate": lambda record: _number(record.rate_hz, "Hz"),
-    "gives velocity": lambda record: "yes" if record.gives_velocity else "no, it is estimated",
+COMMANDS = {
+    "list": (
+        "cogrip.cli.device_list:device_list",
+        "List the devices that can be named by address, with their records.",
+    ),
+    "find": ("cogrip.cli.device_find:device_find", "Look for devices that are plugged in here."),
+    "calibrate": ("cogrip.cli.device_calibrate:device_calibrate", "Walk through a device's calibration, and keep it."),
+    "check": (
+        "cogrip.cli.device_check:device_check",
+        "Find out whether a device is fit to be held: signs, rate, noise, latency.",
+    ),
+    "conform": ("cogrip.cli.device_conform:device_conform", "Try every promise that a device makes, on this one."),
+    "emulate": ("cogrip.cli.device_emulate:device_emulate", "Serve an emulated device on a pseudo-terminal."),
 }
 
-
-def devices(*, axes: int = 3) -> int:
-    """List the devices that can be named by address, with their capability records.
-
-    Parameters
-    ----------
-    axes
-        How many axes to make them with, 1 to 3.
-    """
-    listings = describe(axes=axes)
-    table = Table(title="devices by address")
-    table.add_column("record")
-    for listing in listings:
-        table.add_column(listing.address)
-    for name, text in _ROWS.items():
-        table.add_row(name, *[text(listing.capability) for listing in listings])
-    console = Console()
-    console.print(table)
-    for scheme, summary in families().items():
-        console.print(f"{scheme}: {summary}", highlight=False)
-    return 0
-
-
-def _number(value: float, unit: str) -> str:
-    return "no limit named" if isinf(value) else f"{value:.4g} {unit}"
+devices = App(name="devices", help="Force-feedback devices and their stand-ins.")
+for _name, (_target, _help) in COMMANDS.items():
+    devices.command(_target, name=_name, help=_help)
+devices.default(device_list)

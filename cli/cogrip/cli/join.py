@@ -1,6 +1,7 @@
 """`cogrip join`: one person, one device, one server."""
 
 import secrets
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -49,6 +50,7 @@ def join(
     into: Path | None = None,
     report: bool = True,
     record: bool = True,
+    rearm: bool | None = None,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
 
@@ -89,6 +91,9 @@ def join(
         Write report.html and plots at the end.
     record
         Record the session; every replay, report and verification needs it.
+    rearm
+        Stay after a fault, without force, until `r` and Enter, or SIGUSR1, re-arms; else a fault ends the session. Yes at a
+        terminal, no elsewhere.
     """
     console = Console(highlight=False, soft_wrap=True)
     settings = load(config, overrides) if config else None
@@ -111,7 +116,8 @@ def join(
         return folder / client_recording(seat.user) if folder and record else None
 
     stop = Stop()
-    client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, record_at, seconds)
+    rearms = sys.stdin.isatty() if rearm is None else rearm
+    client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, record_at, seconds, rearms)
     with on_signals(stop):
         try:
             ended = client.run()

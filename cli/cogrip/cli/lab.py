@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.new_run import new_run_folder
-from cogrip.cli.settings_file import load, try_hands
+from cogrip.cli.settings_file import load, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
@@ -20,6 +20,8 @@ def lab(
     /,
     *,
     overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
+    device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
     json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     runs: Path = Path("runs"),
 ) -> int:
@@ -33,12 +35,16 @@ def lab(
         Settings file.
     overrides
         Override a setting: section.key=value. Repeatable; a user's are users.0.key.
+    hands
+        Hand of the first, second ... person in place of the settings'. Repeatable.
+    device
+        Device address of the first, second ... person in place of the settings', such as emulated:vintage. Repeatable.
     json
         Write only the summary, as JSON, to this file (- for standard output), and no run folder.
     runs
         Folder in which the run's own folder (summary, report, plots, traces) is made.
     """
-    settings = load(config, overrides)
+    settings = with_people(load(config, overrides), hands, device)
     try_hands(settings)
     console = Console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)

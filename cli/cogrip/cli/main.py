@@ -35,7 +35,7 @@ COMMANDS = {
     "figures": ("cogrip.cli.figures:figures", "Draw the paper's figures, and ours beside them."),
     "sweep": ("cogrip.cli.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
     "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
-    "devices": ("cogrip.cli.devices:devices", "List the devices that can be named, with what they can do."),
+    "devices": ("cogrip.cli.devices:devices", "Devices: list, find, calibrate, check, emulate."),
     "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
 }
 

@@ -8,6 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
@@ -41,6 +43,17 @@ def try_hands(settings: Settings) -> None:
             try_for(user, settings.object.axes, settings.rates.device_hz)
         except DeviceError as error:
             raise BadInput(f"{user.name}: {error}") from None
+
+
+def with_people(settings: Settings, hands: Sequence[str], devices: Sequence[str]) -> Settings:
+    """`settings` with the first, second ... person's hand or device replaced. Raises BadInput for too many."""
+    users = list(settings.users)
+    for flag, key, values in (("--hands", "hand", hands), ("--device", "device", devices)):
+        if len(values) > len(users):
+            raise BadInput(f"{flag} is given {len(values)} times, but {settings.name} has {len(users)} users")
+        for number, value in enumerate(values):
+            users[number] = msgspec.structs.replace(users[number], **{key: value})
+    return msgspec.structs.replace(settings, users=tuple(users))
 
 
 def shipped(name: str) -> Path:

@@ -21,6 +21,8 @@ from cogrip.protocol.messages import Hello, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
+RECKON_TICKS = 4  # without a sample, for which the hand is taken to go on as it did
+
 
 class ClientCore:
     """Session, coupling, safety and books of one person."""
@@ -85,6 +87,12 @@ class ClientCore:
         self._rate = float(rates.device_hz)
         self._rest = RestStiffness(self.capability.resolution_m) if seat.object.kind == "wall" else None
         self._origin: tuple[float, ...] | None = None
+        self._sampled = 0  # the tick at which the newest position was taken
+        self._booked = 0  # the tick up to which the hand's work is booked
+        self._latency = self.capability.latency_ticks
+        self._written: deque[tuple[int, tuple[float, ...]]] = (
+            deque()
+        )  # where samples are old: tick and force, back to the sample's
         self._frame_position: tuple[float, ...] = ()
         self.force_n = self.velocity_mps = self.position_m = (0.0,) * axes
         self.safety.event("open")
@@ -141,7 +149,7 @@ class ClientCore:
                 velocity = sample.velocity_mps
             else:
                 assert self._estimator is not None
-                velocity = self._estimator.update(position, elapsed or 1)
+                velocity = self._estimator.update(position, max(1, tick - sample.age_ticks - self._sampled))
             if not self.safety.check(elapsed, position, velocity):
                 position = None
                 if self._estimator is not None:
@@ -152,16 +160,49 @@ class ClientCore:
                 return
             self._origin = self._frame_position = self.position_m = position
             self.velocity_mps = velocity
+            assert sample is not None
+            self._sampled = self._booked = tick - sample.age_ticks
             return
-        border = self._book(elapsed, position)
+        reckoned = position
+        if position is None and self.safety.state != "fault" and tick - self._sampled <= self._latency + RECKON_TICKS:
+            reckoned = self._reckon(elapsed)
+        border = self._book(elapsed, reckoned, tick - (sample.age_ticks if sample is not None else self._latency))
+        if reckoned is not None:
+            self.position_m = reckoned
         if position is not None:
-            self.position_m = position
             self.velocity_mps = velocity
+            assert sample is not None
+            self._sampled = tick - sample.age_ticks
         if border:
             self._send(now_ns)
 
-    def _book(self, elapsed: int, position: tuple[float, ...] | None) -> bool:
-        """Book `elapsed` ticks; true if there is a frame to send."""
+    def _reckon(self, elapsed: int) -> tuple[float, ...]:
+        """Where the hand is if it went on as it did: no sample came. The next one puts right what is wrong with it.
+
+        To stand still and catch up in one tick would be a jump that never was, and the damper's energy goes with its square.
+        """
+        step_s = elapsed / self._rate
+        return tuple([place + step_s * speed for place, speed in zip(self.position_m, self.velocity_mps, strict=True)])
+
+    def _acting(self, since: int, until: int) -> Sequence[float]:
+        """The mean force that acted from tick `since` to tick `until` of a device whose samples are old."""
+        written = self._written
+        while len(written) > 1 and written[1][0] <= since:
+            written.popleft()
+        if not written:
+            return self.force_n
+        if len(written) == 1 or written[1][0] >= until or until <= since:
+            return written[0][1]
+        mean = [0.0] * len(self.force_n)
+        ends = [*[tick for tick, _ in written][1:], until]
+        for (begin, force), end in zip(written, ends, strict=True):
+            share = (min(end, until) - max(begin, since)) / (until - since)
+            if share > 0.0:
+                mean = [old + share * part for old, part in zip(mean, force, strict=True)]
+        return mean
+
+    def _book(self, elapsed: int, position: tuple[float, ...] | None, sampled: int) -> bool:
+        """Book `elapsed` ticks with a position taken at tick `sampled`; true if there is a frame to send."""
         coupling = self.coupling
         before_j = coupling.port_j
         if position is None or not elapsed:
@@ -170,13 +211,15 @@ class ClientCore:
             rate = self._rate / elapsed
             work = 0.0
             mean = []
-            before, force = self.position_m, self.force_n
+            before = self.position_m
+            force = self._acting(self._booked, sampled) if self._latency else self.force_n
             for axis, place in enumerate(position):
                 step = place - before[axis]
                 work += force[axis] * step
                 mean.append(step * rate)
             self.work_j += work
             self.leak_j += work
+            self._booked = sampled
         first = self.tick - elapsed + 1
         border = False
         faulty = self.safety.state == "fault"
@@ -227,6 +270,8 @@ class ClientCore:
         wish = self.coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
         force = self.safety.limit(wish)
         self.force_n = force
+        if self._latency:
+            self._written.append((self.tick, force))
         size = abs(force[0]) if len(force) == 1 else hypot(*force)
         if size > self.peak_force_n:
             self.peak_force_n = size

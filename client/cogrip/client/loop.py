@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from cogrip.client.handle import Handle
 from cogrip.client.recorded import RecordedClient, client_topics
-from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.device import Device
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.io.pacing import Pacer
@@ -64,6 +65,7 @@ class LiveClient:
     make_link: Callable[[LinkProfile, str], Link]
     record_at: Callable[[SeatSettings], Path | None]
     seconds: float | None = None
+    rearms: bool = False  # stay after a fault, without force, until the person re-arms; else a fault ends the session
     _core: RecordedClient = field(init=False)
     _socket: socket.socket = field(init=False)
     _up: Link | None = field(init=False, default=None)
@@ -132,7 +134,13 @@ class LiveClient:
             if recorder is not None:
                 recorder.close()
         seconds = pacer.due / seat.rates.device_hz
-        counts = {**core.session.dropped, **core.safety.counts, **self._counts, "skipped tick": pacer.skipped}
+        counts = {
+            **core.session.dropped,
+            **core.safety.counts,
+            **device.counts,
+            **self._counts,
+            "skipped tick": pacer.skipped,
+        }
         if recorder is not None and recorder.trouble:
             counts["recording stopped"] = 1
         if recorder is not None and recorder.lost:
@@ -163,7 +171,8 @@ class LiveClient:
 
     def _loop(self, pacer: Pacer) -> str:
         """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
-        core, device, safety = self._core, self.device, self._core.safety
+        core, safety = self._core, self._core.safety
+        handle = Handle(self.device, core, pacer.rate_hz)
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         said, failed, ending = safety.state, "", False
@@ -171,25 +180,19 @@ class LiveClient:
         while True:
             tick = pacer.wait()
             now_ns = clock()
-            try:
-                sample = device.read(tick)
-            except DeviceError as error:
-                sample = None
-                core.fail(f"device: {error}")
-            core.sense(tick, sample, now_ns)
+            core.sense(tick, handle.read(tick), now_ns)
             self._send(now_ns)
             self._drain(now_ns)
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
-            force = core.act(now_ns)
-            try:
-                device.write(force)
-            except DeviceError as error:
-                core.fail(f"device: {error}")
+            handle.write(core.act(now_ns))
             if safety.state != said:
                 self._tell(said, safety.state)
                 said = safety.state
+            if safety.state == "fault" and self.rearms and not ending and self.stop.take_rearm():
+                refused = handle.rearm()
+                self.say(f"not re-armed: {refused}" if refused else "re-armed: force ramps in")
             if not ending:
-                failed = core.session.failed or (safety.reason if safety.state == "fault" else "")
+                failed = core.session.failed or (safety.reason if safety.state == "fault" and not self.rearms else "")
                 over = last_tick is not None and tick >= last_tick
                 if failed or self.stop.reason or over or core.session.state == "closed":
                     ending = True
@@ -206,6 +209,8 @@ class LiveClient:
             self.say(f"force released: {reason}")
         elif after == "fault":
             self.say(f"fault, force released: {reason}")
+            if self.rearms:
+                self.say("see to its cause, then press r and Enter to re-arm (or send SIGUSR1); Ctrl-C leaves")
         elif before == "degraded" and after == "live":
             self.say("the server is heard again: force ramps in")
 

@@ -115,6 +115,7 @@ class RecordedClient(ClientCore):
             self.tick, late_us, work_us, position, velocity, force, self.work_j, coupling.port_j,
             tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], coupling.down_margin_j,
             rtt_ms if rtt_ms == rtt_ms else None, coupling.lost(), safety.state, skipped, given, unfit,
+            sample.age_ticks if sample is not None else 0,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:
@@ -133,11 +134,11 @@ def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
     """The sample that a tick was sensed with."""
     if tick.unfit is not None:
         position, velocity = tick.unfit
-        return Sample(tuple(map(float, position)), tuple(map(float, velocity)) if velocity else None)
+        return Sample(tuple(map(float, position)), tuple(map(float, velocity)) if velocity else None, tick.age_ticks)
     if tick.position_m is None:
         return None
     velocity_mps = (tick.given_mps or tick.velocity_mps) if gives_velocity else None
-    return Sample(tick.position_m, velocity_mps)  # type: ignore[arg-type]  # finite, or it would stand in `unfit`
+    return Sample(tick.position_m, velocity_mps, tick.age_ticks)  # type: ignore[arg-type]  # finite, or it would stand in `unfit`
 
 
 def start_text(hello: Hello, capability: Capability) -> str:

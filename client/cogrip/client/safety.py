@@ -85,6 +85,8 @@ class Safety:
 
     def absent(self, ticks: int) -> None:
         """The device gave no sample for another `ticks` ticks."""
+        if not ticks:
+            return  # the first tick of a device that answers a request of the tick before
         self._absent += ticks
         self._count("absent sample")
         if self._absent >= self._stall_ticks:

@@ -10,7 +10,7 @@ Power F v flows from the hand into the line (theory.md section 1).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -38,6 +38,7 @@ class Capability:
     apparent_mass_kg    what the hand feels of the device [kg]
     rate_hz             highest loop rate [Hz]
     gives_velocity      whether samples carry a velocity
+    latency_ticks       how many ticks old a sample is when it is read, where nothing goes wrong
     """
 
     family: str
@@ -54,6 +55,7 @@ class Capability:
     apparent_mass_kg: float
     rate_hz: int
     gives_velocity: bool
+    latency_ticks: int = 0
 
     def first(self, axes: int) -> Capability:
         """The record of the first `axes` axes alone."""
@@ -61,10 +63,15 @@ class Capability:
 
 
 class Sample(msgspec.Struct, frozen=True, gc=False):
-    """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,)."""
+    """One reading: position [m] and, where the device knows it, velocity [m/s], each of shape (axes,).
+
+    It was taken `age_ticks` ticks before the tick it is read at: a device that answers a request is asked at one tick, with
+    the force that begins then, and read at the next.
+    """
 
     position_m: tuple[float, ...]
     velocity_mps: tuple[float, ...] | None
+    age_ticks: int = 0
 
 
 class Device(Protocol):
@@ -75,7 +82,15 @@ class Device(Protocol):
 
     @property
     def capability(self) -> Capability:
-        """The record; available before `open`."""
+        """The record; available before `open`.
+
+        Where the address leaves open what the device is, the device is asked: raises DeviceError.
+        """
+        ...
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What went wrong and was dealt with, by name: replies missed, garbage skipped, currents limited."""
         ...
 
     def open(self, rate_hz: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from cogrip.devices.device import Capability, Device, Sample
 
@@ -24,6 +24,10 @@ class FirstAxes:
     def capability(self) -> Capability:
         return self._device.capability.first(self._axes)
 
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return self._device.counts
+
     def open(self, rate_hz: int) -> None:
         self._device.open(rate_hz)
 
@@ -32,7 +36,7 @@ class FirstAxes:
         if sample is None:
             return None
         axes, velocity = self._axes, sample.velocity_mps
-        return Sample(sample.position_m[:axes], None if velocity is None else velocity[:axes])
+        return Sample(sample.position_m[:axes], None if velocity is None else velocity[:axes], sample.age_ticks)
 
     def write(self, force_n: Sequence[float]) -> None:
         self._device.write((*force_n, *self._rest))

@@ -4,11 +4,13 @@ from cogrip.devices.device import Device
 from cogrip.devices.registry import make
 from cogrip.protocol.settings import User
 
+HANDLESS = ("sim:", "emulated:")  # devices that need a simulated hand
+
 
 def address_of(user: User) -> str:
-    """The user's device address; a simulated one that names no hand gets the user's `hand` (which may carry its own keys)."""
+    """The user's device address; one that no real hand holds gets the user's `hand` (with its own keys)."""
     address = user.device
-    if not address.startswith("sim:") or "hand=" in address:
+    if not address.startswith(HANDLESS) or "hand=" in address:
         return address
     return f"{address}{'&' if '?' in address else '?'}hand={user.hand}"
 

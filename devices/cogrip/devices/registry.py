@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import cast
 
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.settings import Address, Setting, parse_address, unknown
 
 FAMILIES: dict[str, str] = {
+    "emulated": "cogrip.devices.emulated.family:family",
     "replay": "cogrip.devices.replayed.family:family",
+    "serial": "cogrip.devices.serial.family:family",
     "sim": "cogrip.devices.simulated.catalogue:family",
 }
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""
 
 
 MOST_AXES = 3
+GROUP = "cogrip.devices"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +32,16 @@ class Family:
     make      (address, axes, defaults) -> device; settings in the address win over `defaults`
     axes      address -> how many axes what stands behind it has
     examples  addresses worth listing, each of which `make` accepts
+    real      hardware in real time, which no virtual time can hold
+    stand_ins addresses under which the same driver meets an emulated device in virtual time: what the conformance suite opens
     """
 
     summary: str
     make: Callable[[Address, int, Mapping[str, Setting]], Device]
     examples: tuple[str, ...]
     axes: Callable[[Address], int] = lambda _: MOST_AXES
+    stand_ins: tuple[str, ...] = ()
+    real: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,23 +71,40 @@ def axes_of(address: str) -> int:
 
 def families() -> dict[str, str]:
     """scheme -> what it is, for every scheme there is."""
-    return {scheme: _family(scheme, scheme).summary for scheme in FAMILIES}
+    return {scheme: _family(scheme, scheme).summary for scheme in sorted(schemes())}
+
+
+def stand_ins() -> dict[str, tuple[str, ...]]:
+    """scheme -> addresses that can be opened anywhere: its own examples, or its drivers on emulated devices."""
+    found = {scheme: _family(scheme, scheme) for scheme in sorted(schemes())}
+    return {scheme: family.stand_ins if family.real else family.examples for scheme, family in found.items()}
 
 
 def describe(*, axes: int = 1) -> tuple[Listing, ...]:
     """Every address worth listing with its capability, made with `axes` axes and not opened."""
-    found = [(_family(scheme, scheme), scheme) for scheme in FAMILIES]
     return tuple(
-        Listing(address, family.summary, make(address, axes=axes).capability)
-        for family, _ in found
+        Listing(address, family.summary, make(address, axes=min(axes, axes_of(address))).capability)
+        for family in (_family(scheme, scheme) for scheme in sorted(schemes()))
         for address in family.examples
     )
 
 
+def is_real(address: str) -> bool:
+    """Whether `address` names hardware. Raises DeviceError."""
+    return _family(parse_address(address).scheme, address).real
+
+
+@cache
+def schemes() -> Mapping[str, str]:
+    """FAMILIES, and those that other packages name in the entry point group GROUP. Ours cannot be replaced."""
+    others = {point.name: point.value for point in entry_points(group=GROUP)}
+    return {**others, **FAMILIES}
+
+
 def _family(scheme: str, where: str) -> Family:
-    target = FAMILIES.get(scheme)
+    target = schemes().get(scheme)
     if target is None:
-        raise unknown("device scheme", scheme, FAMILIES, repr(where))
+        raise unknown("device scheme", scheme, sorted(schemes()), repr(where))
     module, _, function = target.partition(":")
     try:
         loaded = import_module(module)

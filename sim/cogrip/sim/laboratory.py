@@ -8,6 +8,7 @@ exactly d frames therefore means d frames.
 from collections.abc import Callable, Sequence
 from itertools import count
 
+from cogrip.client.handle import Handle
 from cogrip.client.recorded import RecordedClient
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for
@@ -38,14 +39,23 @@ class Person:
         self.begins = begins  # tick of the session that is this person's first
         self.name = user.name
         self.address = f"person {number}"
-        self.device: Device = make_for(user, settings.object.axes)
+        device = make_for(user, settings.object.axes)
         hello = make_hello(
             software=VERSION, nonce=number + 1, room=settings.name, name=user.name, digest=digest(settings),
-            device=address_of(user), axes=settings.object.axes, rate_hz=float(self.device.capability.rate_hz),
+            device=address_of(user), axes=settings.object.axes, rate_hz=float(device.capability.rate_hz),
         )  # fmt: skip
-        self.core = RecordedClient(hello, self.device.capability)
+        self.core = RecordedClient(hello, device.capability)
+        self.handle = Handle(device, self.core, settings.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
+
+    @property
+    def device(self) -> Device:
+        return self.handle.device
+
+    @device.setter
+    def device(self, device: Device) -> None:
+        self.handle.device = device
 
 
 class Laboratory:
@@ -129,7 +139,7 @@ class Laboratory:
             now_ns = self.now_ns = due_ns(0, tick, self._device_hz)
             for person in people:
                 if tick >= person.begins:
-                    person.core.sense(tick - person.begins, person.device.read(tick - person.begins), now_ns)
+                    person.core.sense(tick - person.begins, person.handle.read(tick - person.begins), now_ns)
                 elif step == 0:
                     person.core.keep_seat(now_ns)
             if step == 0:
@@ -140,7 +150,7 @@ class Laboratory:
             self._to_clients()
             for person in people:
                 if tick >= person.begins:
-                    person.device.write(person.core.act(now_ns))
+                    person.handle.write(person.core.act(now_ns))
             if each_tick is not None:
                 each_tick(self)
             self.tick += 1

@@ -52,6 +52,7 @@ class ReplayedDevice:
     """See `Device`. The recording is looked into when its capability is asked for, and read when it is opened."""
 
     def __init__(self, address: str, axes: int, source: Source, play: PlaySettings) -> None:
+        self.counts: dict[str, int] = {}
         self._address = address
         self._axes = axes
         self._source = source

@@ -40,6 +40,7 @@ class SimulatedDevice:
     def __init__(self, capability: Capability, plant: Plant, hand: Hand, start_m: Sequence[float] = ()) -> None:
         """`start_m` [m]: where device and hand begin; empty: at 0, or where the hand's motion begins."""
         self.capability = capability
+        self.counts: dict[str, int] = {}
         self.plant = plant
         self.hand = hand
         self._start_m = fit_axes(start_m, capability.axes, "x0_m") if start_m else None

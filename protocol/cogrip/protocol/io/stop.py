@@ -1,6 +1,9 @@
 """Ending a loop from outside: a flag that signals set and loops read once a tick."""
 
+import os
+import select
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,11 +16,18 @@ class Stop:
 
     reason: str = ""
     signals: int = 0
+    rearm: bool = False  # somebody asked to leave a fault
+
+    def take_rearm(self) -> bool:
+        """Whether somebody has asked since the last time: by SIGUSR1, or with `r` and Enter at a terminal."""
+        asked = self.rearm or _typed_r()
+        self.rearm = False
+        return asked
 
 
 @contextmanager
 def on_signals(stop: Stop) -> Iterator[Stop]:
-    """While inside, Ctrl-C and SIGTERM set `stop`; a third one breaks whatever hangs."""
+    """While inside, Ctrl-C and SIGTERM set `stop`, and a third one breaks whatever hangs; SIGUSR1 asks to re-arm."""
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.signals += 1
@@ -25,9 +35,25 @@ def on_signals(stop: Stop) -> Iterator[Stop]:
         if stop.signals >= 3:
             raise KeyboardInterrupt
 
-    before = [(number, signal.signal(number, handle)) for number in (signal.SIGINT, signal.SIGTERM)]
+    def rearm(number: int, frame: FrameType | None) -> None:
+        stop.rearm = True
+
+    handlers = {signal.SIGINT: handle, signal.SIGTERM: handle}
+    if sys.platform != "win32":
+        handlers[signal.SIGUSR1] = rearm
+    before = [(number, signal.signal(number, handler)) for number, handler in handlers.items()]
     try:
         yield stop
     finally:
         for number, handler in before:
             signal.signal(number, handler)
+
+
+def _typed_r() -> bool:
+    """Whether a line `r` stands in the terminal that is ours; nothing is waited for."""
+    if sys.platform == "win32" or not sys.stdin or sys.stdin.closed or not sys.stdin.isatty():
+        return False
+    descriptor = sys.stdin.fileno()
+    if os.tcgetpgrp(descriptor) != os.getpgrp() or not select.select([descriptor], [], [], 0.0)[0]:
+        return False
+    return os.read(descriptor, 256).strip().lower() == b"r"

@@ -39,6 +39,7 @@ class Tick(Record, frozen=True, gc=False, omit_defaults=True):
     skipped: int = 0  # ticks, so far
     given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
+    age_ticks: int = 0  # how old the sample was
 
 
 class Datagram(Record, frozen=True, gc=False, omit_defaults=True):

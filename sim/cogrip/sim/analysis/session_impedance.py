@@ -46,6 +46,7 @@ class SwungDevice:
 
     def __init__(self, capability: Capability, settings: SineSettings) -> None:
         self.capability = capability
+        self.counts: dict[str, int] = {}
         self._hand = make_sine(settings, capability.axes)
 
     def open(self, rate_hz: int) -> None:

@@ -1,0 +1,69 @@
+"""`cogrip devices conform`: the conformance suite on one device, as a driver's author wants it."""
+
+import time
+
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput
+from cogrip.devices.conformance import CHECKS, Subject, UnfitError
+from cogrip.devices.device import DeviceError
+from cogrip.devices.registry import axes_of, is_real, make
+from cogrip.protocol.rates import due_ns
+
+PUSH_N = 0.2  # on a device that is real
+
+
+def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024) -> int:
+    """Try every promise of `cogrip.devices.conformance` on the device at ADDRESS. A real one is only pushed gently.
+
+    Exit code 0 when all are kept.
+
+    Parameters
+    ----------
+    address
+        Device address (`cogrip devices`).
+    axes
+        On how many axes; all it has if not given.
+    rate_hz
+        Rate of the loop.
+    """
+    console = Console(highlight=False, soft_wrap=True)
+    try:
+        count = axes or axes_of(address)
+        device = make(address, axes=count)
+        _ = device.capability
+        real = is_real(address)
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    knows = not real and hasattr(device, "force_n")
+    subject = Subject(
+        lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
+        (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
+        PUSH_N if real else float("inf"),
+    )  # fmt: skip
+    broken = 0
+    for check in CHECKS:
+        try:
+            check(subject)
+        except (UnfitError, DeviceError) as error:
+            broken += 1
+            console.print(f"✗ {check.__name__}: {error}", markup=False)
+        else:
+            console.print(f"✓ {check.__name__}", markup=False)
+    console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
+    return 1 if broken else 0
+
+
+class Clock:
+    """Waits for the ticks of a loop that begins anew with every tick 0."""
+
+    def __init__(self, rate_hz: int) -> None:
+        self._rate_hz = rate_hz
+        self._start_ns = time.monotonic_ns()
+
+    def wait(self, tick: int) -> None:
+        if tick == 0:
+            self._start_ns = time.monotonic_ns()
+        rest_ns = due_ns(self._start_ns, tick, self._rate_hz) - time.monotonic_ns()
+        if rest_ns > 0:
+            time.sleep(rest_ns * 1e-9)

@@ -1,0 +1,27 @@
+"""`cogrip devices find`: what is plugged in here."""
+
+from rich.console import Console
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.io.plugged_in import FINDERS
+
+
+def device_find() -> int:
+    """Look for force-feedback devices, and print the address of each; nothing is opened."""
+    console = Console(highlight=False, soft_wrap=True)
+    found = 0
+    for what, finder in FINDERS.items():
+        try:
+            devices = finder()
+        except DeviceError as error:
+            console.print(f"{what}: {error}", markup=False)
+            continue
+        for device in devices:
+            found += 1
+            console.print(f"{device.address}  {device.text}", markup=False)
+    if not found:
+        console.print(
+            "none found: plug one in; on Linux it needs a udev rule (docs/devices.md). "
+            "To try without one: `cogrip devices emulate`"
+        )
+    return 0

@@ -1,0 +1,107 @@
+"""Is an arm fit to be held? What was measured of it, held against what its model says. Pure; `io.arm_check` measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LEAST_RATE_HZ = 1000.0
+MOST_LATENCY_US = 900.0  # the reply must have come when the next tick of 1024 Hz reads it
+MOST_MISSED = 0.001
+MOST_NOISE_COUNTS = 1
+LEAST_MOVED_COUNTS = 4  # under the test current; less is friction, or nothing
+JOINTS = "abc"
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What `io.arm_check` found; tuples have one number a joint, in counts.
+
+    noise             highest less lowest at rest
+    forward, backward how far a positive and a negative test current moved the joint
+    lowest, highest   of all that was seen
+    """
+
+    requests: int
+    missed: int
+    rate_hz: float
+    latency_p50_us: float
+    latency_p99_us: float
+    noise: tuple[int, ...]
+    forward: tuple[int, ...]
+    backward: tuple[int, ...]
+    lowest: tuple[int, ...]
+    highest: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the verdict. cure: what to do where it is not good."""
+
+    what: str
+    found: str
+    wanted: str
+    good: bool
+    cure: str = ""
+
+
+def verdict(measured: Measured, current_ma: float) -> list[Row]:
+    """Line by line."""
+    rows = _wire(measured)
+    for joint, name in enumerate(JOINTS):
+        rows += [_noise(name, measured.noise[joint])]
+        rows += [_sign(name, measured.forward[joint], measured.backward[joint], current_ma)]
+        rows += [_range(name, measured.lowest[joint], measured.highest[joint])]
+    return rows
+
+
+def _wire(measured: Measured) -> list[Row]:
+    missed, p50, p99 = measured.missed / max(1, measured.requests), measured.latency_p50_us, measured.latency_p99_us
+    return [
+        Row(
+            "requests answered",
+            f"{100 * (1 - missed):.2f} %",
+            f"at least {100 * (1 - MOST_MISSED):.1f} %",
+            missed <= MOST_MISSED,
+            "check the cable and the hub; close other programs that use the port",
+        ),
+        Row(
+            "rate, one request after the other",
+            f"{measured.rate_hz:.0f} Hz",
+            f"at least {LEAST_RATE_HZ:.0f} Hz",
+            measured.rate_hz >= LEAST_RATE_HZ,
+            "use a port of its own, no hub; see `cogrip doctor`",
+        ),
+        Row(
+            "latency, 50 and 99 %",
+            f"{p50:.0f}, {p99:.0f} us",
+            f"99 % within {MOST_LATENCY_US:.0f} us",
+            p99 <= MOST_LATENCY_US,
+            "see `cogrip doctor`; on Linux keep ModemManager off the port (docs/devices.md)",
+        ),
+    ]
+
+
+def _noise(name: str, counts: int) -> Row:
+    cure = "let nobody touch the arm while it is measured; else check the encoder's cable and its supply"
+    good = counts <= MOST_NOISE_COUNTS
+    return Row(f"noise at rest, encoder {name}", f"{counts} counts", f"at most {MOST_NOISE_COUNTS}", good, cure)
+
+
+def _range(name: str, low: int, high: int) -> Row:
+    cure = "this encoder did not move: move the arm through its range when asked to, or check its cable"
+    return Row(f"range seen, encoder {name}", f"{low} to {high}", "more than one count", high > low, cure)
+
+
+def _sign(name: str, forward: int, backward: int, current_ma: float) -> Row:
+    """With the right signs a positive current raises the count of its own axis, whatever `dir` is: both carry it."""
+    what, found = f"sign, axis {name}", f"{forward:+d}, {backward:+d} counts"
+    wanted = f"up, down under +-{current_ma:g} mA"
+    if forward >= LEAST_MOVED_COUNTS and backward <= -LEAST_MOVED_COUNTS:
+        return Row(what, found, wanted, good=True)
+    if forward <= -LEAST_MOVED_COUNTS and backward >= LEAST_MOVED_COUNTS:
+        cure = f"motor or encoder of axis {name} is wired the other way round: force would push the wrong way; swap one"
+    elif max(abs(forward), abs(backward)) < LEAST_MOVED_COUNTS:
+        cure = "it did not move: is the amplifier enabled, the arm free, the motor plugged in?"
+    else:
+        cure = "it moved one way only: is it at a stop, or held? Try in mid-range"
+    return Row(what, found, wanted, good=False, cure=cure)

@@ -1,0 +1,246 @@
+"""The device that an arm on a wire is: readings to positions, forces to currents, and everything that keeps force off.
+
+closed --open: met, model as stated, pose known, tip inside--> open --close: zero sent--> closed
+open --lost, jumped, stuck, out of the workspace--> every verb raises until it is closed and opened again
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+
+from cogrip.devices.arm.encoder_watch import EncoderWatch
+from cogrip.devices.arm.exchange import Exchange, Reading, meet
+from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.model import ArmModel
+from cogrip.devices.arm.pose import Calibration, KnownPose
+from cogrip.devices.device import Capability, DeviceError, Sample
+
+SILENT_S = 0.05  # after so long without a reading the arm is where nobody knows: no current
+ZERO: Vector = (0.0, 0.0, 0.0)
+GOODBYES = 2  # requests for no current when it is closed
+
+
+class ArmDevice:
+    """See `Device`. axes: how many of x, y, z the room uses; the others are free.
+
+    identify: asks the wire what it is, where the address leaves that open; gives the model.
+    """
+
+    def __init__(
+        self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Callable[[ArmModel], KnownPose],
+        model: ArmModel | None,
+    ) -> None:  # fmt: skip
+        self._name = name
+        self._axes = axes
+        self._exchange = exchange
+        self._known = known
+        self._make_pose = pose
+        self._model = model
+        self._pose = pose(model) if model is not None else None
+        self._counts: dict[str, int] = {}
+        self._open = False
+        self._broken = ""
+        self._said = ""
+        self._silent_ticks = 0
+        self._tick = 0
+        self._read_at = 0
+        self._angles: Vector | None = None
+        self._offset: Vector = ZERO
+        self.reading: Reading | None = None
+
+    @property
+    def capability(self) -> Capability:
+        return self.model.record.first(self._axes)
+
+    @property
+    def model(self) -> ArmModel:
+        """What the device is; it is asked where the address does not say. Raises DeviceError."""
+        if self._model is None:
+            port = self._exchange.port
+            port.open()
+            try:
+                self._recognise(meet(self._exchange, ZERO))
+            finally:
+                port.close()
+        assert self._model is not None
+        return self._model
+
+    @property
+    def exchange(self) -> Exchange:
+        """Its wire, for whoever makes the arm ready while it is closed."""
+        return self._exchange
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return {**self._exchange.counts, **self._counts}
+
+    @property
+    def angles(self) -> Vector | None:
+        """Joint angles of the last reading [rad]."""
+        return self._angles
+
+    def open(self, rate_hz: int) -> None:
+        if self._open:
+            raise DeviceError(f"{self._name}: is open already; close it first")
+        port = self._exchange.port
+        if not 1 <= rate_hz <= self.capability.rate_hz:
+            raise DeviceError(f"{self._name}: rate_hz={rate_hz} is out of 1 to {self.capability.rate_hz}")
+        port.open()
+        try:
+            reading = meet(self._exchange, ZERO)
+            self._recognise(reading)
+            assert self._pose is not None
+            self._offset = self._pose.offset_counts(port.stamp())
+            self._place(reading)
+        except DeviceError:
+            port.close()
+            raise
+        self._exchange.start(rate_hz)
+        self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz)
+        self._silent_ticks = max(1, round(SILENT_S * rate_hz))
+        self._tick = self._read_at = 0
+        self._broken = ""
+        self._open = True
+
+    def recognised(self, reading: Reading) -> ArmModel:
+        """The model of a device that has answered so. Raises DeviceError where it is another one than it should be."""
+        self._recognise(reading)
+        return self.model
+
+    def _recognise(self, reading: Reading) -> None:
+        """Raises DeviceError where the device is another one than it should be."""
+        found = self._known(reading.model)
+        self._said = reading.model
+        if self._model is None:
+            self._model = found
+            self._pose = self._make_pose(found)
+
+    def calibrate(self, made: str) -> Calibration:
+        """The arm stands in its home pose now, and whoever calls this confirms it. Not while it is open. Raises DeviceError."""
+        if self._open:
+            raise DeviceError(f"{self._name}: is open; close it before it is calibrated")
+        port, codec = self._exchange.port, self._exchange.codec
+        port.open()
+        try:
+            reading = meet(self._exchange, ZERO)
+            self._recognise(reading)
+            home = self.model.home_counts
+            load = codec.load(home)
+            if load is not None:
+                port.write(load)
+                codec.feed(port.read(0.1))  # the reply to the load itself still has the old counts
+                reading = meet(self._exchange, ZERO)
+                if reading.raw != home:
+                    raise DeviceError(
+                        f"{self._name}: its counters read {reading.raw} after {home} were loaded; try again"
+                    )
+            a, b, c = (there - count for there, count in zip(home, reading.raw, strict=True))
+            return Calibration(
+                device=self._name, model=self.model.record.model, offset_counts=(a, b, c), stamp=port.stamp(), made=made
+            )
+        finally:
+            port.close()
+
+    def _place(self, reading: Reading) -> Sequence[float]:
+        """Position of a reading. Raises DeviceError where no tip can be."""
+        model = self.model
+        a, b, c = reading.raw
+        da, db, dc = self._offset
+        angles = model.drive.angles((a + da, b + db, c + dc))
+        position = model.kinematics.forward(angles)
+        if position is None or not isfinite(sum(position)):
+            raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
+        if not model.inside(position) and self._pose is not None and self._pose.kind != "none":
+            where = ", ".join(f"{value:.3f}" for value in position)
+            raise DeviceError(
+                f"{self._name}: the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; "
+                "move it inside, and arm again"
+            )
+        self._angles, self.reading = angles, reading
+        return position
+
+    def _lost(self, why: str) -> DeviceError:
+        if self._pose is not None:
+            self._pose.lose(why)
+        return DeviceError(f"{self._name}: {why}; calibrate, then re-arm")
+
+    def read(self, tick: int) -> Sample | None:
+        self._need("read")
+        if tick < self._tick:
+            raise DeviceError(f"{self._name}: read(tick={tick}) after tick {self._tick}; ticks must not fall")
+        self._tick = tick
+        try:
+            answer = self._exchange.reply(tick)
+            if self._broken:
+                raise DeviceError(self._broken)
+            return None if answer is None else self._sample(*answer)
+        except DeviceError as error:
+            self._broken = str(error)
+            raise
+
+    def _sample(self, reading: Reading, age: int) -> Sample | None:
+        if reading.error:
+            self._count(f"device: {reading.error}")
+            if reading.rejected:
+                return None
+        if reading.model != self._said:
+            self._recognise(reading)
+        taken = self._tick - age
+        wrong = self._watch.check(reading.raw, taken - self._read_at)
+        if wrong:
+            raise self._lost(wrong)
+        position = self._place(reading)
+        self._read_at = taken
+        return Sample(tuple(position[: self._axes]), None, age)
+
+    def write(self, force_n: Sequence[float]) -> None:
+        """A device that has failed takes a force that fades out, as long as it can be reached."""
+        self._need("write")
+        if len(force_n) != self._axes:
+            raise DeviceError(f"{self._name}: write of {len(force_n)} forces to {self._axes} axes")
+        finite = isfinite(sum(force_n))
+        try:
+            self._exchange.ask(self._currents(force_n) if finite else ZERO, self._tick)
+        except DeviceError as error:
+            self._broken = str(error)
+            raise
+        if not finite:
+            raise DeviceError(f"{self._name}: write of {tuple(force_n)} N: not finite; no current is sent instead")
+
+    def _currents(self, force_n: Sequence[float]) -> Sequence[float]:
+        """None at all where there may be no force: the pose is not known, or the arm was not heard of lately."""
+        assert self._pose is not None
+        silent = self._tick - self._read_at > self._silent_ticks
+        if self._pose.kind == "none" or self._angles is None or silent or not any(force_n):
+            return ZERO
+        x, y, z = (*force_n, 0.0, 0.0)[:3]
+        try:
+            currents, limited = self.model.currents(self._angles, (-x, -y, -z))  # the arm pushes the hand with -F
+        except DeviceError as error:
+            self._broken = self._broken or str(error)
+            return ZERO
+        if limited:
+            self._count("force limited to the motors")
+        return currents
+
+    def close(self) -> None:
+        """Zero current is asked for more than once: a request may be lost, or one may still be under way."""
+        exchange, was_open = self._exchange, self._open
+        self._open = False
+        if was_open:
+            for _ in range(GOODBYES):
+                try:
+                    exchange.port.read(0.02)
+                    exchange.port.write(exchange.codec.encode(ZERO))
+                except DeviceError:
+                    self._count("not reached when closed")
+                    break
+        exchange.port.close()
+
+    def _need(self, verb: str) -> None:
+        if not self._open:
+            raise DeviceError(f"{self._name}: {verb} while it is closed; call open(rate_hz) first")
+
+    def _count(self, name: str) -> None:
+        self._counts[name] = self._counts.get(name, 0) + 1

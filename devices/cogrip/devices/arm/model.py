@@ -1,0 +1,156 @@
+"""One kind of arm: mechanism, drives, home pose, what it can do; and the keys that make it a particular one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import hypot, inf
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from cogrip.devices.arm.gimbal import IDENTITY, Gimbal
+from cogrip.devices.arm.kinematics import Kinematics, Matrix, Vector, joint_torque
+from cogrip.devices.arm.motors import NO_CURRENT, CableDrive, Currents
+from cogrip.devices.device import Capability, DeviceError
+
+Pose = Literal["stored", "home", "none"]
+
+
+class ArmSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Query keys of every arm with cable drives. What is not given is the model's own; three numbers are axes a, b, c.
+
+    pose          how the pose is known: "stored", by `cogrip devices calibrate`; "home", whoever writes this confirms that the
+                  counters were zero in the home pose; "none", it is not known, and no force is given
+    dir           +1 or -1 per axis
+    home          counts in the home pose
+    turn          counts a turn of the motor
+    capstan_m, body_m, motor_nm_per_a
+    limit_ma      largest motor current per axis [mA]
+    full_scale_ma what amplifiers and firmware were built and set for [mA]; bounds limit_ma
+    peak_force_n  largest force [N]
+    """
+
+    pose: Pose = "stored"
+    dir: tuple[float, ...] = ()
+    home: tuple[float, ...] = ()
+    turn: tuple[float, ...] = ()
+    capstan_m: tuple[float, ...] = ()
+    body_m: tuple[float, ...] = ()
+    motor_nm_per_a: tuple[float, ...] = ()
+    limit_ma: tuple[float, ...] = ()
+    full_scale_ma: Annotated[float, Meta(ge=1.0, le=6000.0)] | None = None
+    peak_force_n: Annotated[float, Meta(gt=0.0, le=40.0)] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ArmModel:
+    """Numbers of one kind of arm.
+
+    home_counts those that the home pose has
+    record      for three axes, with the drive as it is here
+    reach_m     radius about the origin where force is meant to be given [m]
+    gimbal      None: the handle does not turn, or has no encoders
+    """
+
+    kinematics: Kinematics
+    drive: CableDrive
+    home_counts: Vector
+    record: Capability
+    reach_m: float
+    gimbal: Gimbal | None = None
+
+    def with_settings(self, settings: ArmSettings, where: str) -> ArmModel:
+        """This model with the keys that were given in place. Raises DeviceError for a value that no arm has.
+
+        The record follows: resolution and continuous force are those of the new drive; a peak is what it is set to.
+        """
+        full_scale = self.drive.full_scale_ma if settings.full_scale_ma is None else settings.full_scale_ma
+        own = {
+            "direction": _three(settings.dir, "dir", where, (-1.0, 1.0), whole=True),
+            "counts_per_turn": _three(settings.turn, "turn", where, (1.0, 1e6)),
+            "capstan_m": _three(settings.capstan_m, "capstan_m", where, (1e-4, 1.0)),
+            "body_m": _three(settings.body_m, "body_m", where, (1e-3, 10.0)),
+            "motor_nm_per_a": _three(settings.motor_nm_per_a, "motor_nm_per_a", where, (1e-4, 10.0)),
+            "limit_ma": _three(settings.limit_ma, "limit_ma", where, (1.0, full_scale)) or self._limits(full_scale),
+        }
+        home = _three(settings.home, "home", where, (-1e6, 1e6))
+        given = {key: value for key, value in own.items() if value is not None}
+        drive = replace(self.drive, full_scale_ma=full_scale, **given)
+        record = self._record(drive, settings.peak_force_n)
+        return replace(self, drive=drive, home_counts=home or self.home_counts, record=record)
+
+    def _limits(self, full_scale_ma: float) -> Vector:
+        a, b, c = self.drive.limit_ma
+        return min(a, full_scale_ma), min(b, full_scale_ma), min(c, full_scale_ma)
+
+    def _record(self, drive: CableDrive, peak_force_n: float | None) -> Capability:
+        """The record with another drive: the joint that changes for the worst decides, so both numbers are on the safe side.
+
+        Motors do not grow stronger for good by a higher limit: their continuous force follows it down, not up.
+        """
+        old, record = self.drive, self.record
+        strength = [
+            min(now, before) / before * abs(was / per_nm)
+            for now, before, was, per_nm in zip(
+                drive.limit_ma, old.limit_ma, old.ma_per_nm, drive.ma_per_nm, strict=True
+            )
+        ]
+        coarser = [abs(now / was) for now, was in zip(drive.rad_per_count, old.rad_per_count, strict=True)]
+        peak = record.peak_force_n if peak_force_n is None else peak_force_n
+        return replace(
+            record,
+            peak_force_n=peak,
+            continuous_force_n=min(peak, record.continuous_force_n * min(strength)),
+            resolution_m=record.resolution_m * max(coarser),
+        )
+
+    def inside(self, position: Vector) -> bool:
+        """Whether `position` [m] is within reach_m of the origin. False where it is not finite."""
+        return hypot(*position) <= self.reach_m
+
+    def rotation(self, angles: Vector, gimbal_counts: Sequence[float]) -> Matrix | None:
+        """Handle to common frame, of joint angles [rad] and the gimbal's calibrated counts; None where no position is."""
+        if self.gimbal is None:
+            return IDENTITY
+        carrier = self.kinematics.carrier(angles)
+        return None if carrier is None else self.gimbal.rotation(carrier, gimbal_counts)
+
+    def currents(self, angles: Vector, force: Vector) -> tuple[Currents, bool]:
+        """Motor currents [mA] for a force [N] of the tip on the hand, within the limits of force and motors.
+
+        True if they had to be scaled down; a force that is not finite gives none. Raises DeviceError at angles where the
+        linkage does not close, or only just.
+        """
+        x, y, z = force
+        size, most = hypot(x, y, z), self.record.peak_force_n
+        scaled = not size <= most
+        if scaled:
+            if not size < inf:
+                return NO_CURRENT, True
+            share = most / size
+            x, y, z = share * x, share * y, share * z
+        jacobian = self.kinematics.jacobian(angles)
+        if jacobian is None:
+            raise DeviceError(
+                f"{self.record.model}: joint angles {angles} rad are out of reach of its linkage; "
+                "its counters are wrong, calibrate it again"
+            )
+        a, b, c = joint_torque(jacobian, (x, y, z))
+        ga, gb, gc = self.kinematics.gravity(angles)
+        currents, limited = self.drive.limited(self.drive.currents((a + ga, b + gb, c + gc)))
+        return currents, limited or scaled
+
+
+def _three(
+    given: tuple[float, ...], key: str, where: str, bounds: tuple[float, float], *, whole: bool = False
+) -> Vector | None:
+    if not given:
+        return None
+    low, high = bounds
+    good = len(given) == 3 and all((value in bounds) if whole else (low <= value <= high) for value in given)
+    if not good:
+        kind = f"{low:g} or {high:g}" if whole else f"{low:g} to {high:g}"
+        raise DeviceError(f"{where}: {key}={','.join(f'{v:g}' for v in given)}: give three numbers, each {kind}")
+    return given[0], given[1], given[2]

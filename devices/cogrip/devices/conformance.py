@@ -1,0 +1,234 @@
+"""What every device promises, as checks that anyone may run on theirs: `for check in CHECKS: check(Subject(make_it))`.
+
+A check raises UnfitError, which says what was expected and what was found. The project's own tests run all of them on every
+family of the registry; `cogrip devices conform ADDRESS` runs them on any one device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import hypot, inf, isfinite, nan
+
+from cogrip.devices.device import Capability, Device, DeviceError, Sample
+
+FEW_TICKS = 40
+SETTLE_TICKS = 4  # from a write to what the motors do
+
+
+class UnfitError(AssertionError):
+    """A device does not keep a promise."""
+
+
+def _at_once(tick: int) -> None:
+    """Virtual time: every tick is now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is tried.
+
+    make     a new device, not opened
+    pace     waits until a tick is due; a device in virtual time needs none
+    acting   what truly acts [N], as F that loads the hand; None where nobody knows
+    push_n   largest force that is tried beyond 0 [N]; inf: also more than the device can give
+    """
+
+    make: Callable[[], Device]
+    rate_hz: int = 1024
+    pace: Callable[[int], None] = _at_once
+    acting: Callable[[Device], Sequence[float]] | None = None
+    push_n: float = inf
+
+
+def record_is_complete(subject: Subject) -> None:
+    """Before it is opened, in SI units, every limit a number above zero."""
+    device = subject.make()
+    record = device.capability
+    _expect(isinstance(record, Capability), f"capability is a Capability, not {type(record).__name__}")
+    _expect(bool(record.family) and bool(record.model), "family and model have names")
+    _expect(
+        1 <= record.axes <= 3 and len(record.workspace_m) == record.axes, "workspace_m has a (low, high) for each axis"
+    )
+    _expect(all(low < high for low, high in record.workspace_m), f"workspace_m is low to high: {record.workspace_m}")
+    _expect(
+        all(high - low < 5.0 for low, high in record.workspace_m), f"workspace_m is in metres: {record.workspace_m}"
+    )
+    forces = (record.continuous_force_n, record.peak_force_n)
+    _expect(0.0 < forces[0] <= forces[1] < inf, f"0 < continuous_force_n <= peak_force_n < inf: {forces}")
+    for name in ("stiffness_npm", "damping_nspm", "slew_nps", "speed_mps", "apparent_mass_kg"):
+        _expect(getattr(record, name) > 0.0, f"{name} is above 0: {getattr(record, name)}")
+    _expect(0.0 <= record.resolution_m < 0.01, f"resolution_m is in metres, 0 for exact: {record.resolution_m}")
+    _expect(record.rate_hz >= 1 and record.latency_ticks >= 0, "rate_hz is at least 1, latency_ticks at least 0")
+    _expect(dict(device.counts) == {}, "nothing has gone wrong before it was opened")
+
+
+def refuses_while_closed(subject: Subject) -> None:
+    """Read and write before open, and after close; closing twice, or before opening, does nothing."""
+    device = subject.make()
+    _refuses(lambda: device.read(0), "read before open", "open")
+    _refuses(lambda: device.write(_zero(device)), "write before open", "open")
+    device.close()
+    device.open(subject.rate_hz)
+    device.close()
+    device.close()
+    _refuses(lambda: device.read(1), "read after close", "open")
+    _refuses(lambda: device.write(_zero(device)), "write after close", "open")
+
+
+def opens_again(subject: Subject) -> None:
+    """Not twice at once; again after it was closed."""
+    device = subject.make()
+    for _ in range(2):
+        device.open(subject.rate_hz)
+        try:
+            _refuses(lambda: device.open(subject.rate_hz), "a second open", "open already")
+            _expect(any(sample is not None for sample in _run(subject, device)), "samples come after open")
+        finally:
+            device.close()
+
+
+def refuses_rates(subject: Subject) -> None:
+    """0, and more than its record says."""
+    device = subject.make()
+    for rate_hz in (0, device.capability.rate_hz + 1):
+        _refuses(lambda rate_hz=rate_hz: device.open(rate_hz), f"open({rate_hz})", "rate_hz")  # type: ignore[misc]
+    device.open(subject.rate_hz)
+    device.close()
+
+
+def samples_are_metres(subject: Subject) -> None:
+    """Shape as in the record, finite, inside the workspace; a velocity where the record says so; age not negative."""
+    with _opened(subject) as device:
+        record = device.capability
+        samples = [sample for sample in _run(subject, device) if sample is not None]
+        _expect(bool(samples), f"samples come within {FEW_TICKS} ticks")
+        for sample in samples:
+            _expect(len(sample.position_m) == record.axes, f"a position for each axis: {sample}")
+            _expect(
+                (sample.velocity_mps is not None) == record.gives_velocity, f"a velocity as the record says: {sample}"
+            )
+            _expect(all(map(isfinite, sample.position_m + (sample.velocity_mps or ()))), f"finite: {sample}")
+            inside = all(
+                low <= at <= high for at, (low, high) in zip(sample.position_m, record.workspace_m, strict=True)
+            )
+            _expect(inside, f"inside the workspace {record.workspace_m} m: {sample.position_m}")
+            _expect(sample.age_ticks >= 0, f"an age of at least 0: {sample.age_ticks}")
+
+
+def ticks_do_not_fall(subject: Subject) -> None:
+    """They may jump after an overrun."""
+    with _opened(subject) as device:
+        for tick in (0, 1, 2, 9, 30):
+            subject.pace(tick)
+            device.read(tick)
+            device.write(_zero(device))
+        _refuses(lambda: device.read(29), "read(29) after read(30)", "tick=29")
+        subject.pace(31)
+        device.read(31)
+
+
+def refuses_wrong_forces(subject: Subject) -> None:
+    """Another number of axes, and numbers that are not finite; and it works on."""
+    with _opened(subject) as device:
+        axes = device.capability.axes
+        device.read(0)
+        _refuses(lambda: device.write((0.0,) * (axes + 1)), "a force of one axis more", "axes")
+        for wrong in (nan, inf, -inf):
+            _refuses(lambda wrong=wrong: device.write((wrong,) * axes), f"a force of {wrong}", "not finite")  # type: ignore[misc]
+        for tick in range(1, 6):
+            subject.pace(tick)
+            device.read(tick)
+            device.write(_zero(device))
+
+
+def force_keeps_to_the_record(subject: Subject) -> None:
+    """What is too much for the device is cut to what it can give, in the same direction."""
+    if subject.acting is None:
+        return
+    with _opened(subject) as device:
+        record = device.capability
+        asked = (min(subject.push_n, 40.0 * record.peak_force_n),) * record.axes
+        given: Sequence[float] = _zero(device)
+        for tick in range(FEW_TICKS):
+            subject.pace(tick)
+            device.read(tick)
+            device.write(asked)
+            given = subject.acting(device)
+            _expect(
+                hypot(*given) <= record.peak_force_n * 1.01 or subject.push_n < inf,
+                f"at most {record.peak_force_n} N: {given}",
+            )
+        size = hypot(*given)
+        _expect(size > 0.0, "force flows after open")
+        along = sum(a * g for a, g in zip(asked, given, strict=True)) / (hypot(*asked) * size)
+        _expect(along > 0.99, f"in the direction asked for, cosine {along:.4f}")
+
+
+def lets_go_when_closed(subject: Subject) -> None:
+    """After close no force is left."""
+    if subject.acting is None:
+        return
+    device = subject.make()
+    device.open(subject.rate_hz)
+    push = (min(subject.push_n, 0.2 * device.capability.peak_force_n),) * device.capability.axes
+    for tick in range(SETTLE_TICKS + 1):
+        subject.pace(tick)
+        device.read(tick)
+        device.write(push)
+    _expect(hypot(*subject.acting(device)) > 0.0, "force flows after open")
+    device.close()
+    _expect(not any(subject.acting(device)), f"no force after close: {subject.acting(device)}")
+
+
+CHECKS: tuple[Callable[[Subject], None], ...] = (
+    record_is_complete,
+    refuses_while_closed,
+    opens_again,
+    refuses_rates,
+    samples_are_metres,
+    ticks_do_not_fall,
+    refuses_wrong_forces,
+    force_keeps_to_the_record,
+    lets_go_when_closed,
+)
+
+
+@contextmanager
+def _opened(subject: Subject) -> Iterator[Device]:
+    """A device that is open inside, and closed after, whatever happens."""
+    device = subject.make()
+    device.open(subject.rate_hz)
+    try:
+        yield device
+    finally:
+        device.close()
+
+
+def _run(subject: Subject, device: Device) -> list[Sample | None]:
+    samples = []
+    for tick in range(FEW_TICKS):
+        subject.pace(tick)
+        samples.append(device.read(tick))
+        device.write(_zero(device))
+    return samples
+
+
+def _zero(device: Device) -> tuple[float, ...]:
+    return (0.0,) * device.capability.axes
+
+
+def _expect(kept: bool, promise: str) -> None:
+    if not kept:
+        raise UnfitError(promise)
+
+
+def _refuses(call: Callable[[], object], what: str, word: str) -> None:
+    """`call` raises DeviceError with `word` in it."""
+    try:
+        call()
+    except DeviceError as error:
+        _expect(word in str(error), f"{what} is refused with a word of {word!r}: {error}")
+    else:
+        raise UnfitError(f"{what} is refused with DeviceError")

@@ -1,0 +1,90 @@
+"""The hfab firmware 2 (Teensy, serial): bracket frames, error numbers, watchdog, the fault of pipelined requests.
+
+Written from the firmware's own parsing rules: bytes before `[` are skipped; `]` ends a frame of at most 127 bytes; after it the
+firmware looks at what is already buffered, where only newline, return and NUL may stand; numbers are read as C's "%d" does.
+"""
+
+from __future__ import annotations
+
+import re
+
+from cogrip.devices.emulated.faults import Faults
+from cogrip.devices.emulated.firmware import Firmware
+from cogrip.devices.emulated.mechanics import Mechanics
+
+WATCHDOG_NS = 100_000_000
+MOST_MA = 6000  # a motor that is asked for more gets nothing
+LONGEST = 127
+IDLE_PWM = 4095
+_BLANKS = b"\n\r\0"
+_PERCENT_D = rb"[ \t\n\v\f\r]*([+-]?\d+)"
+_THREE = re.compile(rb"\[" + rb",".join([_PERCENT_D] * 3))
+
+
+class HfabFirmware(Firmware):
+    """number: which machine it says it is."""
+
+    def __init__(self, number: int, mechanics: Mechanics, faults: Faults) -> None:
+        super().__init__(mechanics, faults)
+        self.number = number
+        self.enabled = False  # amplifiers
+        self.pwm = [IDLE_PWM] * 3
+        self._fed_ns = 0
+        self._buffer = b""
+        self._counters = mechanics.counters
+
+    def rest(self) -> None:
+        self.enabled = False
+        self.pwm = [IDLE_PWM] * 3
+        self._buffer = b""
+        self.mechanics.drive((0.0, 0.0, 0.0))
+
+    def tick(self) -> None:
+        if self.enabled and self.now_ns - self._fed_ns > WATCHDOG_NS:
+            self.enabled = False
+            self.pwm = [IDLE_PWM] * 3
+            self.mechanics.drive((0.0, 0.0, 0.0))
+
+    def take(self, data: bytes) -> None:
+        self._buffer += data
+        while (frame := self._frame()) is not None:
+            error = self._act(frame) if isinstance(frame, bytes) else frame
+            self._reply(error)
+
+    def _frame(self) -> bytes | int | None:
+        """The next frame, an error number, or None while there is no whole one."""
+        buffer = self._buffer
+        begin, end = buffer.find(b"["), buffer.find(b"]")
+        if end >= 0 and (begin < 0 or end < begin):
+            self._buffer = buffer[end + 1 :]
+            return 256
+        if begin < 0:
+            self._buffer = b""
+            return None
+        if end < 0 or end - begin >= LONGEST:
+            if len(buffer) - begin < LONGEST:
+                self._buffer = buffer[begin:]
+                return None
+            self._buffer = buffer[begin + LONGEST :]
+            return 128
+        rest = buffer[end + 1 :].lstrip(_BLANKS)
+        self._buffer = rest[1:]
+        return 8 if rest else buffer[begin : end + 1]
+
+    def _act(self, frame: bytes) -> int:
+        if frame.count(b",") != 2:
+            return 512
+        numbers = _THREE.match(frame)
+        if numbers is None:
+            return 1024
+        a, b, c = (float(value) if abs(value) <= MOST_MA else 0.0 for value in map(int, numbers.groups()))
+        self._fed_ns = self.now_ns
+        self.enabled = True
+        self.pwm = [int(8191 * (0.4 * current / MOST_MA + 0.5)) for current in (a, b, c)]
+        self.mechanics.drive((a, b, c))
+        self._counters = self.mechanics.counters
+        return 0
+
+    def _reply(self, error: int) -> None:
+        number = self.number % 3 + 1 if self.faults.on("model", self.now_ns) else self.number
+        self.faults.send(b"[%d,%d,%d,%d,0,0,0,%d]\n" % (number, *self._counters, error), self.now_ns)

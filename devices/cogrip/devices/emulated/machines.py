@@ -1,0 +1,66 @@
+"""The machines that can be emulated: which firmware, on which arm, for which driver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from cogrip.devices.arm.exchange import Port
+from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.arm.pose import Store
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.emulated.body import Body
+from cogrip.devices.emulated.faults import Faults
+from cogrip.devices.emulated.firmware import Firmware
+from cogrip.devices.emulated.hfab_firmware import HfabFirmware
+from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.registry import make
+from cogrip.devices.serial.family import SerialSettings
+from cogrip.devices.serial.family import drive as drive_serial
+from cogrip.devices.serial.frames import MODELS as SERIAL_NUMBERS
+from cogrip.devices.settings import Address, Setting, keys_of
+from cogrip.devices.simulated.device import SimulatedDevice
+
+BODY_AXES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """scheme: of the real device's family. keys: those that are the driver's; all others are the body's and its hand's."""
+
+    scheme: str
+    firmware: Callable[[str, Body, int, Vector | None], Firmware]
+    drive: Callable[[Port, str, Store, Address, int], Device]
+    keys: tuple[str, ...]
+    mass_kg: float
+    reports: bool = False
+
+
+def _hfab(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+    number = next(number for number, known in SERIAL_NUMBERS.items() if known == name)
+    return HfabFirmware(number, Mechanics(MODELS[name], body, powered_at_m), Faults(seed))
+
+
+MACHINES: dict[str, Machine] = {
+    name: Machine("serial", _hfab, drive_serial, keys_of(SerialSettings), MODELS[name].record.apparent_mass_kg)
+    for name in SERIAL_NUMBERS.values()
+}
+
+
+def make_firmware(
+    name: str, body_keys: Mapping[str, Setting], seed: int = 1, powered_at_m: Vector | None = None
+) -> Firmware:
+    """The firmware of machine `name`, its arm in the hand that `body_keys` describe (those of sim:phantom).
+
+    powered_at_m: where the tip was when its counters began; in the home pose if not given. Raises DeviceError.
+    """
+    machine = MACHINES[name]
+    keys: dict[str, Setting] = {"resolution_m": 0.0, "peak_force_n": 100.0, "mass_kg": machine.mass_kg, **body_keys}
+    simulated = make("sim:phantom", axes=BODY_AXES, **keys)
+    if not isinstance(simulated, SimulatedDevice):
+        raise DeviceError("sim:phantom: is no simulated device any more")
+    try:
+        return machine.firmware(name, Body(simulated), seed, powered_at_m)
+    except ValueError as error:
+        raise DeviceError(f"{name}: {error}") from None

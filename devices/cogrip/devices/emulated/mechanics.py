@@ -1,0 +1,100 @@
+"""Between the tip of an emulated arm and its electronics: where its encoders stand, what its motors push with.
+
+The way round that no driver goes: the inverse kinematics, and its own slopes for the forces (F = (d theta / d x)^T tau).
+"""
+
+from __future__ import annotations
+
+from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.model import ArmModel
+from cogrip.devices.emulated.body import Body
+
+STEP_M = 1e-5
+
+
+class Mechanics:
+    """Motors and encoders of one arm. powered_at_m: where the tip was when the counters began, the home pose if not given."""
+
+    def __init__(self, model: ArmModel, body: Body, powered_at_m: Vector | None = None) -> None:
+        self.model = model
+        self.body = body
+        self.force_n: Vector = (0.0, 0.0, 0.0)  # what the motors push the hand with
+        self.peak_force_n = 0.0
+        self.currents_ma: Vector = (0.0, 0.0, 0.0)
+        self._angles: Vector = (0.0, 0.0, 0.0)
+        self._zero: Vector = model.home_counts
+        self._frozen: dict[int, int] = {}
+        self._slip = [0, 0, 0]
+        self._follow()
+        if powered_at_m is not None:
+            angles = model.kinematics.inverse(powered_at_m)
+            if angles is None:
+                raise ValueError(f"no arm can stand at {powered_at_m} m")
+            self._zero = model.drive.counts(angles)
+
+    def advance(self, now_ns: int) -> None:
+        """The motors push with the same currents, wherever the arm goes, until now."""
+        self.body.advance(now_ns)
+        self._follow()
+        self.drive(self.currents_ma)
+
+    def _follow(self) -> None:
+        angles = self.model.kinematics.inverse(self.body.position_m)
+        if angles is not None:  # else the links are stretched: the joints stand at their stops
+            self._angles = angles
+
+    @property
+    def counters(self) -> tuple[int, int, int]:
+        """The counters as the firmware reads them."""
+        a, b, c = (
+            self._frozen.get(joint, round(count - zero) + slip)
+            for joint, (count, zero, slip) in enumerate(
+                zip(self.model.drive.counts(self._angles), self._zero, self._slip, strict=True)
+            )
+        )
+        return a, b, c
+
+    def load(self, counters: Vector) -> None:
+        """The firmware sets its counters."""
+        a, b, c = (count - there for count, there in zip(self.model.drive.counts(self._angles), counters, strict=True))
+        self._zero = (a, b, c)
+        self._slip = [0, 0, 0]
+        self._frozen.clear()
+
+    def slip(self, joint: int, counts: int) -> None:
+        """Fault: an encoder jumps."""
+        self._slip[joint] += counts
+
+    def stick(self, joint: int) -> None:
+        """Fault: an encoder gives no pulses any more."""
+        self._frozen[joint] = self.counters[joint]
+
+    def unstick(self) -> None:
+        """They are counted again from where they stood: what was missed is missed."""
+        for joint, stood in self._frozen.copy().items():
+            del self._frozen[joint]
+            self._slip[joint] += stood - self.counters[joint]
+
+    def drive(self, currents_ma: Vector) -> None:
+        """Currents flow; the tip is pushed by what they make of torque."""
+        self.currents_ma = currents_ma
+        if not any(currents_ma):
+            force: Vector = (0.0, 0.0, 0.0)
+        else:
+            torque = self.model.drive.torque(currents_ma)
+            x, y, z = self.body.position_m
+            slopes = []
+            for dx, dy, dz in ((STEP_M, 0.0, 0.0), (0.0, STEP_M, 0.0), (0.0, 0.0, STEP_M)):
+                ahead = self.model.kinematics.inverse((x + dx, y + dy, z + dz))
+                behind = self.model.kinematics.inverse((x - dx, y - dy, z - dz))
+                if ahead is None or behind is None:
+                    slopes.append(0.0)
+                    continue
+                slopes.append(
+                    sum(tau * (new - old) for tau, new, old in zip(torque, ahead, behind, strict=True)) / (2.0 * STEP_M)
+                )
+            force = (slopes[0], slopes[1], slopes[2])
+        self.force_n = force
+        size = sum(part * part for part in force) ** 0.5
+        self.peak_force_n = max(self.peak_force_n, size)
+        self.body.push(force)

@@ -1,0 +1,53 @@
+"""The port of an emulated device in virtual time: the firmware's clock is whatever it was last advanced to."""
+
+from __future__ import annotations
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.firmware import Firmware
+
+
+class EmulatedPort:
+    """See `Port`. Waiting looks ahead: what would come within `wait_s` is there. reports: one report a read."""
+
+    def __init__(self, name: str, firmware: Firmware, *, reports: bool = False) -> None:
+        self.name = name
+        self._firmware = firmware
+        self._reports = reports
+        self._open = False
+        self._plugging = 0
+        self._came: list[bytes] = []
+
+    def open(self) -> None:
+        if self._open:
+            raise DeviceError(f"{self.name}: is open already; close it first")
+        if not self._firmware.plugged:
+            raise DeviceError(f"{self.name}: is not there; plug it in")
+        self._plugging = self._firmware.plugging
+        self._came.clear()
+        self._open = True
+
+    def write(self, frame: bytes) -> None:
+        self._need()
+        self._firmware.receive(frame, self._firmware.now_ns)
+
+    def read(self, wait_s: float = 0.0) -> bytes:
+        self._need()
+        firmware = self._firmware
+        self._came += firmware.due(firmware.now_ns + round(wait_s * 1e9))
+        if self._reports:
+            return self._came.pop(0) if self._came else b""
+        data = b"".join(self._came)
+        self._came.clear()
+        return data
+
+    def close(self) -> None:
+        self._open = False
+
+    def stamp(self) -> str:
+        return f"plugging {self._firmware.plugging}"
+
+    def _need(self) -> None:
+        if not self._open:
+            raise DeviceError(f"{self.name}: is closed; open it first")
+        if not self._firmware.plugged or self._firmware.plugging != self._plugging:
+            raise DeviceError(f"{self.name}: lost: it was unplugged; plug it in again, then re-arm")

@@ -1,0 +1,139 @@
+"""Measures an arm for `arm.check`: small currents, one axis after the other, zero between and after, whatever happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from cogrip.devices.arm.check import Measured
+from cogrip.devices.arm.exchange import Exchange, Reading, meet
+from cogrip.devices.device import DeviceError
+
+MOST_TEST_MA = 200.0
+STEP_S = 0.001
+RAMP_S = 0.1
+HOLD_S = 0.15
+ENOUGH_COUNTS = 60  # it has moved: no need to push on
+ZERO = (0.0, 0.0, 0.0)
+_JOINTS = 3
+
+
+class ArmCheck:
+    """One arm that nobody holds. The port is open between `begin` and `end`."""
+
+    def __init__(self, exchange: Exchange, current_ma: float) -> None:
+        if not 0.0 < current_ma <= MOST_TEST_MA:
+            raise DeviceError(f"test current {current_ma:g} mA is out of 0 to {MOST_TEST_MA:g}")
+        self._exchange = exchange
+        self._current_ma = current_ma
+        self._requests = self._missed = 0
+        self._low: list[int] = []
+        self._high: list[int] = []
+
+    def begin(self) -> Reading:
+        self._exchange.port.open()
+        reading = meet(self._exchange, ZERO)
+        self._seen(reading)
+        return reading
+
+    def end(self) -> None:
+        """Zero, twice, and let go."""
+        port, codec = self._exchange.port, self._exchange.codec
+        try:
+            for _ in range(2):
+                port.read(0.02)
+                port.write(codec.encode(ZERO))
+        except DeviceError:
+            pass  # it is lost: its own watchdog lets go
+        finally:
+            port.close()
+
+    def _ask(self, currents: Sequence[float], wait_s: float = 0.02) -> Reading | None:
+        """One request, one reply."""
+        port, codec = self._exchange.port, self._exchange.codec
+        self._requests += 1
+        port.write(codec.encode(currents))
+        until_s = time.perf_counter() + wait_s
+        while (rest_s := until_s - time.perf_counter()) > 0.0:
+            readings = codec.feed(port.read(rest_s))
+            if readings:
+                self._seen(readings[-1])
+                return readings[-1]
+        self._missed += 1
+        codec.reset()
+        return None
+
+    def _seen(self, reading: Reading) -> None:
+        counts = [round(value) for value in reading.raw]
+        self._low = [min(pair) for pair in zip(self._low or counts, counts, strict=True)]
+        self._high = [max(pair) for pair in zip(self._high or counts, counts, strict=True)]
+
+    def _paced(self, seconds: float, currents: Callable[[float], Sequence[float]]) -> list[Reading]:
+        """Requests every millisecond."""
+        begun_s, readings = time.perf_counter(), []
+        for step in range(round(seconds / STEP_S)):
+            reading = self._ask(currents(step * STEP_S))
+            if reading is not None:
+                readings.append(reading)
+            rest_s = begun_s + (step + 1) * STEP_S - time.perf_counter()
+            if rest_s > 0.0:
+                time.sleep(rest_s)
+        return readings
+
+    def speed(self, requests: int = 1000) -> tuple[float, list[float]]:
+        """Rate [Hz] of requests one after the other, and each one's latency [us], sorted."""
+        latencies = []
+        begun_s = time.perf_counter()
+        for _ in range(requests):
+            asked_s = time.perf_counter()
+            if self._ask(ZERO) is not None:
+                latencies.append(1e6 * (time.perf_counter() - asked_s))
+        rate_hz = requests / (time.perf_counter() - begun_s)
+        if not latencies:
+            raise DeviceError(f"{self._exchange.port.name}: answered none of {requests} requests")
+        return rate_hz, sorted(latencies)
+
+    def noise(self, seconds: float = 0.5) -> tuple[int, ...]:
+        readings = self._paced(seconds, lambda _: ZERO)
+        columns = list(zip(*[reading.raw for reading in readings], strict=True))
+        return tuple(round(max(column) - min(column)) for column in columns) or (0,) * _JOINTS
+
+    def push(self, joint: int, way: float) -> int:
+        """How far [counts] a small current moves a joint; it is ramped in, and ends as soon as that is plain."""
+        start = self._ask(ZERO)
+        moved = 0
+
+        def current(at_s: float) -> Sequence[float]:
+            share = 0.0 if abs(moved) >= ENOUGH_COUNTS else min(1.0, at_s / RAMP_S)
+            return tuple(way * share * self._current_ma if axis == joint else 0.0 for axis in range(_JOINTS))
+
+        begun_s = time.perf_counter()
+        while (at_s := time.perf_counter() - begun_s) < RAMP_S + HOLD_S and abs(moved) < ENOUGH_COUNTS:
+            readings = self._paced(5 * STEP_S, lambda _, at_s=at_s: current(at_s))  # type: ignore[misc]
+            if readings and start is not None:
+                moved = round(readings[-1].raw[joint] - start.raw[joint])
+        self._paced(0.3, lambda _: ZERO)  # let it come to rest
+        return moved
+
+    def watch(self, seconds: float) -> None:
+        """The person moves the arm; the range is noted."""
+        self._paced(seconds, lambda _: ZERO)
+
+    def measured(self, progress: Callable[[str], None], moving_s: float) -> Measured:
+        """All of it. `progress` says what comes next."""
+        progress("rate and latency")
+        rate_hz, latencies = self.speed()
+        progress("noise at rest: do not touch the arm")
+        noise = self.noise()
+        forward, backward = [], []
+        for joint in range(_JOINTS):
+            progress(f"axis {'abc'[joint]} under {self._current_ma:g} mA: do not touch the arm")
+            forward.append(self.push(joint, 1.0))
+            backward.append(self.push(joint, -1.0))
+        if moving_s > 0.0:
+            progress(f"now move the arm through its whole range, for {moving_s:g} s")
+            self.watch(moving_s)
+        return Measured(
+            self._requests, self._missed, rate_hz, latencies[len(latencies) // 2], latencies[int(0.99 * len(latencies))],
+            noise, tuple(forward), tuple(backward), tuple(self._low), tuple(self._high),
+        )  # fmt: skip

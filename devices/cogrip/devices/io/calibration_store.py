@@ -1,0 +1,63 @@
+"""Calibrations as files of this user: one JSON for each device, replaced as a whole."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import sys
+from pathlib import Path
+
+import msgspec
+
+from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.device import DeviceError
+
+FOLDER = "COGRIP_CALIBRATION"  # environment variable that names another folder
+
+
+def calibration_folder() -> Path:
+    """Where calibrations of this user are kept."""
+    if named := os.environ.get(FOLDER):
+        return Path(named)
+    if sys.platform == "win32":
+        base = Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming")
+    else:
+        base = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+    return base / "cogrip" / "calibration"
+
+
+class CalibrationStore:
+    """See `Store`."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder or calibration_folder()
+
+    def path_of(self, device: str) -> Path:
+        """The file of one device: a name that people can read, and a digest that tells alike ones apart."""
+        readable = re.sub(r"[^A-Za-z0-9]+", "-", device).strip("-")[:60]
+        return self._folder / f"{readable}-{hashlib.sha256(device.encode()).hexdigest()[:8]}.json"
+
+    def find(self, device: str) -> Calibration | None:
+        """None where there is none. Raises DeviceError for a file that is none of ours."""
+        path = self.path_of(device)
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=Calibration)
+        except FileNotFoundError:
+            return None
+        except (OSError, msgspec.MsgspecError) as error:
+            raise DeviceError(
+                f"{path}: cannot be read as a calibration ({error}); delete it and calibrate {device} again"
+            ) from None
+
+    def keep(self, calibration: Calibration) -> Path:
+        """Write it. Raises DeviceError where that cannot be."""
+        path = self.path_of(calibration.device)
+        new = path.with_suffix(".new")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            new.write_bytes(msgspec.json.format(msgspec.json.encode(calibration)) + b"\n")
+            new.replace(path)
+        except OSError as error:
+            raise DeviceError(f"{path}: cannot be written: {error.strerror}; name another folder in {FOLDER}") from None
+        return path

@@ -1,0 +1,103 @@
+"""A serial line (USB CDC, or a pty of an emulated device), by pyserial."""
+
+from __future__ import annotations
+
+import os
+import select
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TypeVar
+
+import serial
+
+from cogrip.devices.device import DeviceError
+
+BAUD = 115200  # the devices ignore it, but 0 would mean hang-up
+_Answer = TypeVar("_Answer")
+
+
+class SerialPort:
+    """See `Port`. 8N1, raw, no flow control, exclusive."""
+
+    def __init__(self, path: str, scheme: str) -> None:
+        self.path = path
+        self.name = f"{scheme}:{path}"
+        self._line: serial.Serial | None = None
+
+    def open(self) -> None:
+        """Raises DeviceError where the port is not there, not ours to open, or in use."""
+        if self._line is not None:
+            raise DeviceError(f"{self.name}: is open already; close it first")
+        try:
+            line = serial.Serial(self.path, BAUD, timeout=0, write_timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise DeviceError(f"{self.name}: cannot be opened: {_reason(error)}; {_cure(self.path, error)}") from None
+        with suppress(OSError, ValueError, NotImplementedError, AttributeError):
+            line.set_low_latency_mode(True)  # a pty has none, an ACM port may have none
+        line.reset_input_buffer()
+        self._line = line
+
+    def write(self, frame: bytes) -> None:
+        sent = self._try(lambda line: line.write(frame))
+        if sent != len(frame):
+            raise DeviceError(
+                f"{self.name}: took {sent} of {len(frame)} bytes: the device does not read; check it, then re-arm"
+            )
+
+    def read(self, wait_s: float = 0.0) -> bytes:
+        return self._try(lambda line: _read(line, wait_s))
+
+    def _try(self, verb: Callable[[serial.Serial], _Answer]) -> _Answer:
+        if self._line is None:
+            raise DeviceError(f"{self.name}: is closed; open it first")
+        try:
+            return verb(self._line)
+        except (OSError, TypeError) as error:  # pyserial: TypeError where another thread has closed the port
+            raise DeviceError(f"{self.name}: lost: {_reason(error)}; plug it in again, then re-arm") from None
+
+    def close(self) -> None:
+        line, self._line = self._line, None
+        if line is not None:
+            with suppress(OSError):
+                line.close()
+
+    def stamp(self) -> str:
+        """When the device node was made, and which: it is made anew whenever the device is plugged in."""
+        if os.name != "posix":
+            return ""
+        try:
+            node = os.stat(self.path)
+        except OSError:
+            return ""
+        return f"{node.st_dev}:{node.st_ino}:{node.st_rdev}:{node.st_ctime_ns}"
+
+
+def _read(line: serial.Serial, wait_s: float) -> bytes:
+    waiting = line.in_waiting
+    if not waiting and wait_s > 0.0:
+        if os.name == "posix":  # a new timeout would set the whole line up anew
+            select.select([line.fileno()], [], [], wait_s)
+            waiting = line.in_waiting
+        else:
+            if line.timeout != wait_s:
+                line.timeout = wait_s
+            first: bytes = line.read(1)
+            return first + line.read(line.in_waiting) if first else b""
+    data: bytes = line.read(waiting) if waiting else b""
+    return data
+
+
+def _reason(error: Exception) -> str:
+    text = getattr(error, "strerror", None) or str(error)
+    return text.splitlines()[0] if text else type(error).__name__
+
+
+def _cure(path: str, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    if number == 13:
+        return "give yourself the right to it (configs/99-cogrip.rules, or the group dialout)"
+    if number in (16, 11):
+        return "close the program that uses it"
+    if number == 2 or not os.path.exists(path):
+        return "plug the device in, and look for its name with `cogrip devices find`"
+    return "check its cable and power"

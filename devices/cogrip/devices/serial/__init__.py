@@ -1,0 +1,1 @@
+"""Arms on a serial line that speak the hfab bracket-ASCII protocol: Polhem, vintage Phantom, WoodenHaptics."""

@@ -1,0 +1,74 @@
+"""The family `serial:` and its query keys."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Literal
+
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.arm.exchange import Exchange, Port
+from cogrip.devices.arm.model import ArmModel, ArmSettings
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.registry import Family
+from cogrip.devices.serial.frames import MODELS as NUMBERS
+from cogrip.devices.serial.frames import BracketCodec
+from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+
+MAX_AXES = 3
+
+
+class SerialSettings(ArmSettings, frozen=True, kw_only=True):
+    """Query keys. model: what the device must say that it is; without one it is asked, and believed."""
+
+    model: Literal["", "polhem", "vintage", "woodenhaptics-serial"] = ""
+
+
+def family() -> Family:
+    """The family `serial:`, for the registry."""
+    what = "arms on a serial line (hfab protocol: Polhem, vintage Phantom, WoodenHaptics): serial:/dev/ttyACM0?model=vintage"
+    examples = tuple(f"serial:/dev/ttyACM0?model={name}" for name in NUMBERS.values())
+    return Family(what, make, examples, real=True, stand_ins=tuple(f"emulated:{name}" for name in NUMBERS.values()))
+
+
+def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+    """A driver; the port is not opened yet. Raises DeviceError for unknown keys and values out of bounds."""
+    from cogrip.devices.io.calibration_store import CalibrationStore
+    from cogrip.devices.io.serial_port import SerialPort
+
+    if not address.name:
+        raise DeviceError(
+            f"{address.text!r}: name the port, such as serial:/dev/ttyACM0; `cogrip devices find` lists them"
+        )
+    name = f"serial:{os.path.realpath(address.name) if os.name == 'posix' else address.name}"
+    return drive(SerialPort(address.name, "serial"), name, CalibrationStore(), address, axes)
+
+
+def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
+    """The driver on a port of whatever kind."""
+    where = repr(address.text)
+    if not 1 <= axes <= MAX_AXES:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    for key in address.query:
+        if key not in keys_of(SerialSettings):
+            raise unknown("key", key, keys_of(SerialSettings), where)
+    settings = read_settings(SerialSettings, dict(address.query), where)
+
+    def known(said: str) -> ArmModel:
+        if said not in NUMBERS.values():
+            raise DeviceError(
+                f"{name}: it says that it is {said}; known are {', '.join(NUMBERS.values())}. Update cogrip or its firmware"
+            )
+        if settings.model and said != settings.model:
+            raise DeviceError(
+                f"{name}: it says that it is {said}, not {settings.model}; correct the key model, or the port"
+            )
+        return MODELS[said].with_settings(settings, where)
+
+    def pose(model: ArmModel) -> KnownPose:
+        return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
+
+    stated = known(settings.model) if settings.model else None
+    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, pose, stated)

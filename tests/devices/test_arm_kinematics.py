@@ -1,0 +1,307 @@
+"""Where the tip is, and back: Phantom's and Polhem's mechanisms, gimbals. The laws hold at random poses of the workspace.
+
+The Phantom's numbers are those printed with hfabapi's tables; of the Polhem none are, so its linkage is tested by its lengths.
+"""
+
+from __future__ import annotations
+
+from math import acos, atan2, cos, degrees, hypot, inf, isclose, nan, pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+from cogrip.devices.arm.gimbal import IDENTITY, POLHEM, VINTAGE, about, product
+from cogrip.devices.arm.kinematics import joint_torque
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
+from cogrip.devices.arm.polhem import Bodies, Polhem
+
+WOODEN = MODELS["woodenhaptics"].kinematics
+PREMIUM = MODELS["vintage"].kinematics
+LINKAGE = MODELS["polhem"].kinematics
+NOWHERE = (0.0, 2.2, 2.0)  # the elbow back, the crank towards it
+HOME = MODELS["polhem"].drive.angles(MODELS["polhem"].home_counts)
+
+every_model = pytest.mark.parametrize("name", MODELS)
+unit = st.floats(-1.0, 1.0)
+force = st.tuples(*[st.floats(-10.0, 10.0)] * 3)
+rate = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+
+
+@st.composite
+def poses(draw: st.DrawFn, name: str) -> tuple[float, float, float]:
+    """Joint angles with the tip in the model's workspace, a thousandth of a radian and more from an arm stretched straight."""
+    model = MODELS[name]
+    x, y, z = draw(st.tuples(unit, unit, unit))
+    size = max(1.0, hypot(x, y, z))
+    angles = model.kinematics.inverse((model.reach_m * x / size, model.reach_m * y / size, model.reach_m * z / size))
+    assume(angles is not None)
+    jacobian = model.kinematics.jacobian(angles)
+    assume(jacobian is not None)
+    volume = abs(np.linalg.det(np.array(jacobian)))
+    assume(volume > 1e-3 * np.prod(np.linalg.norm(np.array(jacobian), axis=0)))
+    return angles
+
+
+def difference(function, angles, step=1e-5):
+    """d function / d angles by central differences, columns per joint."""
+    columns = []
+    for joint in range(3):
+        there, here = list(angles), list(angles)
+        there[joint] += 0.5 * step
+        here[joint] -= 0.5 * step
+        columns.append((np.array(function(tuple(there))) - np.array(function(tuple(here)))) / step)
+    return np.array(columns).T
+
+
+# ---- laws of every arm
+
+
+@every_model
+@given(data=st.data())
+def test_inverse_undoes_forward(name, data) -> None:
+    angles = data.draw(poses(name))
+    back = MODELS[name].kinematics.inverse(MODELS[name].kinematics.forward(angles))
+    assert back == pytest.approx(angles, abs=1e-9)
+
+
+@every_model
+@given(data=st.data())
+def test_jacobian_is_the_central_difference(name, data) -> None:
+    angles = data.draw(poses(name))
+    jacobian = np.array(MODELS[name].kinematics.jacobian(angles))
+    assert np.abs(jacobian - difference(MODELS[name].kinematics.forward, angles)).max() <= 1e-6 * np.abs(jacobian).max()
+
+
+@every_model
+@given(data=st.data(), push=force, joint_rate=rate)
+def test_force_times_velocity_is_torque_times_joint_rate(name, data, push, joint_rate) -> None:
+    jacobian = MODELS[name].kinematics.jacobian(data.draw(poses(name)))
+    velocity = np.array(jacobian) @ joint_rate
+    scale = np.linalg.norm(push) * np.abs(jacobian).max() * np.linalg.norm(joint_rate)
+    assert np.dot(push, velocity) == pytest.approx(
+        np.dot(joint_torque(jacobian, push), joint_rate), abs=1e-12 * (1.0 + scale)
+    )
+
+
+@every_model
+def test_points_that_are_far_or_not_finite_are_out_of_reach(name) -> None:
+    kinematics = MODELS[name].kinematics
+    for point in ((10.0, 0.0, 0.0), (0.0, -10.0, 0.0), (0.0, 0.0, 10.0), (nan, 0.0, 0.0), (0.0, 0.0, inf)):
+        assert kinematics.inverse(point) is None
+
+
+# ---- the Phantom's mechanism
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "angles", "position"),
+    [
+        (WOODEN, (0.078540, -0.078540, 1.623156), (0.007875, 0.017934, 0.217190)),
+        (WOODEN, (0.0, 0.0, pi / 2), (0.025, 0.0, 0.205)),
+        (WOODEN, (0.078540, 0.078540, 1.518436), (0.039945, 0.020458, 0.191546)),
+        (PREMIUM, (-0.069813, 1.509596, -0.040800), (-0.005151, -0.009290, -0.006466)),
+    ],
+)
+def test_printed_poses_of_the_parallel_drive(kinematics, angles, position) -> None:
+    assert kinematics.forward(angles) == pytest.approx(position, abs=1e-6)
+    assert kinematics.inverse(position) == pytest.approx(angles, abs=1e-5)
+
+
+def test_reach_of_the_parallel_drive_ends_where_the_links_are_straight_and_folded() -> None:
+    arm = ParallelDrive(0.0, (0.2, 0.15), (0.0, 0.0, 0.0), Weights(0.0, 0.0, 0.0, 0.0))
+    for inside, outside in ((0.3499, 0.3501), (0.0501, 0.0499)):
+        assert arm.inverse((inside, 0.0, 0.0)) is not None
+        assert arm.inverse((outside, 0.0, 0.0)) is None
+
+
+@given(st.data())
+def test_elbow_of_the_parallel_drive_points_up_and_back(data) -> None:
+    _, upper, forearm = data.draw(poses("vintage"))
+    assert 0.0 < upper + forearm < pi
+
+
+def test_gravity_of_the_parallel_drive_is_the_source_s_term_and_off_in_the_models() -> None:
+    assert WOODEN.gravity((0.3, 0.4, 0.5)) == (0.0, 0.0, 0.0)
+    weighed = ParallelDrive(0.08, (0.205, 0.245), (0.22, 0.0, 0.08), Weights(0.170, 0.110, 0.051, 0.091, 9.82))
+    upper = 9.82 * (0.170 * 0.051 * sin(0.4) + 0.110 * (0.051 + 0.091) * sin(0.5))
+    assert weighed.gravity((0.3, 0.4, 0.5)) == pytest.approx((0.0, upper, 9.82 * 0.110 * 0.091 * sin(0.5)))
+
+
+# ---- the Polhem's linkage
+
+
+def points_of(linkage: Polhem, angles) -> dict[str, np.ndarray]:
+    """The joints in the plane of the turret, from the angles and from where the tip is said to be."""
+    l0, l1, l2, _, l4, _ = linkage.lengths_m
+    x, y, z = np.array(linkage.forward(angles)) + linkage.origin_m
+    tip = np.array([x * cos(angles[0]) + y * sin(angles[0]), z])
+    assert x * sin(angles[0]) == pytest.approx(y * cos(angles[0]), abs=1e-12)
+    elbow = np.array([l0 / 2 + l1 * cos(angles[1]), l1 * sin(angles[1])])
+    crank = np.array([-l0 / 2 + l2 * cos(angles[2]), l2 * sin(angles[2])])
+    along = (tip - elbow) / np.linalg.norm(tip - elbow)
+    return {
+        "O1": np.array([l0 / 2, 0.0]),
+        "O2": np.array([-l0 / 2, 0.0]),
+        "T": tip,
+        "B": elbow,
+        "A": crank,
+        "C": elbow - l4 * along,
+    }
+
+
+@given(st.data())
+def test_linkage_closes_with_every_link_as_long_as_it_is(data) -> None:
+    angles = data.draw(poses("polhem"))
+    at = points_of(LINKAGE, angles)
+    lengths = {"O1 O2": 0.034, "O1 B": 0.165, "O2 A": 0.025, "A C": 0.190, "B C": 0.034, "B T": 0.1308}
+    for pair, length in lengths.items():
+        first, second = pair.split()
+        assert np.linalg.norm(at[first] - at[second]) == pytest.approx(length, abs=1e-12), pair
+    assert np.linalg.norm(at["T"] - at["C"]) == pytest.approx(0.034 + 0.1308, abs=1e-12)  # the forearm is straight
+    assert np.cross([*(at["A"] - at["B"]), 0.0], [*(at["C"] - at["B"]), 0.0])[2] < 0.0  # as it is put together
+
+
+def source_forearm(tb: float, tc: float) -> float:
+    """lam as hfabapi writes it. Raises ValueError where an arc cosine has no value."""
+    l0, l1, l2, l3, l4, _ = LINKAGE.lengths_m
+    a, s = l0 + l1 * cos(tb), l1 * sin(tb)
+    d1, d2 = hypot(a - l2 * cos(tc), s - l2 * sin(tc)), hypot(a, s)
+    return (
+        tb
+        - acos((l1**2 - l0**2 + d2**2) / (2 * l1 * d2))
+        - acos((l4**2 - l3**2 + d1**2) / (2 * l4 * d1))
+        - acos((d1**2 + d2**2 - l2**2) / (2 * d1 * d2))
+    )
+
+
+@given(st.floats(0.02, 3.1), st.floats(0.0, 2.0 * pi))
+@example(HOME[1], HOME[2])
+def test_forearm_is_where_the_source_has_it_where_the_source_s_linkage_closes(tb, tc) -> None:
+    l0, l1, l2, l3, l4, _ = LINKAGE.lengths_m
+    back = np.array([-l0 - l1 * cos(tb), -l1 * sin(tb)])  # from B to O2
+    down = back + np.array([l2 * cos(tc), l2 * sin(tc)])  # from B to A
+    assume(back[0] * down[1] - back[1] * down[0] < -1e-9)
+    cosine = (l4**2 - l3**2 + down @ down) / (2 * l4 * np.linalg.norm(down))
+    assume(abs(abs(cosine) - 1.0) > 1e-9)
+    ours = LINKAGE.forearm((0.3, tb, tc))
+    assert (ours is None) == (abs(cosine) > 1.0)
+    if ours is not None:
+        turn = ours - source_forearm(tb, tc)
+        assert turn - 2.0 * pi * round(turn / (2.0 * pi)) == pytest.approx(0.0, abs=1e-7)
+
+
+def test_home_pose_and_centre_of_the_polhem() -> None:
+    assert [degrees(angle) for angle in HOME] == pytest.approx([120.450064, 124.799858, 238.466750], abs=1e-6)
+    assert degrees(LINKAGE.forearm(HOME)) == pytest.approx(-30.272289, abs=1e-6)
+    assert LINKAGE.forward(HOME) == pytest.approx((-0.222641, 0.030859, 0.037052), abs=1e-6)
+    assert LINKAGE.inverse(LINKAGE.forward(HOME)) == pytest.approx(HOME, abs=1e-9)
+    assert LINKAGE.inverse((0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.912695, 2.360105), abs=1e-6)
+
+
+def test_polhem_is_nowhere_where_the_rod_does_not_reach() -> None:
+    """The crank turns towards the elbow until forearm and rod lie in one line; from there on the rod is too long."""
+    near, far = 4.2, NOWHERE[2]
+    assert LINKAGE.forward((0.0, 2.2, near)) is not None
+    assert LINKAGE.forward(NOWHERE) is None
+    while near - far > 1e-12:
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if LINKAGE.forward((0.0, 2.2, middle)) is not None else (near, middle)
+    beyond = (0.0, 2.2, far)
+    assert LINKAGE.jacobian(beyond) is None
+    assert LINKAGE.forearm(beyond) is None
+    assert LINKAGE.carrier(beyond) is None
+    assert LINKAGE.jacobian((0.0, 2.2, near)) is None  # in line: no torque of the crank holds the forearm
+    assert LINKAGE.jacobian((0.0, 2.2, near + 0.05)) is not None
+
+
+def test_polhem_out_of_reach_is_none_on_both_ways() -> None:
+    straight = 0.165 + 0.1308 + 0.017 - 0.2045
+    assert LINKAGE.inverse((straight + 1e-6, 0.0, -0.0325)) is None  # past the stretched arm
+    assert LINKAGE.inverse((0.15, 0.0, 0.0)) is None  # the arm is long enough, the rod is not
+    assert LINKAGE.forward((0.0, nan, 1.0)) is None
+    pinched = Polhem((0.0, 0.1, 0.1, 0.1, 0.05, 0.1), (0.0, 0.0, 0.0))
+    assert pinched.forward((0.0, 1.0, 1.0)) is None  # A upon B: no direction
+    assert pinched.inverse((0.0, 0.0, 0.0)) is None  # the tip upon O1
+
+
+@given(st.data())
+def test_gravity_of_the_polhem_is_the_gradient_of_its_potential_energy(data) -> None:
+    angles = data.draw(poses("polhem"))
+    assert LINKAGE.gravity(angles) == (0.0, 0.0, 0.0)
+    weighed = Polhem(LINKAGE.lengths_m, LINKAGE.origin_m, Bodies(g_mps2=9.81))
+
+    def energy(at) -> list[float]:
+        joints, bodies = points_of(weighed, at), weighed.bodies
+        rod, forearm = joints["C"] - joints["A"], joints["T"] - joints["B"]
+        links = (
+            (bodies.upper, joints["O1"], at[1]),
+            (bodies.crank, joints["O2"], at[2]),
+            (bodies.rod, joints["A"], atan2(rod[1], rod[0])),
+            (bodies.forearm, joints["B"], atan2(forearm[1], forearm[0])),
+        )
+        heights = (o[1] + body.along_m * sin(t) + body.across_m * cos(t) for body, o, t in links)
+        return [9.81 * sum(body.mass_kg * z for (body, _, _), z in zip(links, heights, strict=True))]
+
+    torque = weighed.gravity(angles)
+    assert torque == pytest.approx(difference(energy, angles)[0], abs=1e-6 * max(map(abs, torque)))
+
+
+def test_a_polhem_that_does_not_close_has_no_gravity() -> None:
+    assert Polhem(LINKAGE.lengths_m, LINKAGE.origin_m, Bodies(g_mps2=9.81)).gravity(NOWHERE) == (0.0, 0.0, 0.0)
+
+
+# ---- gimbals
+
+
+@pytest.mark.parametrize(
+    ("axis", "before", "after"),
+    [("x", (0, 1, 0), (0, 0, 1)), ("y", (0, 0, 1), (1, 0, 0)), ("z", (1, 0, 0), (0, 1, 0))],
+)
+def test_a_quarter_turn_takes_each_axis_to_the_next(axis, before, after) -> None:
+    assert np.array(about(axis, pi / 2)) @ before == pytest.approx(after)
+
+
+def by_formula(*turns: tuple[str, float]) -> np.ndarray:
+    whole = np.eye(3)
+    for axis, angle in turns:
+        whole = whole @ about(axis, angle)
+    return whole
+
+
+count = st.integers(-3000, 3000)
+
+
+@given(st.data(), st.tuples(count, count, count))
+def test_rotation_of_the_polhem_s_handle(data, counts) -> None:
+    """Model 1: Rz(tA) Ry(-lam) Rx(tD) Ry(tE) Rx(tF); d and e count backwards, 1024 a turn."""
+    angles = data.draw(poses("polhem"))
+    d, e, f = (2.0 * pi * n / 1024 for n in counts)
+    lam = LINKAGE.forearm(angles)
+    expected = by_formula(("z", angles[0]), ("y", -lam), ("x", -d), ("y", -e), ("x", f))
+    assert np.allclose(MODELS["polhem"].rotation(angles, counts), expected, rtol=0.0, atol=1e-12)
+
+
+@given(st.data(), st.tuples(count, count, count))
+def test_rotation_of_the_vintage_phantom_s_handle(data, counts) -> None:
+    """Model 2: Rz(tA) Rz(tD) Ry(tE) Rx(tF); d counts backwards, 2000 a turn."""
+    angles = data.draw(poses("vintage"))
+    d, e, f = (2.0 * pi * n / 2000 for n in counts)
+    rotation = np.array(MODELS["vintage"].rotation(angles, counts))
+    assert np.allclose(rotation, by_formula(("z", angles[0]), ("z", -d), ("y", e), ("x", f)), rtol=0.0, atol=1e-12)
+    assert np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-12)
+    assert isclose(np.linalg.det(rotation), 1.0)
+
+
+def test_an_arm_without_a_gimbal_does_not_turn_and_one_that_does_not_close_has_no_rotation() -> None:
+    assert MODELS["woodenhaptics-serial"].rotation((0.4, 0.5, 0.6), (1, 2, 3)) == IDENTITY
+    assert MODELS["polhem"].rotation(NOWHERE, (0, 0, 0)) is None
+
+
+def test_gimbals_as_their_tables_have_them() -> None:
+    assert POLHEM.angles((512, 256, 128)) == pytest.approx((-pi, -pi / 2, pi / 4))
+    assert VINTAGE.angles((1000, 500, 250)) == pytest.approx((-pi, pi / 2, pi / 4))
+    assert (POLHEM.home_counts, VINTAGE.home_counts) == ((0.0, 30.0, 0.0), (0.0, 0.0, 0.0))
+    assert np.allclose(product(about("x", 0.3), about("x", -0.3)), IDENTITY, rtol=0.0, atol=1e-15)
