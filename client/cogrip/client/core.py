@@ -277,6 +277,13 @@ class ClientCore:
             self.peak_force_n = size
         return force
 
+    def acted(self, force_n: tuple[float, ...]) -> None:
+        """The device gives this force, not the one that `act` asked for: the books are to hold what the hand feels."""
+        self.safety.note("force limited by the device")
+        self.force_n = force_n
+        if self._latency:
+            self._written[-1] = (self.tick, force_n)
+
     @property
     def diverged(self) -> str:
         """Why this end has diverged, "" if it has not."""

@@ -28,7 +28,9 @@ class Handle:
     def write(self, force_n: Sequence[float]) -> None:
         """Also in a fault: a device that can still be reached takes the force that fades out."""
         try:
-            self.device.write(force_n)
+            acting = self.device.write(force_n)
+            if acting is not None:
+                self._core.acted(tuple(acting))
         except DeviceError as error:
             self._fail(error)
 

@@ -69,6 +69,10 @@ class RecordedClient(ClientCore):
         self._command("fail", self._now_ns, reason)
         super().fail(reason)
 
+    def acted(self, force_n: tuple[float, ...]) -> None:
+        self._command("acted", self._now_ns, msgspec.json.encode(force_n).decode())
+        super().acted(force_n)
+
     def stop(self) -> None:
         self._command("stop", self._now_ns)
         super().stop()

@@ -57,7 +57,8 @@ class Safety:
         self.diverged = ""
         self.counts: dict[str, int] = {}
 
-    def _count(self, name: str) -> None:
+    def note(self, name: str) -> None:
+        """Count something that was dealt with."""
         self.counts[name] = self.counts.get(name, 0) + 1
 
     def event(self, name: str, reason: str = "") -> bool:
@@ -76,7 +77,7 @@ class Safety:
     def fail(self, reason: str) -> None:
         """Latch a fault; the first reason is kept."""
         if self.event("fail", reason):
-            self._count("fault")
+            self.note("fault")
 
     @property
     def quiet(self) -> bool:
@@ -88,7 +89,7 @@ class Safety:
         if not ticks:
             return  # the first tick of a device that answers a request of the tick before
         self._absent += ticks
-        self._count("absent sample")
+        self.note("absent sample")
         if self._absent >= self._stall_ticks:
             self.fail(f"device stall: no sample for {STALL_S * 1e3:g} ms; check its cable and power, then re-arm")
 
@@ -99,7 +100,7 @@ class Safety:
         for speed in velocity_mps:
             square += speed * speed
         if not isfinite(square + sum(position_m)):
-            self._count("non-finite sample")
+            self.note("non-finite sample")
             self.fail("the device gave a number that is not finite; re-arm once it is well")
             return False
         if ticks >= self._watchdog_ticks:
@@ -131,7 +132,7 @@ class Safety:
                     self._at_limit = 0
                 self._good = force_n
             else:
-                self._count("non-finite force")
+                self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
         out = tuple(self._good) if gain == 1.0 else tuple([gain * value for value in self._good])
         if self._slope_n < inf:
@@ -144,12 +145,12 @@ class Safety:
         change = hypot(*step)
         if change <= self._slope_n:
             return wanted
-        self._count("slew limited")
+        self.note("slew limited")
         share = self._slope_n / change
         return tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
 
     def _clipped(self, gain: float) -> None:
-        self._count("force clipped")
+        self.note("force clipped")
         self._at_limit = self._at_limit + 1 if gain == 1.0 else 0  # a force that is ramped is not at its limit
         if self._at_limit > self._limit_ticks:
             self.diverged = self.diverged or f"the force sat at its limit of {self._peak_n:g} N for {AT_LIMIT_S:g} s"

@@ -108,9 +108,10 @@ class Device(Protocol):
         """
         ...
 
-    def write(self, force_n: Sequence[float]) -> None:
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """Hold `force_n` [N], shape (axes,), until the next write. It is F of P eq. 9 (see above): the hand gets -F.
 
+        Returns the force that acts where that is another one: its motors cannot give more, or it could not be told yet.
         Raises DeviceError when not open, when the number of axes differs, or when a force is not finite.
         """
         ...

@@ -38,8 +38,9 @@ class FirstAxes:
         axes, velocity = self._axes, sample.velocity_mps
         return Sample(sample.position_m[:axes], None if velocity is None else velocity[:axes], sample.age_ticks)
 
-    def write(self, force_n: Sequence[float]) -> None:
-        self._device.write((*force_n, *self._rest))
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
+        acting = self._device.write((*force_n, *self._rest))
+        return None if acting is None else acting[: self._axes]
 
     def close(self) -> None:
         self._device.close()

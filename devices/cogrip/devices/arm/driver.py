@@ -18,6 +18,7 @@ from cogrip.devices.device import Capability, DeviceError, Sample
 
 SILENT_S = 0.05  # after so long without a reading the arm is where nobody knows: no current
 ZERO: Vector = (0.0, 0.0, 0.0)
+TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
 GOODBYES = 2  # requests for no current when it is closed
 
 
@@ -42,10 +43,12 @@ class ArmDevice:
         self._open = False
         self._broken = ""
         self._said = ""
+        self._stamp = ""
         self._silent_ticks = 0
         self._tick = 0
         self._read_at = 0
         self._angles: Vector | None = None
+        self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
         self.reading: Reading | None = None
 
@@ -73,7 +76,7 @@ class ArmDevice:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        return {**self._exchange.counts, **self._counts}
+        return {**self._exchange.port.counts, **self._exchange.counts, **self._counts}
 
     @property
     def angles(self) -> Vector | None:
@@ -91,7 +94,8 @@ class ArmDevice:
             reading = meet(self._exchange, ZERO)
             self._recognise(reading)
             assert self._pose is not None
-            self._offset = self._pose.offset_counts(port.stamp())
+            self._stamp = port.stamp()
+            self._offset = self._pose.offset_counts(self._stamp)
             self._place(reading)
         except DeviceError:
             port.close()
@@ -100,6 +104,7 @@ class ArmDevice:
         self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz)
         self._silent_ticks = max(1, round(SILENT_S * rate_hz))
         self._tick = self._read_at = 0
+        self._acting = (0.0,) * self._axes
         self._broken = ""
         self._open = True
 
@@ -111,6 +116,10 @@ class ArmDevice:
     def _recognise(self, reading: Reading) -> None:
         """Raises DeviceError where the device is another one than it should be."""
         found = self._known(reading.model)
+        if self._model is not None and found.record.model != self._model.record.model:
+            raise DeviceError(
+                f"{self._name}: is {found.record.model} now, and was {self._model.record.model}; another device was plugged in"
+            )
         self._said = reading.model
         if self._model is None:
             self._model = found
@@ -129,12 +138,13 @@ class ArmDevice:
             load = codec.load(home)
             if load is not None:
                 port.write(load)
-                codec.feed(port.read(0.1))  # the reply to the load itself still has the old counts
+                codec.feed(port.read(0.1))
                 reading = meet(self._exchange, ZERO)
-                if reading.raw != home:
+                if any(abs(count - there) > TREMBLE_COUNTS for count, there in zip(reading.raw, home, strict=True)):
                     raise DeviceError(
                         f"{self._name}: its counters read {reading.raw} after {home} were loaded; try again"
                     )
+                reading = Reading(home)
             a, b, c = (there - count for there, count in zip(home, reading.raw, strict=True))
             return Calibration(
                 device=self._name, model=self.model.record.model, offset_counts=(a, b, c), stamp=port.stamp(), made=made
@@ -176,7 +186,7 @@ class ArmDevice:
                 raise DeviceError(self._broken)
             return None if answer is None else self._sample(*answer)
         except DeviceError as error:
-            self._broken = str(error)
+            self._break(error)
             raise
 
     def _sample(self, reading: Reading, age: int) -> Sample | None:
@@ -194,35 +204,43 @@ class ArmDevice:
         self._read_at = taken
         return Sample(tuple(position[: self._axes]), None, age)
 
-    def write(self, force_n: Sequence[float]) -> None:
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """A device that has failed takes a force that fades out, as long as it can be reached."""
         self._need("write")
         if len(force_n) != self._axes:
             raise DeviceError(f"{self._name}: write of {len(force_n)} forces to {self._axes} axes")
         finite = isfinite(sum(force_n))
+        currents, share = self._currents(force_n) if finite else (ZERO, 0.0)
         try:
-            self._exchange.ask(self._currents(force_n) if finite else ZERO, self._tick)
+            told = self._exchange.ask(currents, self._tick)
         except DeviceError as error:
-            self._broken = str(error)
+            self._break(error)
             raise
         if not finite:
             raise DeviceError(f"{self._name}: write of {tuple(force_n)} N: not finite; no current is sent instead")
+        if told:
+            self._acting = force_n if share == 1.0 else tuple([share * part for part in force_n])
+        return None if self._acting is force_n else self._acting
 
-    def _currents(self, force_n: Sequence[float]) -> Sequence[float]:
-        """None at all where there may be no force: the pose is not known, or the arm was not heard of lately."""
+    def _currents(self, force_n: Sequence[float]) -> tuple[Sequence[float], float]:
+        """Currents, and the share of the force that they give.
+
+        None at all where there may be no force: the pose is not known, or the arm was not heard of lately.
+        """
         assert self._pose is not None
         silent = self._tick - self._read_at > self._silent_ticks
         if self._pose.kind == "none" or self._angles is None or silent or not any(force_n):
-            return ZERO
+            return ZERO, 0.0 if any(force_n) else 1.0
         x, y, z = (*force_n, 0.0, 0.0)[:3]
         try:
             currents, limited = self.model.currents(self._angles, (-x, -y, -z))  # the arm pushes the hand with -F
         except DeviceError as error:
             self._broken = self._broken or str(error)
-            return ZERO
-        if limited:
-            self._count("force limited to the motors")
-        return currents
+            return ZERO, 0.0
+        if not limited:
+            return currents, 1.0
+        self._count("force limited to the motors")
+        return currents, self.model.share_given(self._angles, (-x, -y, -z), currents)
 
     def close(self) -> None:
         """Zero current is asked for more than once: a request may be lost, or one may still be under way."""
@@ -237,6 +255,11 @@ class ArmDevice:
                     self._count("not reached when closed")
                     break
         exchange.port.close()
+
+    def _break(self, error: DeviceError) -> None:
+        self._broken = str(error)
+        if not self._stamp and self._pose is not None:  # nobody would notice that it was plugged in again
+            self._pose.lose("it may have been without power")
 
     def _need(self, verb: str) -> None:
         if not self._open:

@@ -9,7 +9,7 @@ force it leads to acts one tick after it was taken. That is all a blocking excha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import msgspec
@@ -58,6 +58,11 @@ class Port(Protocol):
 
     def close(self) -> None:
         """Twice, or before opening, does nothing."""
+        ...
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What went wrong on the wire and was dealt with, by name."""
         ...
 
     def stamp(self) -> str:
@@ -124,6 +129,7 @@ class Exchange:
         data = self.port.read(self._patience_s)
         readings = self.codec.feed(data)
         if data and not readings:  # a part of it: the rest is on its way
+            self._count("reply in parts")
             readings = self.codec.feed(self.port.read(self._patience_s))
         if self.codec.skipped != self._skipped:
             self._count("bytes skipped", self.codec.skipped - self._skipped)
@@ -148,6 +154,8 @@ def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tri
     """The first good reply to requests for no force, and nothing left on the wire. Raises DeviceError after `tries` of them."""
     port, codec = exchange.port, exchange.codec
     codec.reset()
+    while port.read():  # what was on its way before we came
+        pass
     for _ in range(tries):
         port.write(codec.encode(zero))
         readings = codec.feed(port.read(patience_s))

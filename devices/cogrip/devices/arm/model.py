@@ -142,6 +142,15 @@ class ArmModel:
         currents, limited = self.drive.limited(self.drive.currents((a + ga, b + gb, c + gc)))
         return currents, limited or scaled
 
+    def share_given(self, angles: Vector, force: Vector, currents: Currents) -> float:
+        """The part of `force` that `currents`, scaled down by `currents()`, give, of 1; without the arm's weight."""
+        jacobian = self.kinematics.jacobian(angles)
+        if jacobian is None:
+            return 0.0
+        wanted = self.drive.currents(joint_torque(jacobian, force))
+        most = max(range(3), key=lambda joint: abs(wanted[joint]))
+        return currents[most] / wanted[most] if wanted[most] else 0.0
+
 
 def _three(
     given: tuple[float, ...], key: str, where: str, bounds: tuple[float, float], *, whole: bool = False

@@ -68,7 +68,12 @@ class KnownPose:
             )
         if stored.model != self._model:
             raise DeviceError(f"{self._device}: was calibrated as {stored.model}, but is {self._model} now: {cure}")
-        if not stamp or stored.stamp != stamp:
+        if not stamp:
+            raise DeviceError(
+                f"{self._device}: this system cannot tell one plugging-in from another, so no calibration is kept: "
+                "start with the arm in its home pose, and add the key pose=home"
+            )
+        if stored.stamp != stamp:
             raise DeviceError(f"{self._device}: was plugged in again since it was calibrated on {stored.made}: {cure}")
         if self._lost and stored == self._stored:
             raise DeviceError(f"{self._device}: {self._lost}, so its pose is not known any more: {cure}")

@@ -64,8 +64,8 @@ class EmulatedDevice:
             self.firmware.advance(round(fault.begin_s * 1e9))
             self.firmware.fault(fault.verb, fault.seconds)
 
-    def write(self, force_n: Sequence[float]) -> None:
-        self.driver.write(force_n)
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
+        return self.driver.write(force_n)
 
     def close(self) -> None:
         self.driver.close()

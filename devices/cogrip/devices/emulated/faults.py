@@ -53,11 +53,10 @@ class Faults:
 
     def send(self, reply: bytes, now_ns: int) -> None:
         """A reply leaves the firmware: at once, later, in parts, or never."""
-        if self._until_ns:
+        if self._until_ns or self._waiting:
             self._send_badly(reply, now_ns)
         else:
-            self._queue.append((now_ns, self._waiting + reply))
-            self._waiting = b""
+            self._queue.append((now_ns, reply))
         self._last = reply
 
     def _send_badly(self, reply: bytes, now_ns: int) -> None:

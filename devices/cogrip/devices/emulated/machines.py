@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from cogrip.devices.arm.exchange import Port
 from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.model import ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
@@ -14,7 +15,10 @@ from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
+from cogrip.devices.emulated.hid_firmware import HidFirmware
 from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.hid.family import NAMES as HID_NAMES
+from cogrip.devices.hid.family import drive as drive_hid
 from cogrip.devices.registry import make
 from cogrip.devices.serial.family import SerialSettings
 from cogrip.devices.serial.family import drive as drive_serial
@@ -45,6 +49,16 @@ def _hfab(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firm
 MACHINES: dict[str, Machine] = {
     name: Machine("serial", _hfab, drive_serial, keys_of(SerialSettings), MODELS[name].record.apparent_mass_kg)
     for name in SERIAL_NUMBERS.values()
+}
+
+
+def _hid(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+    return HidFirmware(Mechanics(MODELS[name], body, powered_at_m), Faults(seed, reports=True))
+
+
+MACHINES |= {
+    name: Machine("hid", _hid, drive_hid, keys_of(ArmSettings), MODELS[name].record.apparent_mass_kg, reports=True)
+    for name in HID_NAMES
 }
 
 

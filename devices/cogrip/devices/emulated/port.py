@@ -11,6 +11,7 @@ class EmulatedPort:
 
     def __init__(self, name: str, firmware: Firmware, *, reports: bool = False) -> None:
         self.name = name
+        self.counts: dict[str, int] = {}
         self._firmware = firmware
         self._reports = reports
         self._open = False
@@ -34,8 +35,10 @@ class EmulatedPort:
         self._need()
         firmware = self._firmware
         self._came += firmware.due(firmware.now_ns + round(wait_s * 1e9))
-        if self._reports:
-            return self._came.pop(0) if self._came else b""
+        if self._reports and self._came:  # the newest report is what counts
+            data = self._came[-1]
+            self._came.clear()
+            return data
         data = b"".join(self._came)
         self._came.clear()
         return data

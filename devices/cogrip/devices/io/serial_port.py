@@ -11,6 +11,7 @@ from typing import TypeVar
 import serial
 
 from cogrip.devices.device import DeviceError
+from cogrip.devices.io.plugging import stamp_of
 
 BAUD = 115200  # the devices ignore it, but 0 would mean hang-up
 _Answer = TypeVar("_Answer")
@@ -22,6 +23,7 @@ class SerialPort:
     def __init__(self, path: str, scheme: str) -> None:
         self.path = path
         self.name = f"{scheme}:{path}"
+        self.counts: dict[str, int] = {}
         self._line: serial.Serial | None = None
 
     def open(self) -> None:
@@ -62,14 +64,7 @@ class SerialPort:
                 line.close()
 
     def stamp(self) -> str:
-        """When the device node was made, and which: it is made anew whenever the device is plugged in."""
-        if os.name != "posix":
-            return ""
-        try:
-            node = os.stat(self.path)
-        except OSError:
-            return ""
-        return f"{node.st_dev}:{node.st_ino}:{node.st_rdev}:{node.st_ctime_ns}"
+        return stamp_of(os.path.realpath(self.path))
 
 
 def _read(line: serial.Serial, wait_s: float) -> bytes:

@@ -23,6 +23,7 @@ _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
 _command = msgspec.json.Decoder(Command).decode
 _step = msgspec.json.Decoder(Step).decode
+_force = msgspec.json.Decoder(tuple[float, ...]).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
 
 
@@ -95,6 +96,7 @@ class ClientPlay:
             "poll": lambda: core.poll(now_ns),
             "keep_seat": lambda: core.keep_seat(now_ns),
             "fail": lambda: core.fail(command.reason),
+            "acted": lambda: core.acted(_force(command.reason)),
             "stop": core.stop,
             "rearm": core.rearm,
             "account": lambda: self._end(command),

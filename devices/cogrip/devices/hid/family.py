@@ -1,0 +1,97 @@
+"""The family `hid:` and its query keys: `hid:woodenhaptics?variant=mbed14&backend=hidraw&serial=...`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.arm.exchange import Exchange, Port
+from cogrip.devices.arm.model import ArmModel, ArmSettings
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.hid.frames import CODECS
+from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.registry import Family
+from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+
+MAX_AXES = 3
+NAMES = tuple(name for name, model in MODELS.items() if model.record.family == "hid")
+NO_FORCE_N = 1e-9  # what a record can say that comes nearest to none
+NO_LIMIT_MA = (0.0, 0.0, 0.0)
+
+
+class HidSettings(ArmSettings, frozen=True, kw_only=True):
+    """Query keys. variant: its firmware; "mbed8" is read only.
+
+    backend       hidapi's; "auto" is hidraw on Linux, and elsewhere the one there is
+    path, serial  which one, where there are several
+    """
+
+    variant: Literal["mbed14", "teensy64", "mbed8"] = "mbed14"
+    backend: Literal["auto", "hidraw", "libusb"] = "auto"
+    path: str = ""
+    serial: str = ""
+
+
+IDENTITY = ("variant", "path", "serial")
+"""Keys that tell one device from another, so its calibration is kept under them."""
+
+
+def family() -> Family:
+    """The family `hid:`, for the registry."""
+    what = "arms over USB HID (Haptikfabriken, WoodenHaptics): hid:woodenhaptics?variant=mbed14, teensy64 or mbed8 (read only)"
+    return Family(
+        what,
+        make,
+        tuple(f"hid:{name}" for name in NAMES),
+        real=True,
+        stand_ins=tuple(f"emulated:{name}" for name in NAMES),
+    )
+
+
+def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+    """A driver; the device is not looked for yet. Raises DeviceError for unknown names and keys, and values out of bounds."""
+    from cogrip.devices.io.calibration_store import CalibrationStore
+    from cogrip.devices.io.hid_port import HidPort
+
+    settings = _settings(address)
+    marks = [f"{key}={address.query[key]}" for key in IDENTITY if key in address.query]
+    name = f"hid:{address.name}{'?' if marks else ''}{'&'.join(marks)}"
+    port = HidPort(name, VARIANTS[settings.variant], settings.backend, settings.path, settings.serial)
+    return drive(port, name, CalibrationStore(), address, axes)
+
+
+def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:
+    """The driver on a port of whatever kind."""
+    where = repr(address.text)
+    if not 1 <= axes <= MAX_AXES:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    settings = _settings(address)
+    model = MODELS[address.name].with_settings(settings, where)
+    if not VARIANTS[settings.variant].gives_force:
+        model = _without_force(model)
+
+    def pose(model: ArmModel) -> KnownPose:
+        return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
+
+    # a report does not say what arm it comes from: whatever it is, it is the one of the address
+    return ArmDevice(name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, pose, model)
+
+
+def _settings(address: Address) -> HidSettings:
+    where = repr(address.text)
+    if address.name not in NAMES:
+        raise unknown("HID arm", address.name, NAMES, where)
+    for key in address.query:
+        if key not in keys_of(HidSettings):
+            raise unknown("key", key, keys_of(HidSettings), where)
+    return read_settings(HidSettings, dict(address.query), where)
+
+
+def _without_force(model: ArmModel) -> ArmModel:
+    """Whoever reads the record knows that no force will come, and the driver counts what is asked for nevertheless."""
+    record = replace(model.record, peak_force_n=NO_FORCE_N, continuous_force_n=NO_FORCE_N)
+    return replace(model, drive=replace(model.drive, limit_ma=NO_LIMIT_MA), record=record)

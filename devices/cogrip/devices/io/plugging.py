@@ -1,0 +1,40 @@
+"""Which plugging-in of a device this is: counters that began with the power hold no longer than that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+SYSFS, USBFS = Path("/sys/bus/usb/devices"), Path("/dev/bus/usb")
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+SUSPENDED = Path("/sys/power/suspend_stats/success")
+
+
+def stamp_of(path: str, sysfs: Path = SYSFS, usbfs: Path = USBFS) -> str:
+    """Names this plugging-in, by what the system made anew for it; "" where that is not known.
+
+    path: a device node such as /dev/hidrawN or /dev/ttyACM0, or libusb's 1-2.3:1.0, whose /dev/bus/usb node changes its
+    times whenever it is used. The device may also lose its counters while the computer is suspended, and its node stays.
+    """
+    node, use_time = (Path(path), True) if path.startswith("/") else (_usb_node(path, sysfs, usbfs), False)
+    try:
+        made = node.stat() if node is not None else None
+        boot = BOOT.read_text().strip()
+    except OSError:
+        return ""
+    if made is None:
+        return ""
+    try:
+        suspended = SUSPENDED.read_text().strip()
+    except OSError:
+        suspended = ""
+    when = f":{made.st_ctime_ns}" if use_time else ""
+    return f"{boot}:{suspended}:{made.st_ino}:{made.st_rdev}{when}"
+
+
+def _usb_node(path: str, sysfs: Path, usbfs: Path) -> Path | None:
+    """The node of a device by its place on the bus."""
+    try:
+        bus, device = (int((sysfs / path.partition(":")[0] / name).read_text()) for name in ("busnum", "devnum"))
+    except (OSError, ValueError):
+        return None
+    return usbfs / f"{bus:03d}" / f"{device:03d}"

@@ -1,0 +1,385 @@
+"""The emulated HID firmware by itself, and the driver on it, in virtual time."""
+
+from __future__ import annotations
+
+from math import hypot
+from struct import pack, unpack
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.body import Body
+from cogrip.devices.emulated.device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.faults import Faults
+from cogrip.devices.emulated.hid_firmware import BYTES, WATCHDOG_NS, HidFirmware
+from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.port import EmulatedPort
+from cogrip.devices.hid.family import NAMES, drive
+from cogrip.devices.registry import make
+from cogrip.devices.settings import parse_address
+
+RATE_HZ = 1000
+NOTHING = bytes(15)
+MODEL = MODELS["woodenhaptics"]
+
+
+def firmware(variant: str = "mbed14", full_scale_a: float = 3.0, name: str = "woodenhaptics", **body) -> HidFirmware:
+    """An arm that was powered up in its home pose; then a hand took its tip to the middle of the workspace."""
+    keys = {"resolution_m": 0.0, "peak_force_n": 100.0, "mass_kg": 0.075, **body}
+    mechanics = Mechanics(MODELS[name], Body(make("sim:phantom", axes=3, **keys)))
+    return HidFirmware(mechanics, Faults(reports=True), variant, full_scale_a)
+
+
+def emulated(arm: HidFirmware, keys: str = "pose=home", notebook=None, name: str = "woodenhaptics") -> EmulatedDevice:
+    address = parse_address(f"hid:{name}?variant={arm.variant}&{keys}")
+    port = EmulatedPort(f"hid:{name}", arm, reports=True)
+    return EmulatedDevice(drive(port, f"hid:{name}", notebook or Notebook(), address, 3), arm)
+
+
+def request(a: int, b: int, c: int, command: int = 0, x: int = 0, y: int = 0, z: int = 0) -> bytes:
+    return pack("<B7h", 0, a, b, c, command, x, y, z)
+
+
+def answer(arm: HidFirmware, data: bytes) -> tuple[int, ...]:
+    arm.receive(data, arm.now_ns)
+    [report] = arm.due(arm.now_ns)
+    return unpack("<7h", report)
+
+
+# the firmware
+
+
+def test_the_first_report_is_filled_at_power_up_and_there_is_no_second_without_a_request() -> None:
+    arm = firmware()
+    arm.mechanics.slip(0, 50)  # the arm moves on
+    [first] = arm.due(10**9)
+    assert unpack("<7h", first)[0] == arm.mechanics.counters[0] - 50
+    arm.advance(10**9)
+    assert arm.due(10**9) == []
+    assert answer(arm, NOTHING)[0] == arm.mechanics.counters[0]
+    assert arm.due(2 * 10**9) == []
+
+
+@pytest.mark.parametrize("variant", BYTES)
+def test_each_request_has_one_report_of_the_same_length(variant: str) -> None:
+    arm = firmware(variant)
+    for count in (1, 1, 5, 2):
+        for _ in range(count):
+            arm.receive(bytes(1 + BYTES[variant]), arm.now_ns)
+    reports = arm.due(0)
+    assert len(reports) == 1 + 9
+    assert {len(report) for report in reports} == {BYTES[variant]}
+
+
+@pytest.mark.parametrize("data", [b"", bytes(14), bytes(16), bytes(65), b"\1" + bytes(14)])
+def test_other_lengths_and_report_numbers_are_ignored_and_feed_no_watchdog(data: bytes) -> None:
+    arm = firmware()
+    arm.due(0)
+    arm.receive(data, 0)
+    assert arm.due(0) == []
+    assert not arm.enabled
+    assert arm.ignored == 1
+
+
+def test_the_watchdog_lets_go_after_half_a_second() -> None:
+    arm = firmware()
+    arm.receive(request(300, 0, 0), 0)
+    assert arm.enabled
+    assert arm.duty[0] == pytest.approx(0.54)
+    arm.advance(WATCHDOG_NS)
+    assert arm.enabled
+    assert hypot(*arm.mechanics.force_n) > 0.1
+    arm.advance(WATCHDOG_NS + 1)
+    assert not arm.enabled
+    assert arm.duty == [0.5] * 3
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    arm.receive(bytes(14), arm.now_ns)
+    assert not arm.enabled
+    arm.receive(NOTHING, arm.now_ns)
+    assert arm.enabled
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_positive_current_raises_the_count_of_its_own_axis(axis: int) -> None:
+    arm = firmware(hand="hold")
+    before = arm.mechanics.counters[axis]
+    currents = [0, 0, 0]
+    currents[axis] = 500
+    arm.receive(request(*currents), 0)
+    arm.advance(50_000_000)
+    assert arm.mechanics.counters[axis] > before + 2
+
+
+@pytest.mark.parametrize(
+    ("ma", "full_scale_a", "duty"),
+    [(3000, 3.0, 0.9), (-3000, 3.0, 0.1), (5999, 3.0, 1.2998667), (6000, 6.0, 0.9), (1, 3.0, 0.5001333)],
+)
+def test_the_duty_is_not_bounded_but_the_amplifier_is(ma: int, full_scale_a: float, duty: float) -> None:
+    arm = firmware(full_scale_a=full_scale_a)
+    arm.receive(request(ma, 0, 0), 0)
+    assert arm.duty == pytest.approx([duty, 0.5, 0.5], abs=1e-6)
+    assert abs(arm.mechanics.currents_ma[0]) == min(abs(ma), 1000 * full_scale_a)
+
+
+def test_command_1_loads_the_counters_without_current_and_clears_the_button() -> None:
+    arm = firmware()
+    arm.due(0)
+    arm.press()
+    assert answer(arm, request(0, 0, 0))[6] == 1
+    assert answer(arm, request(500, 500, 500))[6] == 1  # until they are loaded
+    assert answer(arm, request(0, 30, 7, 1, 8327, -10926, 27140)) == (8327, -10926, 27140, 0, 30, 7, 0)
+    assert arm.mechanics.currents_ma == (0.0, 0.0, 0.0)
+    assert arm.duty == [0.5] * 3
+    arm.button = True
+    assert answer(arm, NOTHING) == (8327, -10926, 27140, 10000, 30, 7, 0)
+
+
+@given(st.integers(-(10**6), 10**6))
+def test_counters_are_cut_to_16_bits(slipped: int) -> None:
+    arm = firmware()
+    arm.due(0)
+    arm.mechanics.slip(1, slipped)
+    count = arm.mechanics.counters[1]
+    assert (answer(arm, NOTHING)[1] - count) % 65536 == 0
+
+
+@pytest.mark.parametrize(("count", "sent"), [(32767, 32767), (32768, -32768), (-32768, -32768), (-32769, 32767)])
+def test_both_ends_of_16_bits(count: int, sent: int) -> None:
+    arm = firmware()
+    arm.due(0)
+    arm.mechanics.slip(1, count - arm.mechanics.counters[1])
+    assert answer(arm, NOTHING)[1] == sent
+
+
+def test_the_firmware_of_2016_counts_the_other_way_round_and_numbers_its_reports() -> None:
+    arm = firmware("mbed8")
+    arm.receive(pack("<B3hH", 0, -1143, 578, 358, 0), 0)
+    assert bytes.fromhex("0089fb420266010000") == pack("<B3hH", 0, -1143, 578, 358, 0)
+    assert arm.mechanics.currents_ma == (-1143, -578, -358)  # some of its motors are wired the other way
+    numbers = [unpack("<3hH", report) for report in arm.due(0)]
+    a, b, c = arm.mechanics.counters
+    assert numbers == [(-a, -b, -c, 1), (-a, -b, -c, 2)]
+
+
+def test_plugged_in_again_it_begins_anew() -> None:
+    arm = firmware()
+    arm.due(0)
+    answer(arm, request(0, 30, 0, 1, 1, 2, 3))
+    arm.press()
+    arm.receive(request(1000, 0, 0), 0)
+    arm.fault("unplug")
+    assert arm.due(0) == []
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    arm.receive(NOTHING, 0)
+    arm.mend()
+    assert [unpack("<7h", report) for report in arm.due(0)] == [(0,) * 7]
+
+
+# the driver on it
+
+
+def hold(device: EmulatedDevice, force_n, ticks: int, begin: int = 0) -> list:
+    samples = []
+    for tick in range(begin, begin + ticks):
+        samples.append(device.read(tick))
+        device.write(force_n)
+    return samples
+
+
+@pytest.mark.parametrize("force_x", [0.8, -0.8])
+def test_a_force_loads_the_hand(force_x: float) -> None:
+    """x points towards the user: a force F > 0 resists the way there, so the arm pushes away from the user."""
+    device = emulated(firmware())
+    device.open(RATE_HZ)
+    hold(device, (force_x, 0.0, 0.0), 100)
+    x, y, z = device.position_m
+    assert x * force_x < 0.0
+    assert abs(x) > 1e-4
+    assert hypot(y, z) < 0.2 * abs(x)
+    device.close()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("force", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 0.7), (-0.5, 0.4, 0.3)])
+def test_the_hand_feels_what_was_asked_for_within_a_milliampere(name: str, force) -> None:
+    arm = firmware(name=name)
+    least = 0.0  # what a milliampere of every motor makes: so much, truncation may leave out
+    for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        arm.mechanics.drive(currents)
+        least += hypot(*arm.mechanics.force_n)
+    device = emulated(arm, name=name)
+    device.open(RATE_HZ)
+    hold(device, force, 50)
+    assert device.force_n == pytest.approx(force, abs=least + 1e-3)  # 1 mN: the sample is a tick old
+    assert hypot(*force) > 10 * least
+    assert "force limited to the motors" not in device.counts
+    device.close()
+
+
+def test_a_unit_force_at_home_takes_the_currents_of_the_table() -> None:
+    """Towards the user 659.588 mA on b, to the right 591.216 on a, up 788.288 on c."""
+    home = MODEL.drive.angles(MODEL.home_counts)
+    for force, currents in (((1, 0, 0), (0, 659, 0)), ((0, 1, 0), (591, 0, 0)), ((0, 0, 1), (0, 0, 788))):
+        assert MODEL.currents(home, force) == (currents, False)
+
+
+def test_the_position_is_the_true_one_within_a_count() -> None:
+    device = emulated(firmware(hand="tremor"))
+    device.open(RATE_HZ)
+    count_m = 0.5 * MODEL.record.resolution_m  # a count is rounded to the nearest
+    true = []
+    samples = []
+    for tick in range(400):
+        samples.append(device.read(tick))
+        device.write((0.0, 0.0, 0.0))
+        true.append(device.position_m)
+    assert samples[0] is None  # nothing was asked for yet
+    for tick, sample in enumerate(samples[1:], 1):
+        assert sample.age_ticks == 1
+        error = hypot(*(seen - there for seen, there in zip(sample.position_m, true[tick - 1], strict=True)))
+        assert error < 3**0.5 * count_m * 1.05
+    assert len({sample.position_m for sample in samples[1:]}) > 10
+    assert device.counts == {}
+    device.close()
+
+
+def test_the_report_from_power_up_is_not_where_the_arm_is() -> None:
+    arm = firmware()
+    arm.due(0)
+    arm.faults.send(pack("<7h", 9000, 9000, 9000, 0, 0, 0, 0), 0)  # filled when the arm was elsewhere
+    device = emulated(arm)
+    device.open(RATE_HZ)
+    assert device.driver.reading.raw == arm.mechanics.counters
+    assert [sample and sample.age_ticks for sample in hold(device, (0.0, 0.0, 0.0), 3)] == [None, 1, 1]
+    device.close()
+
+
+def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
+    """The answer to the last request of the last session still waits in the device."""
+    arm = firmware(hand="tremor")
+    device = emulated(arm)
+    for begin in (0, 300):
+        device.open(RATE_HZ)
+        hold(device, (0.0, 0.0, 0.0), 200, begin)
+        assert device.driver.reading.raw == pytest.approx(arm.mechanics.counters, abs=30)
+        device.close()
+    assert arm.due(arm.now_ns) != []
+
+
+@pytest.mark.parametrize("end", ["close", "not finite", "silence"])
+def test_force_goes_to_zero(end: str) -> None:
+    arm = firmware()
+    device = emulated(arm)
+    device.open(RATE_HZ)
+    hold(device, (1.0, 0.0, 0.0), 20)
+    assert hypot(*arm.mechanics.force_n) > 0.9
+    if end == "close":
+        device.close()
+    elif end == "not finite":
+        device.read(20)
+        with pytest.raises(DeviceError, match="not finite"):
+            device.write((float("nan"), 0.0, 0.0))
+    else:
+        device.firmware.fault("silence")
+        hold(device, (1.0, 0.0, 0.0), 60, 20)
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    device.close()
+    device.close()
+
+
+def test_force_is_off_again_when_the_host_dies() -> None:
+    arm = firmware()
+    device = emulated(arm)
+    device.open(RATE_HZ)
+    hold(device, (1.0, 0.0, 0.0), 20)
+    arm.advance(arm.now_ns + WATCHDOG_NS + 1)
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+
+
+def test_two_reports_at_once_do_not_leave_the_driver_a_report_behind() -> None:
+    device = emulated(firmware(hand="tremor"))
+    device.open(RATE_HZ)
+    hold(device, (0.0, 0.0, 0.0), 50)
+    device.firmware.fault("stale")
+    for tick in range(50, 90):
+        before = device.firmware.mechanics.counters
+        assert device.read(tick).age_ticks == 1
+        assert device.driver.reading.raw == before
+        device.write((0.0, 0.0, 0.0))
+    device.close()
+
+
+@pytest.mark.parametrize(
+    ("verb", "count"), [("model", "bytes skipped"), ("short", "bytes skipped"), ("deaf", "reply missed")]
+)
+def test_reports_that_are_none_are_counted_and_take_the_force_off(verb: str, count: str) -> None:
+    arm = firmware()
+    device = emulated(arm)
+    device.open(RATE_HZ)
+    hold(device, (1.0, 0.0, 0.0), 20)
+    arm.fault(verb)
+    samples = hold(device, (1.0, 0.0, 0.0), 700, 20)
+    assert samples[1:] == [None] * 699
+    assert device.counts[count] >= 1
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    device.close()
+
+
+def test_limits_hold_whatever_is_asked_for() -> None:
+    arm = firmware()
+    device = emulated(arm, "pose=home&limit_ma=400,400,400")
+    device.open(RATE_HZ)
+    hold(device, (50.0, -30.0, 20.0), 30)
+    assert 390 < max(map(abs, arm.mechanics.currents_ma)) <= 400
+    assert device.counts["force limited to the motors"] == 30
+    fx, fy, fz = device.force_n
+    assert fy / fx == pytest.approx(-0.6, abs=0.02)
+    assert fz / fx == pytest.approx(0.4, abs=0.02)
+    device.close()
+
+
+def test_the_firmware_of_2016_is_followed_but_never_pushed() -> None:
+    arm = firmware("mbed8", hand="tremor")
+    device = emulated(arm)
+    device.open(RATE_HZ)
+    samples = hold(device, (3.0, 3.0, 3.0), 100)
+    assert samples[-1].position_m == pytest.approx(device.position_m, abs=1e-3)
+    assert arm.mechanics.peak_force_n == 0.0
+    assert device.counts["force limited to the motors"] >= 99
+    device.close()
+
+
+def test_a_teensy_is_driven_alike() -> None:
+    arms = firmware(), firmware("teensy64")
+    ends = []
+    for arm in arms:
+        device = emulated(arm)
+        device.open(RATE_HZ)
+        hold(device, (1.0, 0.5, 0.0), 50)
+        ends.append((device.position_m, device.force_n))
+        device.close()
+    assert ends[0] == ends[1]
+
+
+def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> None:
+    """Powered up somewhere, the arm is wrong by where that was, until it stood in its home pose and was told so."""
+    arm = firmware()
+    arm.mechanics.load((123.0, -45.0, 6.0))
+    notebook = Notebook()
+    device = emulated(arm, "pose=stored", notebook=notebook)
+    with pytest.raises(DeviceError, match="its pose is not known"):
+        device.open(RATE_HZ)
+    calibration = device.driver.calibrate("today")
+    assert calibration == Calibration(
+        device="hid:woodenhaptics", model="woodenhaptics", offset_counts=(0, 0, 0), stamp="plugging 1", made="today"
+    )
+    assert arm.mechanics.counters == MODEL.home_counts
+    notebook.keep(calibration)
+    arm.fault("unplug")
+    arm.mend()
+    with pytest.raises(DeviceError, match="plugged in again"):
+        device.open(RATE_HZ)

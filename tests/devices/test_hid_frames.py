@@ -1,0 +1,244 @@
+"""HID reports byte by byte in both directions, the choice among devices on the bus, and the addresses of the family."""
+
+from __future__ import annotations
+
+from math import inf, nan, pi
+from struct import pack, unpack
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.device import DeviceError
+from cogrip.devices.hid.enumeration import MOST_LISTED, Found, choose
+from cogrip.devices.hid.family import NAMES, family, make
+from cogrip.devices.hid.frames import CODECS
+from cogrip.devices.hid.variants import USAGE, VARIANTS
+from cogrip.devices.settings import parse_address
+
+DRIVE, KINEMATICS = MODELS["woodenhaptics"].drive, MODELS["woodenhaptics"].kinematics
+INT16 = st.integers(-32768, 32767)
+NOTHING = "00" + 14 * "00"
+
+
+def frame(text: str) -> bytes:
+    return bytes.fromhex(text)
+
+
+def read(variant: str, report: bytes):
+    codec = CODECS[variant]()
+    [reading] = codec.feed(report)
+    assert codec.skipped == 0
+    return reading
+
+
+def test_a_report_is_counts_gimbal_button_and_calibration() -> None:
+    reading = read("mbed14", frame("90 01 d4 fe 38 18 2e 27 0c 00 fb ff 01 00"))
+    assert reading.raw == (400, -300, 6200)
+    assert reading.gimbal == (30, 12, -5)
+    assert reading.buttons == 1
+    assert reading.calibrate
+    assert (reading.error, reading.rejected, reading.model) == ("", False, "")
+    angles = DRIVE.angles(reading.raw)
+    assert angles == pytest.approx((0.078540, -0.078540, 1.623156), abs=1e-6)
+    assert KINEMATICS.forward(angles) == pytest.approx((0.007875, 0.017934, 0.217190), abs=1e-6)
+
+
+def test_the_home_report() -> None:
+    reading = read("mbed14", frame("00 00 00 00 70 17 00 00 00 00 00 00 00 00"))
+    assert reading.raw == (0, 0, 6000)
+    assert reading.gimbal == (0, 0, 0)
+    assert reading.buttons == 0
+    assert not reading.calibrate
+    angles = DRIVE.angles(reading.raw)
+    assert angles == pytest.approx((0.0, 0.0, pi / 2))
+    assert KINEMATICS.forward(angles) == pytest.approx((0.025, 0.0, 0.205), abs=1e-12)
+
+
+def test_requests() -> None:
+    codec = CODECS["mbed14"]()
+    assert codec.encode((0, 0, 0)) == frame(NOTHING)
+    assert codec.load((0.0, 0.0, 6000.0)) == frame("00 00 00 00 00 00 00 01 00 00 00 00 00 70 17")
+    assert codec.encode((-1143, 578, 358)) == frame("00 89 fb 42 02 66 01") + bytes(8)
+
+
+def test_a_teensy_has_the_same_in_64_bytes() -> None:
+    short, long = CODECS["mbed14"](), CODECS["teensy64"]()
+    for ask in (lambda codec: codec.encode((1, -2, 3)), lambda codec: codec.load((7, 8, 9))):
+        assert ask(long) == ask(short) + bytes(50)
+    report = frame("90 01 d4 fe 38 18 2e 27 0c 00 fb ff 01 00")
+    assert read("teensy64", report + b"\xa5" * 50) == read("mbed14", report)
+
+
+def test_the_firmware_of_2016_is_read_but_never_driven() -> None:
+    codec = CODECS["mbed8"]()
+    for commands in ((0, 0, 0), (-1143, 578, 358), (6000, 6000, 6000), (nan, inf, 0.0)):
+        assert codec.encode(commands) == bytes(9)
+    assert codec.load((0, 0, 6000)) is None
+    assert read("mbed8", pack("<3hH", 10, -20, 30, 65535)).raw == (
+        -10,
+        20,
+        -30,
+    )  # its encoders count the other way round
+
+
+@pytest.mark.parametrize(
+    ("sent", "buttons", "d"), [(5000, 0, 5000), (5001, 1, -4999), (10000, 1, 0), (32767, 1, 22767), (-32768, 0, -32768)]
+)
+def test_the_button_hides_in_gimbal_count_d(sent: int, buttons: int, d: int) -> None:
+    reading = read("mbed14", pack("<7h", 0, 0, 0, sent, 0, 0, 0))
+    assert (reading.buttons, reading.gimbal[0]) == (buttons, d)
+
+
+@pytest.mark.parametrize(("info", "calibrate"), [(0, False), (1, True), (2, False), (-1, False)])
+def test_only_info_1_is_the_calibration_button(info: int, calibrate: bool) -> None:
+    assert read("mbed14", pack("<7h", 0, 0, 0, 0, 0, 0, info)).calibrate == calibrate
+
+
+@given(st.tuples(INT16, INT16, INT16), st.integers(-4999, 5000), INT16, INT16, st.booleans())
+def test_what_the_firmware_sends_is_what_is_read(raw, d: int, e: int, f: int, down: bool) -> None:
+    reading = read("mbed14", pack("<7h", *raw, d + 10000 * down, e, f, 0))
+    assert (reading.raw, reading.gimbal, reading.buttons) == (raw, (d, e, f), int(down))
+
+
+@given(st.tuples(INT16, INT16, INT16))
+def test_what_is_asked_for_is_what_the_firmware_reads(values) -> None:
+    codec = CODECS["mbed14"]()
+    assert unpack("<B7h", codec.encode(values)) == (0, *values, 0, 0, 0, 0)
+    assert unpack("<B7h", codec.load(values)) == (0, 0, 0, 0, 1, *values)
+
+
+def test_currents_are_truncated_towards_zero() -> None:
+    assert unpack("<x3h8x", CODECS["mbed14"]().encode((1.9, -1.9, 0.5))) == (1, -1, 0)
+
+
+@pytest.mark.parametrize("value", [32768, -32769, 1e300, nan, inf, -inf])
+def test_what_no_report_can_hold_is_an_error_and_never_another_force(value: float) -> None:
+    codec = CODECS["mbed14"]()
+    for ask in (codec.encode, codec.load):
+        with pytest.raises(DeviceError, match="-32768 to 32767"):
+            ask((0, value, 0))
+    for value_inside in (32767, -32768):
+        assert len(codec.encode((0, value_inside, 0))) == 15
+
+
+@given(st.binary(max_size=80))
+def test_reports_of_another_length_are_skipped_and_counted(data: bytes) -> None:
+    for name, variant in VARIANTS.items():
+        codec = CODECS[name]()
+        readings = codec.feed(data)
+        assert len(readings) == (len(data) == variant.report_bytes)
+        assert codec.skipped == (len(data) not in (0, variant.report_bytes))
+        codec.reset()
+
+
+# which device
+
+
+def listed(serial: str = "1", **own) -> Found:
+    facts = {"path": f"/dev/hidraw{serial}", "usb_id": (0x1234, 0x0006), "serial": serial, "product": "HID DEVICE"}
+    return Found(**{**facts, "usage": USAGE, **own})
+
+
+def pick(*found: Found, variant: str = "mbed14", **asked: str) -> Found:
+    return choose(found, VARIANTS[variant], "hid:woodenhaptics", **asked)
+
+
+def test_the_only_one_is_chosen_whatever_else_is_plugged_in() -> None:
+    mouse = listed("9", usb_id=(0x046D, 0xC077))
+    keys = listed("1", usage=(1, 6), path="/dev/hidraw8")
+    assert pick(mouse, keys, listed("1")) == listed("1")
+    assert pick(listed("1"), listed("1")) == listed("1")  # hidapi lists one node once for every usage it has
+
+
+def test_one_of_several_is_chosen_by_serial_or_path() -> None:
+    both = listed("1"), listed("2")
+    with pytest.raises(
+        DeviceError, match=r"2 devices 1234:0006.*hidraw1 serial=1; path=.*hidraw2 serial=2; choose by serial="
+    ):
+        pick(*both)
+    assert pick(*both, serial="2") == both[1]
+    assert pick(*both, path="/dev/hidraw1") == both[0]
+    alike = listed("1"), listed("1", path="/dev/hidraw2")  # mbed boards all have the same serial number
+    with pytest.raises(DeviceError, match="choose by path="):
+        pick(*alike, serial="1")
+    with pytest.raises(DeviceError, match=r"none of the devices 1234:0006 has serial=3; there are: path=/dev/hidraw1"):
+        pick(*both, serial="3")
+    with pytest.raises(DeviceError, match="path=/dev/hidraw1 serial=2"):
+        pick(*both, path="/dev/hidraw1", serial="2")
+
+
+def test_another_mbed_board_is_refused_by_its_product_string() -> None:
+    with pytest.raises(DeviceError, match=r"'Balance Toy', not 'HID DEVICE'"):
+        pick(listed(product="Balance Toy"))
+    assert pick(listed(product="")).serial == "1"  # libusb cannot read it before it may open the device
+    teensy = listed(product="Teensyduino RawHID", usb_id=(0x16C0, 0x0486))
+    assert pick(teensy, variant="teensy64") == teensy
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_a_teensys_debug_interface_is_left_alone(tells: bool) -> None:
+    ours, debug = (
+        listed(path=path, usb_id=(0x16C0, 0x0486), usage=usage if tells else (0, 0), interface=number)
+        for number, path, usage in ((0, "1-2:1.0", USAGE), (1, "1-2:1.1", (0xFFC9, 0x0004)))
+    )
+    assert pick(debug, ours, variant="teensy64") == ours
+    with pytest.raises(DeviceError, match="no device 16c0:0486"):
+        pick(debug, variant="teensy64")
+
+
+def test_none_there_names_the_cure() -> None:
+    with pytest.raises(DeviceError, match=r"hid:woodenhaptics: no device 1234:0006 is there; plug it in.*udev"):
+        pick()
+
+
+def test_a_long_list_is_cut() -> None:
+    many = [listed(str(number)) for number in range(100)]
+    with pytest.raises(DeviceError, match=f"100 devices.*and {100 - MOST_LISTED} more; choose") as caught:
+        pick(*many)
+    assert len(str(caught.value)) < 600
+
+
+# addresses
+
+
+def made(text: str):
+    return make(parse_address(text), 3, {})
+
+
+def test_every_arm_of_the_family_is_made_without_touching_hardware() -> None:
+    assert "woodenhaptics" in NAMES
+    for address in family().examples:
+        record = made(address).capability
+        assert (record.family, record.axes, record.latency_ticks) == ("hid", 3, 1)
+
+
+@pytest.mark.parametrize(
+    ("address", "says"),
+    [
+        ("hid:woodnhaptics", "did you mean 'woodenhaptics'"),
+        ("hid:vintage", "unknown HID arm 'vintage'.*woodenhaptics"),
+        ("hid:", "unknown HID arm"),
+        ("hid:woodenhaptics?variant=mbed15", "variant='mbed15'.*mbed14, teensy64, mbed8"),
+        ("hid:woodenhaptics?backend=usb", "backend='usb'.*auto, hidraw, libusb"),
+        ("hid:woodenhaptics?pth=1", "did you mean 'path'"),
+        ("hid:woodenhaptics?limit_ma=9000,1,1", "limit_ma"),
+        ("hid:woodenhaptics?pose=sure", "pose='sure'.*stored, home, none"),
+    ],
+)
+def test_addresses_that_are_wrong_say_what_is_right(address: str, says: str) -> None:
+    with pytest.raises(DeviceError, match=says):
+        made(address)
+
+
+@pytest.mark.parametrize("axes", [0, 4])
+def test_axes_are_one_to_three(axes: int) -> None:
+    with pytest.raises(DeviceError, match=f"axes={axes} is out of 1 to 3"):
+        make(parse_address("hid:woodenhaptics"), axes, {})
+
+
+def test_the_read_only_variant_promises_no_force() -> None:
+    record = made("hid:woodenhaptics?variant=mbed8").capability
+    assert 0.0 < record.continuous_force_n == record.peak_force_n < 1e-6
+    assert made("hid:woodenhaptics").capability.peak_force_n == 5.0
