@@ -99,6 +99,11 @@ class ClientCore:
         self.safety.event("calibrated")
         self.safety.event("go")
 
+    def equip(self, capability: Capability) -> None:
+        """The device says of itself what it can do, now that it is open."""
+        self.capability = capability.first(len(self.force_n))
+        self.safety.keep_to(self.capability)
+
     def stop(self) -> None:
         """Let the force go; `safety.quiet` tells when it has."""
         if self.seat is not None:

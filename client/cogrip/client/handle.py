@@ -9,13 +9,20 @@ from cogrip.devices.device import Device, DeviceError, Sample
 
 
 class Handle:
-    """One device in one core's hand; it is open. No verb raises."""
+    """One device in one core's hand. Only `open` raises."""
 
     def __init__(self, device: Device, core: ClientCore, rate_hz: int) -> None:
         self.device = device
         self._core = core
         self._rate_hz = rate_hz
         self._failed = False
+
+    def open(self) -> None:
+        """A device may know its limits only once it is open; then safety goes by those. Raises DeviceError."""
+        before = self.device.capability
+        self.device.open(self._rate_hz)
+        if self.device.capability != before:
+            self._core.equip(self.device.capability)
 
     def read(self, tick: int) -> Sample | None:
         """The sample at `tick`, None where there is none."""
@@ -39,7 +46,7 @@ class Handle:
         if self._failed:
             self.device.close()
             try:
-                self.device.open(self._rate_hz)
+                self.open()
             except DeviceError as error:
                 return str(error)
             self._failed = False

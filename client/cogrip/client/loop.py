@@ -116,16 +116,17 @@ class LiveClient:
             if profile != LinkProfile():
                 setattr(self, f"_{name}", self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}"))
         device = self.device = first_axes(self.device, seat.object.axes)
-        device.open(seat.rates.device_hz)
-        self._keep_seat()
-        recorder = self._record(seat)
-        self._keep_seat()
-        measures += engage(["fifo"])  # last of all preparations: they would starve others
-        self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
-        start_ns = time.monotonic_ns() + LEAD_NS
-        pacer = Pacer(seat.rates.device_hz, start_ns)
+        handle = Handle(device, core, seat.rates.device_hz)
+        recorder = None
         try:
-            failed = self._loop(pacer)
+            handle.open()
+            self._keep_seat()
+            recorder = self._record(seat)
+            self._keep_seat()
+            measures += engage(["fifo"])  # last of all preparations: they would starve others
+            self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
+            pacer = Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
+            failed = self._loop(pacer, handle)
             account = core.account(pacer.count())
             self._leave(failed, account)
         finally:
@@ -169,10 +170,9 @@ class LiveClient:
         self._core.keep_seat(now_ns)
         self._send(now_ns)
 
-    def _loop(self, pacer: Pacer) -> str:
+    def _loop(self, pacer: Pacer, handle: Handle) -> str:
         """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
         core, safety = self._core, self._core.safety
-        handle = Handle(self.device, core, pacer.rate_hz)
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         said, failed, ending = safety.state, "", False

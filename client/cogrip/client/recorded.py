@@ -73,6 +73,10 @@ class RecordedClient(ClientCore):
         self._command("acted", self._now_ns, msgspec.json.encode(force_n).decode())
         super().acted(force_n)
 
+    def equip(self, capability: Capability) -> None:
+        self._command("equip", self._now_ns, json.dumps(msgspec.to_builtins(capability)))
+        super().equip(capability)
+
     def stop(self) -> None:
         self._command("stop", self._now_ns)
         super().stop()
@@ -154,3 +158,8 @@ def start_of(text: str) -> tuple[Hello, Capability]:
     """The way back. Raises ValueError (msgspec's among them) or KeyError for anything else."""
     table = json.loads(text)
     return msgspec.convert(table["hello"], Hello), msgspec.convert(table["capability"], Capability)
+
+
+def capability_of(text: str) -> Capability:
+    """A record as `equip` notes it (Python's JSON: a bound may be Infinity). Raises ValueError."""
+    return msgspec.convert(json.loads(text), Capability)

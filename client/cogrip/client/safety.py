@@ -37,10 +37,8 @@ class Safety:
     """One device's limits and state. `limit` once a tick; forces are shape (axes,) [N]."""
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
-        self._peak_n = capability.peak_force_n
-        self._slope_n = capability.slew_nps * tick_s
-        self._speed_mps = capability.speed_mps
-        self._workspace_m = capability.workspace_m
+        self._tick_s = tick_s
+        self.keep_to(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
         self._drop = tick_s / FAULT_OUT_S
@@ -56,6 +54,13 @@ class Safety:
         self.reason = ""
         self.diverged = ""
         self.counts: dict[str, int] = {}
+
+    def keep_to(self, capability: Capability) -> None:
+        """These are the limits from now on."""
+        self._peak_n = capability.peak_force_n
+        self._slope_n = capability.slew_nps * self._tick_s
+        self._speed_mps = capability.speed_mps
+        self._workspace_m = capability.workspace_m
 
     def note(self, name: str) -> None:
         """Count something that was dealt with."""

@@ -93,7 +93,7 @@ class Laboratory:
             assert seat is not None
             person.up = LinkEmulator(seat.up, f"{seat.seed}/{seat.seat}/up")
             person.down = LinkEmulator(seat.down, f"{seat.seed}/{seat.seat}/down")
-            person.device.open(self._device_hz)
+            person.handle.open()
 
     def _exchange(self) -> None:
         self._from_clients()

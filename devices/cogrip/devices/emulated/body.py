@@ -29,6 +29,11 @@ class Body:
             self._tick = tick
             self._machine.read(tick)
 
+    def carry(self, position_m: Vector) -> None:
+        """Somebody carries the tip there, and it rests; what holds it pulls it back from then on."""
+        self._machine.plant.position_m = list(position_m)
+        self._machine.plant.velocity_mps = [0.0, 0.0, 0.0]
+
     def push(self, force_n: Vector) -> None:
         """The motors push the hand with this force [N] from now on."""
         x, y, z = force_n

@@ -23,8 +23,11 @@ class Planned:
 class EmulatedDevice:
     """See `Device`. The firmware's time is that of the ticks; `firmware` is there for whoever wants to lay hands on it."""
 
-    def __init__(self, driver: Device, firmware: Firmware, planned: Sequence[Planned] = ()) -> None:
+    def __init__(
+        self, driver: Device, firmware: Firmware, planned: Sequence[Planned] = (), store: Notebook | None = None
+    ) -> None:
         self.driver = driver
+        self.store = store
         self.firmware = firmware
         self._planned = sorted(planned, key=lambda fault: fault.begin_s)
         self._rate_hz = 0

@@ -41,10 +41,11 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     firmware = make_firmware(address.name, {**defaults, **query}, int(seed))
     name = f"emulated:{address.name}"
     port = EmulatedPort(name, firmware, reports=machine.reports)
+    store = Notebook()
     driver = machine.drive(
-        port, name, Notebook(), Address(address.text, address.scheme, address.name, driver_keys), axes
+        port, name, store, Address(address.text, address.scheme, address.name, driver_keys), axes
     )
-    return EmulatedDevice(driver, firmware, planned)
+    return EmulatedDevice(driver, firmware, planned, store)
 
 
 def _planned(text: str, where: str) -> Planned:

@@ -54,6 +54,13 @@ class Mechanics:
         )
         return a, b, c
 
+    def carry_home(self) -> None:
+        """Somebody puts the arm into its home pose."""
+        home = self.model.kinematics.forward(self.model.drive.angles(self.model.home_counts))
+        assert home is not None
+        self.body.carry(home)
+        self._follow()
+
     def load(self, counters: Vector) -> None:
         """The firmware sets its counters."""
         a, b, c = (count - there for count, there in zip(self.model.drive.counts(self._angles), counters, strict=True))

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import msgspec
 
-from cogrip.client.recorded import RecordedClient, sample_of
+from cogrip.client.recorded import RecordedClient, capability_of, sample_of
 from cogrip.client.recorded import start_of as client_start
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.recording.reader import Message
@@ -97,6 +97,7 @@ class ClientPlay:
             "keep_seat": lambda: core.keep_seat(now_ns),
             "fail": lambda: core.fail(command.reason),
             "acted": lambda: core.acted(_force(command.reason)),
+            "equip": lambda: core.equip(capability_of(command.reason)),
             "stop": core.stop,
             "rearm": core.rearm,
             "account": lambda: self._end(command),

@@ -1,0 +1,72 @@
+"""The family `forcedimension:` and its query keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.forcedimension.device import ForceDimensionDevice
+from cogrip.devices.forcedimension.models import CAUTIOUS, RECORDS
+from cogrip.devices.forcedimension.sdk import Sdk
+from cogrip.devices.registry import Family
+from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+
+MAX_AXES = 3
+MOST_DEVICES = 16
+
+
+class ForceDimensionSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Query keys.
+
+    model         what the device must be; without it any known one will do, within the limits of the weakest
+    sdk           folder of the vendor's SDK, as the environment variable FDSDK names it
+    peak_force_n  largest force [N], where less than the model's is wanted
+    """
+
+    model: Literal["", "falcon", "omega3", "omega6", "omega7", "delta3", "sigma3", "sigma7", "lambda3", "lambda7"] = ""
+    sdk: str = ""
+    peak_force_n: Annotated[float, Meta(gt=0.0, le=40.0)] | None = None
+
+
+def family() -> Family:
+    """The family `forcedimension:`, for the registry."""
+    what = (
+        "Omega, delta, sigma, lambda, Falcon (Force Dimension SDK): forcedimension:0?model=omega3 by the SDK's number"
+    )
+    return Family(what, make, tuple(f"forcedimension:0?model={model}" for model in RECORDS))
+
+
+def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+    """A driver; the SDK is not loaded yet.
+
+    Raises DeviceError for unknown keys, values out of bounds, a name that is no number, or a number of axes not 1 to 3.
+    """
+    where = repr(address.text)
+    if not 1 <= axes <= MAX_AXES:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    if not (address.name.isascii() and address.name.isdigit() and int(address.name) < MOST_DEVICES):
+        last = MOST_DEVICES - 1
+        raise DeviceError(
+            f"{where}: {address.name!r} is no number from 0 to {last}: write forcedimension:0 for the first device"
+        )
+    query: dict[str, Setting] = {**defaults, **address.query}
+    for key in query:
+        if key not in keys_of(ForceDimensionSettings):
+            raise unknown("key", key, keys_of(ForceDimensionSettings), where)
+    settings = read_settings(ForceDimensionSettings, query, where)
+    record = RECORDS[settings.model or CAUTIOUS].first(axes)
+    if settings.peak_force_n is not None:
+        peak = min(settings.peak_force_n, record.peak_force_n)
+        record = replace(record, peak_force_n=peak, continuous_force_n=min(peak, record.continuous_force_n))
+
+    def load() -> Sdk:
+        from cogrip.devices.io.dhd_library import load
+
+        return load(settings.sdk)
+
+    return ForceDimensionDevice(f"forcedimension:{address.name}", int(address.name), record, settings.model, load)

@@ -1,0 +1,54 @@
+"""What is used of the Force Dimension SDK, with the names that the package `forcedimension_core` gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+TIME_GUARD = 1  # the device was not asked again so soon; the answer is the last one
+SATURATED = 2  # a motor is at its limit; the force keeps its direction
+SUCCESS = (0, TIME_GUARD, SATURATED)
+
+
+class Expert(Protocol):
+    def enableExpertMode(self) -> int: ...
+    def disableExpertMode(self) -> int: ...
+    def setWatchdog(self, duration: int, ID: int) -> int:
+        """Forces go off when none has been sent for `duration` x 125 us."""
+        ...
+
+
+class Dhd(Protocol):
+    """`forcedimension_core.dhd`. An int is one of SUCCESS, or -1; positions and forces are three numbers [m], [N]."""
+
+    @property
+    def expert(self) -> Expert: ...
+    def openID(self, index: int) -> int: ...
+    def close(self, ID: int) -> int: ...
+    def stop(self, ID: int) -> int: ...
+    def enableForce(self, enable: bool, ID: int) -> int: ...
+    def setMaxForce(self, limit: float, ID: int) -> int:
+        """A negative limit would be none."""
+        ...
+
+    def setForce(self, f: Sequence[float], ID: int) -> int: ...
+    def getPosition(self, out: list[float], ID: int) -> int: ...
+    def getStatus(self, out: Status, ID: int) -> int: ...
+    def getSystemType(self, ID: int) -> int:
+        """Raises ValueError for a number that the package has no name for, -1 among them."""
+        ...
+
+    def errorGetLastStr(self) -> str: ...
+
+
+class Status(Protocol):
+    """`forcedimension_core.containers.Status`: 1 or 0. reset: it waits to be calibrated; force: forces are on."""
+
+    power: int
+    reset: int
+    force: int
+
+
+class Sdk(NamedTuple):
+    dhd: Dhd
+    status: Callable[[], Status]

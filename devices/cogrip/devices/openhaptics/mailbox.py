@@ -1,0 +1,98 @@
+"""What the loop's thread and the library's servo thread leave for each other: the latest values, no queue, no lock.
+
+Each field is written by one thread only, as one whole immutable value by one assignment. So the other thread sees the old value
+or the new one, never a mixture, and neither waits.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple
+
+from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.openhaptics.axes import to_common, to_library
+from cogrip.devices.openhaptics.errors import FORCE_ERRORS, name_of
+
+SERVO_HZ = 1000  # the library's own pace, unless it is told another one
+HOLD_FRAMES = SERVO_HZ // 20  # 50 ms: a force that the loop has not renewed for so long is not held
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+class News(NamedTuple):
+    """Written by the servo thread. frame counts from 1; buttons: one bit each."""
+
+    frame: int
+    position_m: Vector
+    buttons: int
+
+
+class Order(NamedTuple):
+    """Written by the loop's thread. number tells an order from the one before it; force is on the hand, in our axes [N]."""
+
+    number: int
+    force_n: Vector
+
+
+class Mailbox:
+    """counts belongs to the servo thread: others may copy it."""
+
+    def __init__(self, counts: dict[str, int]) -> None:
+        self.counts = counts
+        self.news: News | None = None
+        self.lost = ""  # why the device is lost; final
+        self.order = Order(0, ZERO)
+        self._obeyed = 0
+        self._frame = 0
+        self._age = HOLD_FRAMES
+        self._drop = False
+
+    def say(self, force: Vector) -> None:
+        """Loop: this force on the hand from the next frame on [N]."""
+        self.order = Order(self.order.number + 1, force)
+
+    def trouble(self, code: int, text: str) -> None:
+        """Servo: the library reports an error of this device. A force error drops one frame's force, any other ends it."""
+        self.count(name_of(code))
+        if code in FORCE_ERRORS:
+            self._drop = True
+        else:
+            self.lose(text)
+
+    def lose(self, text: str) -> None:
+        """Servo: no force any more; the first reason is kept."""
+        self.lost = self.lost or text
+
+    def frame(self, position_mm: Vector, buttons: int) -> Vector:
+        """Servo: one frame's readings, for the frame's force in the library's axes [N]."""
+        self._frame += 1
+        drop, self._drop = self._drop, False
+        position = to_common(position_mm)
+        if isfinite(position[0] + position[1] + position[2]):
+            self.news = News(self._frame, position, buttons)
+        else:
+            self.count("position not finite")
+            drop = True
+        force = self._fresh()
+        return ZERO if drop or self.lost else to_library(force)
+
+    def skip(self, why: str) -> Vector:
+        """Servo: this frame's readings are not to be trusted; it has no force."""
+        self._frame += 1
+        self.count(why)
+        self._drop = False
+        self._fresh()
+        return ZERO
+
+    def _fresh(self) -> Vector:
+        """The loop's force, or none if it is older than HOLD_FRAMES. Frames are counted: there is no clock to be wrong."""
+        number, force = self.order
+        if number != self._obeyed:
+            self._obeyed, self._age = number, 0
+        elif self._age < HOLD_FRAMES:
+            self._age += 1
+            if self._age == HOLD_FRAMES and any(force):
+                self.count("force not renewed")
+        return force if self._age < HOLD_FRAMES else ZERO
+
+    def count(self, name: str) -> None:
+        self.counts[name] = self.counts.get(name, 0) + 1

@@ -1,0 +1,115 @@
+"""The arms the HD library drives: nominal records, what each calls itself, and how a device lowers its record.
+
+Sources: forces, stiffness and damping as CHAI3D states them where it does; the rest are data sheet figures. Workspaces are
+width x height x depth in the data sheets, so (depth, width, height) here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+
+from cogrip.devices.device import Capability, DeviceError
+
+RATE_HZ = 1024  # a little more than the servo's 1000 Hz: some 24 ticks a second then find nothing new
+CAUTIOUS = "touch"  # the record of a device whose model is not stated: the weakest
+
+
+def _record(
+    model: str,
+    size_m: tuple[float, float, float],
+    force_n: tuple[float, float],
+    limits: tuple[float, float],
+    *,
+    res_m: float,
+    kg: float,
+) -> Capability:
+    """size_m: along x, y, z; force_n: (peak, continuous); limits: (stiffness [N/m], damping [N s/m])."""
+    return Capability(
+        family="openhaptics",
+        model=model,
+        axes=3,
+        workspace_m=tuple((-0.5 * side, 0.5 * side) for side in size_m),
+        peak_force_n=force_n[0],
+        continuous_force_n=force_n[1],
+        stiffness_npm=limits[0],
+        damping_nspm=limits[1],
+        slew_nps=inf,
+        speed_mps=inf,
+        resolution_m=res_m,
+        apparent_mass_kg=kg,
+        rate_hz=RATE_HZ,
+        gives_velocity=False,  # the library's is smoothed, it does not say how; the client's estimator knows its own delay
+        latency_ticks=1,  # what a frame read acts in the next frame, wherever between them the loop's tick falls
+    )
+
+
+RECORDS = {
+    record.model: record
+    for record in (
+        _record("touch", (0.070, 0.160, 0.120), (3.3, 0.88), (400.0, 4.0), res_m=5.5e-5, kg=0.045),
+        _record("omni", (0.070, 0.160, 0.120), (3.3, 0.88), (700.0, 5.0), res_m=5.5e-5, kg=0.045),
+        _record("desktop", (0.120, 0.160, 0.120), (7.9, 1.75), (1000.0, 5.0), res_m=2.3e-5, kg=0.045),
+        _record("premium1.0", (0.127, 0.254, 0.178), (8.5, 1.4), (800.0, 5.0), res_m=3e-5, kg=0.075),
+        _record("premium1.5", (0.191, 0.381, 0.267), (8.5, 1.4), (800.0, 5.0), res_m=3e-5, kg=0.075),
+        _record("premium3.0", (0.406, 0.838, 0.584), (22.0, 3.0), (1000.0, 5.0), res_m=2e-5, kg=0.159),
+    )
+}
+
+_CALLS_ITSELF = (  # first match wins
+    ("touch x", "desktop"),
+    ("touch", "touch"),
+    ("omni", "omni"),
+    ("desktop", "desktop"),
+    ("premium 1.0", "premium1.0"),
+    ("premium 1.5", "premium1.5"),
+    ("premium 3.0", "premium3.0"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the library says of a device: model in its own words, largest forces [N], largest stiffness [N/mm]."""
+
+    model: str
+    peak_force_n: float
+    continuous_force_n: float
+    stiffness_npmm: float
+
+
+def model_of(said: str) -> str | None:
+    """The model a device that calls itself so is; None for one that nobody has described."""
+    words = said.lower()
+    return next((model for part, model in _CALLS_ITSELF if part in words), None)
+
+
+def lowered(record: Capability, facts: Facts, stated: str, where: str) -> Capability:
+    """`record` with every limit that the device puts lower put lower; none is ever raised.
+
+    Raises DeviceError for a device of an unknown model, of another one than `stated`, or with limits that are no limits.
+    """
+    model = model_of(facts.model)
+    if model is None:
+        raise DeviceError(
+            f"{where}: it calls itself {facts.model!r}, which is not known; known are {', '.join(RECORDS)}"
+        )
+    if stated and model != stated:
+        raise DeviceError(
+            f"{where}: it calls itself {facts.model!r}, that is model={model}, not {stated}; correct the key model"
+        )
+    for what, value in (
+        ("largest force", facts.peak_force_n),
+        ("largest continuous force", facts.continuous_force_n),
+        ("largest stiffness", facts.stiffness_npmm),
+    ):
+        if not (isfinite(value) and value > 0.0):
+            raise DeviceError(
+                f"{where}: the library states a {what} of {value:g}, not above 0; update the vendor's driver"
+            )
+    peak = min(record.peak_force_n, facts.peak_force_n)
+    return replace(
+        record,
+        peak_force_n=peak,
+        continuous_force_n=min(record.continuous_force_n, facts.continuous_force_n, peak),
+        stiffness_npm=min(record.stiffness_npm, 1000.0 * facts.stiffness_npmm),
+    )

@@ -1,0 +1,136 @@
+/* A stand-in for libdrd, the Force Dimension SDK: the functions that a driver uses, and (from fillers.h, made by the test) all the
+ * others that forcedimension_core looks up when it is imported. Functions stub_* are for the test.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { DEVICES = 2 };
+enum { POWER = 0, RESET = 3, FORCE = 5 };
+
+typedef struct {
+    int open, type, watchdog, guarded, saturated, status[32];
+    double position[3], velocity[3], force[3], hand[3], limit, mass, worst;
+} device_t;
+
+static device_t devices[DEVICES] = {
+    {.type = 33, .limit = -1.0, .status = {[POWER] = 1}}, {.type = 60, .limit = -1.0, .status = {[POWER] = 1}}};
+static int major = 3, minor = 16, expert;
+static char failing[32];
+static char journal[4096], wrongs[2048];
+
+#define JOURNAL(...) snprintf(journal + strlen(journal), sizeof journal - strlen(journal), __VA_ARGS__)
+#define WRONG(...) snprintf(wrongs + strlen(wrongs), sizeof wrongs - strlen(wrongs), __VA_ARGS__)
+
+static device_t *of(const char *verb, char id) {
+    if (!strcmp(failing, verb)) return NULL;
+    return id >= 0 && id < DEVICES && devices[(int)id].open ? &devices[(int)id] : NULL;
+}
+
+void dhdGetSDKVersion(int *a, int *b, int *c, int *d) { *a = major; *b = minor; *c = 0; *d = 0; }
+const char *dhdErrorGetLastStr(void) { return "no device found"; }
+
+int dhdOpenID(char id) {
+    JOURNAL("open %d\n", id);
+    if (!strcmp(failing, "open") || id < 0 || id >= DEVICES) return -1;
+    devices[(int)id].open = 1;
+    return id;
+}
+
+int dhdClose(char id) {
+    device_t *d = of("close", id);
+    JOURNAL("close %d\n", id);
+    if (!d) return -1;
+    if (d->force[0] != 0.0 || d->force[1] != 0.0 || d->force[2] != 0.0) WRONG("%d closed with a force\n", id);
+    d->open = 0;
+    return 0;
+}
+
+int dhdStop(char id) {
+    device_t *d = of("stop", id);
+    JOURNAL("stop %d\n", id);
+    if (!d) return -1;
+    d->status[FORCE] = 0;
+    return 0;
+}
+
+int dhdEnableForce(unsigned char on, char id) {
+    device_t *d = of("enable", id);
+    JOURNAL("enable %d %d\n", on, id);
+    if (!d) return -1;
+    if (d->limit <= 0.0) WRONG("%d: forces enabled without a limit\n", id);
+    if (d->status[RESET]) WRONG("%d: forces enabled before it is calibrated\n", id);
+    d->status[FORCE] = on;
+    return 0;
+}
+
+int dhdSetMaxForce(double limit, char id) {
+    device_t *d = of("limit", id);
+    JOURNAL("limit %g %d\n", limit, id);
+    if (!d) return -1;
+    d->limit = limit;
+    return 0;
+}
+
+int dhdSetForce(double x, double y, double z, char id) {
+    device_t *d = of("force", id);
+    if (!d) return -1;
+    double size = sqrt(x * x + y * y + z * z);
+    if (!(size <= d->limit * (1.0 + 1e-12)) && size != 0.0) WRONG("%d: force of %g N above the limit of %g N\n", id, size, d->limit);
+    if (!d->status[FORCE] && size != 0.0) WRONG("%d: force before it is enabled\n", id);
+    d->force[0] = x; d->force[1] = y; d->force[2] = z;
+    if (!(size <= d->worst)) d->worst = size;
+    return d->saturated ? 2 : 0;
+}
+
+int dhdGetPosition(double *x, double *y, double *z, char id) {
+    device_t *d = of("position", id);
+    if (!d) return -1;
+    for (int i = 0; i < 3 && d->mass > 0.0; i++) { /* a millisecond has passed */
+        d->velocity[i] += 0.001 * (d->hand[i] + d->force[i]) / d->mass;
+        d->position[i] += 0.001 * d->velocity[i];
+    }
+    *x = d->position[0]; *y = d->position[1]; *z = d->position[2];
+    return d->guarded ? 1 : 0;
+}
+
+int dhdGetStatus(int *status, char id) {
+    device_t *d = of("status", id);
+    if (!d) return -1;
+    memcpy(status, d->status, 17 * sizeof(int));
+    return 0;
+}
+
+int dhdGetSystemType(char id) {
+    device_t *d = of("type", id);
+    return d ? d->type : -1;
+}
+
+int dhdEnableExpertMode(void) { expert = 1; return 0; }
+int dhdDisableExpertMode(void) { expert = 0; return 0; }
+
+int dhdSetWatchdog(unsigned char duration, char id) {
+    device_t *d = of("watchdog", id);
+    JOURNAL("watchdog %d %d\n", duration, id);
+    if (!d || !expert) return -1;
+    d->watchdog = duration;
+    return 0;
+}
+
+void stub_version(int a, int b) { major = a; minor = b; }
+void stub_fail(const char *verb) { snprintf(failing, sizeof failing, "%s", verb); }
+void stub_type(int i, int type) { devices[i].type = type; }
+void stub_status(int i, int which, int value) { devices[i].status[which] = value; }
+void stub_guarded(int i, int yes) { devices[i].guarded = yes; }
+void stub_saturated(int i, int yes) { devices[i].saturated = yes; }
+void stub_mass(int i, double kg) { devices[i].mass = kg; }
+void stub_hand(int i, double x, double y, double z) { devices[i].hand[0] = x; devices[i].hand[1] = y; devices[i].hand[2] = z; }
+void stub_position(int i, double x, double y, double z) {
+    devices[i].position[0] = x; devices[i].position[1] = y; devices[i].position[2] = z;
+}
+void stub_force(int i, double *force) { memcpy(force, devices[i].force, sizeof devices[i].force); }
+int stub_expert(void) { return expert; }
+const char *stub_journal(void) { return journal; }
+const char *stub_wrongs(void) { return wrongs; }
+
+#include "fillers.h"
