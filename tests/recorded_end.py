@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from tests.recording_files import written
-
 from cogrip.client.recorded import RecordedClient
 from cogrip.protocol import messages
 from cogrip.protocol.line import LineSender
@@ -18,6 +16,8 @@ from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.sink import Held, encode
 from cogrip.server.recorded import RecordedServer
 from cogrip.sim.replay.verify import Verdict, verify
+
+from tests.recording_files import written
 
 Put = tuple[int, int, bytes]  # topic, time, payload
 Row = tuple[float, ...]

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cli.spoiled_runs import Cogrip
 
 from cogrip.cli.main import main
 from cogrip.protocol.settings import resolve
 from cogrip.sim.lab_run import run_laboratory
+
+from tests.cli.spoiled_runs import Cogrip
 
 TABLE: dict[str, Any] = {
     "name": "pair",

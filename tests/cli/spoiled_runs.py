@@ -4,11 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
-from tests.recording_files import Alter, rewrite
 
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode
+
+from tests.recording_files import Alter, rewrite
 
 SERVER, ANNA, BEN = "server.mcap", "client-anna.mcap", "client-ben.mcap"
 FILES = (ANNA, BEN, SERVER)

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+
 from tests.cli.spoiled_runs import ANNA, BEN, FILES, SERVER, Cogrip, cut
 
 LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"

@@ -5,9 +5,10 @@ import re
 from pathlib import Path
 
 import msgspec
-from tests.cli.spoiled_runs import ANNA, BEN, SERVER, TORN, Cogrip, cut, damage
 
 from cogrip.protocol.recording.reader import open_recording
+
+from tests.cli.spoiled_runs import ANNA, BEN, SERVER, TORN, Cogrip, cut, damage
 
 
 def test_recover_a_file(run: Path, cogrip: Cogrip) -> None:

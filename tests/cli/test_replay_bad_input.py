@@ -4,13 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cli.spoiled_runs import ANNA, BEN, SERVER, Cogrip
-from tests.recording_files import rewrite
 
 from cogrip.cli import join
 from cogrip.cli.problem import BadInput
 from cogrip.devices import Device
 from cogrip.protocol.messages import Hello
+
+from tests.cli.spoiled_runs import ANNA, BEN, SERVER, Cogrip
+from tests.recording_files import rewrite
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.cli.spoiled_runs import ANNA, BEN, FILES, SERVER, TORN, Cogrip, cut, damage, tick, ticks
-from tests.recording_files import rewrite
 
 from cogrip.protocol.io.recorder import lock
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Message, open_recording
 from cogrip.protocol.recording.records import Tick
+
+from tests.cli.spoiled_runs import ANNA, BEN, FILES, SERVER, TORN, Cogrip, cut, damage, tick, ticks
+from tests.recording_files import rewrite
 
 
 def test_a_run_that_plays_again(run: Path, cogrip: Cogrip) -> None:

@@ -4,10 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.cli.spoiled_runs import FILES, Cogrip
 
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.sim.records import open_run
+
+from tests.cli.spoiled_runs import FILES, Cogrip
 
 LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"
 

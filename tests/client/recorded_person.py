@@ -4,8 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
-
 from cogrip.client.recorded import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
@@ -15,6 +13,8 @@ from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import digest, resolve, seat_settings
+
+from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 
 DEVICE_HZ, M = 1024, 8
 START_NS = 1_000_000_000  # of tick 0

@@ -7,6 +7,15 @@ import msgspec
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
+from cogrip.client.recorded import ACCOUNT, COMMAND, DATAGRAM_OUT, EVENT, TICK, client_topics
+from cogrip.protocol import messages
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.messages import Waves
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.records import Command, Datagram, Tick
+from cogrip.protocol.recording.sink import encode
+
 from tests.client.recorded_person import SCRIPT, M, Person
 from tests.recorded_end import (
     a_missing_message_is_found,
@@ -16,14 +25,6 @@ from tests.recorded_end import (
     changed_places_are_found,
     flipped,
 )
-
-from cogrip.client.recorded import ACCOUNT, COMMAND, DATAGRAM_OUT, EVENT, TICK, client_topics
-from cogrip.protocol import messages
-from cogrip.protocol.accounts import TickCount
-from cogrip.protocol.messages import Waves
-from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.recording.records import Command, Datagram, Tick
-from cogrip.protocol.recording.sink import encode
 
 OUTPUTS = SCRIPT.places("datagram_out", "event", "account")
 TICKS = SCRIPT.places("tick")

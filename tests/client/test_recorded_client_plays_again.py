@@ -10,11 +10,12 @@ from typing import Any
 import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.client.recorded_person import SCRIPT, Person, Word, capability
-from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 
 from cogrip.client.recorded import COMMAND, EVENT, KINDS, RecordedClient, start_of
 from cogrip.protocol.recording.records import Command
+
+from tests.client.recorded_person import SCRIPT, Person, Word, capability
+from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 
 FINITE = st.floats(-0.1, 0.1)
 STRANGE = st.sampled_from([math.nan, math.inf, -math.inf, 1e308, -1e308, 1e200, 5e-324, -0.0, 2.0])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from cogrip.client.safety import (
     AT_LIMIT_S,
     FAULT_OUT_S,
+    FORGIVEN,
     RAMP_IN_S,
     RAMP_OUT_S,
     STALL_S,
@@ -221,14 +222,27 @@ def test_a_device_that_gives_no_sample_has_stalled() -> None:
     for _ in range(ticks - 1):
         safety.absent(1)
     assert safety.state == "live"
-    safety.check(1, (0.0,) * 3, (0.0,) * 3)
+    for _ in range(math.ceil(ticks / FORGIVEN)):
+        safety.check(1, (0.0,) * 3, (0.0,) * 3)
     for _ in range(ticks - 1):
         safety.absent(1)
-    assert safety.state == "live", "a sample in between is a new start"
+    assert safety.state == "live", "enough samples in between are a new start"
     safety.absent(1)
     assert safety.state == "fault"
     assert "device stall" in safety.reason
     assert safety.counts["absent sample"] == 2 * ticks - 1
+
+
+def test_a_device_that_gives_too_few_samples_has_stalled_too() -> None:
+    """Two good ones for each that is absent are enough for ever, one is not."""
+    enough, few = full(), full()
+    for _ in range(200):
+        for safety, good in ((enough, 2), (few, 1)):
+            for _ in range(good):
+                safety.check(1, (0.0,) * 3, (0.0,) * 3)
+            safety.absent(1)
+    assert enough.state == "live"
+    assert few.state == "fault"
 
 
 def test_ticks_that_were_skipped_count_towards_a_stall() -> None:

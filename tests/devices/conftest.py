@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.devices.replayed_hands import SECONDS
 
 from cogrip.protocol.settings import resolve
 from cogrip.sim.lab_run import run_laboratory
+
+from tests.devices.replayed_hands import SECONDS
 
 
 @pytest.fixture(scope="session")

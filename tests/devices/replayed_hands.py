@@ -6,7 +6,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from tests.recording_files import written
 
 from cogrip.client.recorded import client_topics, start_text
 from cogrip.devices import make
@@ -16,6 +15,8 @@ from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Tick, kind_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.session import make_hello
+
+from tests.recording_files import written
 
 RATE_HZ = 1024
 SECONDS = 1.5

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.devices.replayed_hands import RATE_HZ, TICKS, played
 
 from cogrip.devices import Capability, DeviceError, Sample, make
+
+from tests.devices.replayed_hands import RATE_HZ, TICKS, played
 
 
 @pytest.fixture(params=["run", "run at another speed", "table"])

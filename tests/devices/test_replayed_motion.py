@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.devices.replayed_hands import RATE_HZ, TICKS, played, recorded, write_recording
 
 from cogrip.devices import Sample, make
 from cogrip.protocol.rates import due_ns
+
+from tests.devices.replayed_hands import RATE_HZ, TICKS, played, recorded, write_recording
 
 
 @pytest.mark.parametrize(("user", "file"), [("0", "anna"), ("anna", "anna"), ("1", "ben"), ("ben", "ben")])

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.devices.replayed_hands import RATE_HZ, TICKS, Place, played, recorded, write_recording
 
 from cogrip.devices import DeviceError, Sample, make
 from cogrip.devices.registry import axes_of
+
+from tests.devices.replayed_hands import RATE_HZ, TICKS, Place, played, recorded, write_recording
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.devices.replayed_hands import played
 
 from cogrip.devices import make
+
+from tests.devices.replayed_hands import played
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 

@@ -4,10 +4,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.sim.reported_runs import SETTINGS
 
 from cogrip.protocol.settings import resolve
 from cogrip.sim.lab_run import run_laboratory
+
+from tests.sim.reported_runs import SETTINGS
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from tests.recording_files import rewrite
-from tests.sim.reported_runs import SETTINGS, Page, page_of, printed, text_of
 
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Tick
@@ -18,6 +16,9 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.report import write_report
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+
+from tests.recording_files import rewrite
+from tests.sim.reported_runs import SETTINGS, Page, page_of, printed, text_of
 
 SCRIPT = "<script>alert(1)</script>"
 PLOTS_IN_VIRTUAL_TIME = {"positions", "forces", "waves", "energy", "link", "coherence"}

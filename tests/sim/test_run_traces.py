@@ -6,8 +6,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from tests.recording_files import rewrite, written
-from tests.sim.reported_runs import text_of
 
 from cogrip.client.recorded import client_topics, start_text
 from cogrip.devices.registry import make
@@ -21,6 +19,9 @@ from cogrip.server.recorded import WHO, server_topics, step_topic
 from cogrip.server.recorded import start_text as server_start_text
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
 from cogrip.sim.traces import load_run
+
+from tests.recording_files import rewrite, written
+from tests.sim.reported_runs import text_of
 
 
 def test_trace_columns_are_those_of_the_run(folder: Path) -> None:

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.sim.reported_runs import printed
 
 from cogrip.sim.verdict import energy, number, share, verdict
+
+from tests.sim.reported_runs import printed
 
 
 def words(summary: dict[str, Any]) -> str:

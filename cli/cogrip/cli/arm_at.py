@@ -1,6 +1,13 @@
-"""The arm at an address, for the commands that make arms ready."""
+"""The arm at an address, for the commands that make arms ready, and what they have in common: asking, and ending well."""
 
-from cogrip.cli.problem import BadInput
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import axes_of, make
@@ -14,7 +21,30 @@ def arm_at(address: str) -> ArmDevice:
         raise BadInput(str(error)) from None
     if not isinstance(device, ArmDevice):
         raise BadInput(
-            f"{address}: there is nothing to calibrate or check here: this is for arms on serial: and hid:, "
+            f"{address}: there is nothing to calibrate or check here: this is for arms on serial:, haply: and hid:, "
             "all others know their pose, or their maker's tools do"
         )
     return device
+
+
+def wait_for_enter(console: Console, text: str) -> None:
+    """Raises Problem where nobody can press it."""
+    console.print(f"{text} Enter when it is so, Ctrl-C to leave.", markup=False)
+    try:
+        input()
+    except EOFError:
+        raise Problem("nobody is there to press Enter: add --yes once the arm is as described") from None
+
+
+@contextmanager
+def termination_raised() -> Iterator[None]:
+    """While inside, SIGTERM is what Ctrl-C is: whoever pushes an arm lets go of it before it ends."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -11,6 +11,10 @@ BENCHES = {
         "cogrip.cli.bench_recording:bench_recording",
         "Live sessions with recording and without, in turns; the size of their files, and how fast they are read.",
     ),
+    "devices": (
+        "cogrip.cli.bench_devices:bench_devices",
+        "Live sessions with emulated arms on serial lines, beside the same with simulated devices.",
+    ),
     "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
     "velocity": (
         "cogrip.cli.bench_velocity:bench_velocity",

@@ -70,8 +70,8 @@ def _table(name: str, record: Capability, found: Sequence[Found]) -> Table:
     carried = largest_impedance(record, tick_s)
     bounds = ", ".join(f"{bound} {value:.3g}" for bound, value in impedance_bounds(record, tick_s).items())
     table = Table(
-        title=f"{name}: {1e3 * record.apparent_mass_kg:g} g, {1e3 * record.resolution_m:.3g} mm a count, samples "
-        f"{record.latency_ticks} ticks old; client: memory {memory_for(record, tick_s):.3f}",
+        title=f"{name}: {1e3 * record.apparent_mass_kg:g} g, {1e3 * record.resolution_m:.3g} mm, "
+        f"{record.latency_ticks} ticks old; memory {memory_for(record, tick_s):.3f}",
         caption=f"bounds of b: {bounds}; carries {carried.impedance_nspm:.3g} Ns/m",
     )
     table.add_column("estimator", no_wrap=True)

@@ -1,11 +1,13 @@
 """`cogrip devices calibrate`: where the arm stands when its counters begin."""
 
 import time
+from math import degrees
 
 from rich.console import Console
 
-from cogrip.cli.arm_at import arm_at
+from cogrip.cli.arm_at import arm_at, wait_for_enter
 from cogrip.cli.problem import Problem
+from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.calibration_store import CalibrationStore
 
@@ -22,10 +24,9 @@ def device_calibrate(address: str, /, *, yes: bool = False) -> int:
     """
     console = Console(highlight=False, soft_wrap=True)
     arm = arm_at(address)
-    console.print("Home pose: turret straight ahead, upper arm vertical, forearm horizontal (see docs/devices.md).")
+    console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).", markup=False)
     if not yes:
-        console.print("Put the arm there and hold it still. Enter when it is, Ctrl-C to leave.")
-        input()
+        wait_for_enter(console, "Put the arm there and hold it still.")
     try:
         calibration = arm.calibrate(time.strftime("%Y-%m-%d %H:%M:%S"))
         path = CalibrationStore().keep(calibration)
@@ -40,3 +41,11 @@ def device_calibrate(address: str, /, *, yes: bool = False) -> int:
         )
     console.print(f"kept in {path}, until the arm is plugged in again or loses power", markup=False)
     return 0
+
+
+def _home(arm: ArmDevice, address: str) -> str:
+    """In words. Planar arms have no usual one: theirs is a setting."""
+    if address.startswith("haply:"):
+        a, b, _ = (degrees(angle) for angle in arm.model.drive.angles(arm.model.home_counts))
+        return f"first link at {a:.0f}, second at {b:.0f} degrees, as the key home_deg says"
+    return "turret straight ahead, upper arm vertical, forearm horizontal"

@@ -3,13 +3,16 @@
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.arm_at import arm_at
+from cogrip.cli.arm_at import arm_at, termination_raised, wait_for_enter
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.devices.arm.check import verdict
+from cogrip.devices.arm.check import Measured, verdict
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.arm_check import MOST_TEST_MA, ArmCheck
 
 MOVING_S = 5.0
+MOST_MOVING_S = 600.0
 
 
 def device_check(
@@ -24,7 +27,7 @@ def device_check(
     address
         Device address (`cogrip devices`): an arm with motors (serial:, hid:).
     current_ma
-        Test current, at most 200 mA.
+        Test current, at most 200 mA, and never more than the limit of a motor.
     moving_s
         How long you will move the arm through its range at the end; 0 leaves that out.
     yes
@@ -33,20 +36,17 @@ def device_check(
     console = Console(highlight=False, soft_wrap=True)
     if not 0.0 < current_ma <= MOST_TEST_MA:
         raise BadInput(f"--current-ma {current_ma:g}: give more than 0 and at most {MOST_TEST_MA:g}")
+    if not 0.0 <= moving_s <= MOST_MOVING_S:
+        raise BadInput(f"--moving-s {moving_s:g}: give 0 to {MOST_MOVING_S:g}")
     arm = arm_at(address)
-    if not yes:
-        console.print(
-            "Put the arm in mid-range, take your hands off it, keep one at the power switch. Enter to begin, Ctrl-C to leave."
+    if address.startswith("haply:"):
+        raise BadInput(
+            f"{address}: its board takes torques and has no watchdog, so it is not pushed here; see docs/devices.md"
         )
-        input()
-    check = ArmCheck(arm.exchange, current_ma)
+    if not yes:
+        wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
     try:
-        reading = check.begin()
-        try:
-            model = arm.recognised(reading)
-            measured = check.measured(lambda text: console.print(f"  {text}", markup=False), moving_s)
-        finally:
-            check.end()
+        model, measured, current_ma = _measure(arm, current_ma, moving_s, console)
     except DeviceError as error:
         raise Problem(str(error)) from None
     rows = verdict(measured, current_ma)
@@ -61,3 +61,19 @@ def device_check(
     bad = [row.what for row in rows if not row.good]
     console.print("fit to be held" if not bad else f"NOT fit to be held: {', '.join(bad)}", markup=False)
     return 1 if bad else 0
+
+
+def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Console) -> tuple[ArmModel, Measured, float]:
+    """What the arm is, what was found, and the current that pushed it. Raises DeviceError."""
+    most_ma = min(arm.model.drive.limit_ma)
+    if most_ma <= 0.0:
+        raise DeviceError(f"{arm.exchange.port.name}: gives no force, so there is nothing to check: it is read only")
+    current_ma = min(current_ma, most_ma)
+    check = ArmCheck(arm.exchange, current_ma)
+    with termination_raised():
+        try:
+            reading = check.begin()
+            model = arm.recognised(reading)
+            return model, check.measured(lambda text: console.print(f"  {text}", markup=False), moving_s), current_ma
+        finally:
+            check.end()

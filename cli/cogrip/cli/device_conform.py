@@ -4,13 +4,16 @@ import time
 
 from rich.console import Console
 
-from cogrip.cli.problem import BadInput
+from cogrip.cli.problem import BadInput, Problem
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
-from cogrip.devices.device import DeviceError
+from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.registry import axes_of, is_real, make
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real
+PLANT_PUSH_N = (
+    1.0  # a simulated machine has its limits in its plant: it takes any force, and its hand would be torn off
+)
 
 
 def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024) -> int:
@@ -29,17 +32,17 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
     """
     console = Console(highlight=False, soft_wrap=True)
     try:
-        count = axes or axes_of(address)
+        count = axes_of(address) if axes is None else axes
         device = make(address, axes=count)
-        _ = device.capability
         real = is_real(address)
     except DeviceError as error:
         raise BadInput(str(error)) from None
+    _try(device, rate_hz)
     knows = not real and hasattr(device, "force_n")
     subject = Subject(
         lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
         (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
-        PUSH_N if real else float("inf"),
+        PUSH_N if real else PLANT_PUSH_N if address.startswith("sim:") else float("inf"),
     )  # fmt: skip
     broken = 0
     for check in CHECKS:
@@ -52,6 +55,18 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
             console.print(f"✓ {check.__name__}", markup=False)
     console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
     return 1 if broken else 0
+
+
+def _try(device: Device, rate_hz: int) -> None:
+    """Whether it can be had at all. Raises BadInput, or Problem."""
+    try:
+        most_hz = device.capability.rate_hz
+        if not 1 <= rate_hz <= most_hz:
+            raise BadInput(f"--rate-hz {rate_hz} is outside 1 to {most_hz}")
+        device.open(rate_hz)
+        device.close()
+    except DeviceError as error:
+        raise Problem(str(error)) from None
 
 
 class Clock:

@@ -55,27 +55,30 @@ def device_emulate(
     name = model or _DEFAULTS[kind]
     known = [known for known, machine in MACHINES.items() if machine.scheme == kind]
     if name not in known:
-        raise BadInput(f"--model {name!r}: {kind} has {', '.join(known)}")
+        raise BadInput(f"--model {name!r}: {kind} has {', '.join(known) or 'none'}")
+    if link is not None and link.exists() and not link.is_symlink():
+        raise BadInput(f"--link {link}: is there already and no link; name another one, it would be replaced")
     console = Console(highlight=False, soft_wrap=True)
     try:
         firmware = make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
     except DeviceError as error:
         raise BadInput(str(error)) from None
     terminal = PseudoTerminal(firmware, link, lambda text: console.print(text, markup=False))
-    try:
-        terminal.plug()
-    except OSError as error:
-        raise Problem(f"no pseudo-terminal: {error}") from None
-    console.print(
-        f"{name} behind {kind}:{link or terminal.path}; its counters are zero in the home pose: join it with ?pose=home"
-    )
+    pose = "its counters are zero in the home pose: join it with ?pose=home"
+    if powered_at_m is not None:
+        pose = "it was powered up elsewhere than in its home pose, so its pose is not known"
     stop = Stop()
-    measures = engage(["fifo"]) if fast else []
-    try:
-        with on_signals(stop):
+    with on_signals(stop):
+        try:
+            terminal.plug()
+        except OSError as error:
+            raise Problem(f"no pseudo-terminal: {error}") from None
+        measures = engage(["fifo"]) if fast else []
+        try:
+            console.print(f"{name} behind {kind}:{link or terminal.path}; {pose}", markup=False)
             terminal.run(_verbs(), lambda: bool(stop.reason))
-    finally:
-        release(measures)
+        finally:
+            release(measures)
     return 0
 
 

@@ -5,6 +5,8 @@ from rich.console import Console
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.plugged_in import FINDERS
 
+UNKNOWN = "(no address)"
+
 
 def device_find() -> int:
     """Look for force-feedback devices, and print the address of each; nothing is opened."""
@@ -17,8 +19,8 @@ def device_find() -> int:
             console.print(f"{what}: {error}", markup=False)
             continue
         for device in devices:
-            found += 1
-            console.print(f"{device.address}  {device.text}", markup=False)
+            found += bool(device.address)
+            console.print(f"{device.address or UNKNOWN}  {device.text}", markup=False)
     if not found:
         console.print(
             "none found: plug one in; on Linux it needs a udev rule (docs/devices.md). "

@@ -1,31 +1,42 @@
 """`cogrip devices list`: what there is to hold."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isinf
+from typing import Any
 
+import msgspec
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.devices.device import Capability
-from cogrip.devices.registry import describe, families
+from cogrip.cli.problem import BadInput
+from cogrip.cli.question import Json, write_json
+from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.registry import FAMILIES, MOST_AXES, Listing, describe, families, is_real
+from cogrip.devices.settings import parse_address
 
-_ROWS: dict[str, Callable[[Capability], str]] = {
-    "axes": lambda record: str(record.axes),
-    "workspace": lambda record: "\n".join(f"{low * 1e3:g} to {high * 1e3:g} mm" for low, high in record.workspace_m),
-    "peak force": lambda record: _number(record.peak_force_n, "N"),
-    "continuous force": lambda record: _number(record.continuous_force_n, "N"),
-    "advised stiffness": lambda record: _number(record.stiffness_npm, "N/m"),
-    "advised damping": lambda record: _number(record.damping_nspm, "N s/m"),
-    "force slope": lambda record: _number(record.slew_nps, "N/s"),
-    "speed limit": lambda record: _number(record.speed_mps, "m/s"),
-    "resolution": lambda record: "exact" if not record.resolution_m else _number(record.resolution_m * 1e3, "mm"),
-    "apparent mass": lambda record: _number(record.apparent_mass_kg, "kg"),
-    "highest rate": lambda record: _number(record.rate_hz, "Hz"),
-    "gives velocity": lambda record: "yes" if record.gives_velocity else "no, it is estimated",
-}
+NOT_RUN = "not yet run on hardware"
+_NONE = "-"
+
+_COLUMNS: dict[str, Callable[[Capability], Sequence[str]]] = {
+    "axes,\nworkspace": lambda record: (f"{record.axes} axes", *_workspace(record)),
+    "force: peak,\nfor ever,\nslope": lambda record: (
+        _number(record.peak_force_n, "N"), _number(record.continuous_force_n, "N"), _number(record.slew_nps, "N/s"),
+    ),
+    "advised:\nstiffness,\ndamping": lambda record: (
+        _number(record.stiffness_npm, "N/m"), _number(record.damping_nspm, "N s/m"),
+    ),
+    "one count,\nfelt mass": lambda record: (
+        _number(record.resolution_m * 1e3, "mm") if record.resolution_m else "exact", _number(record.apparent_mass_kg, "kg"),
+    ),
+    "most speed,\nrate,\nvelocity": lambda record: (
+        _number(record.speed_mps, "m/s"), _number(record.rate_hz, "Hz"),
+        "is given" if record.gives_velocity else "estimated",
+    ),
+}  # fmt: skip
 
 
-def device_list(*, axes: int = 3) -> int:
+def device_list(*, axes: int = MOST_AXES, json: Json = None) -> int:
     """List the devices that can be named by address, with their capability records.
 
     Parameters
@@ -33,19 +44,70 @@ def device_list(*, axes: int = 3) -> int:
     axes
         How many axes to make them with, 1 to 3.
     """
-    listings = describe(axes=axes)
-    table = Table(title="devices by address")
-    table.add_column("record")
-    for listing in listings:
-        table.add_column(listing.address)
-    for name, text in _ROWS.items():
-        table.add_row(name, *[text(listing.capability) for listing in listings])
-    console = Console()
-    console.print(table)
-    for scheme, summary in families().items():
-        console.print(f"{scheme}: {summary}", highlight=False)
+    if not 1 <= axes <= MOST_AXES:
+        raise BadInput(f"--axes {axes} is outside 1 to {MOST_AXES}")
+    try:
+        listings, summaries = describe(axes=axes), families()
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    if json is not None:
+        write_json(_as_json(listings, summaries), json)
+        return 0
+    console = Console(highlight=False)
+    for scheme, summary in summaries.items():
+        mark = f" ({NOT_RUN})" if _untried(scheme) else ""
+        console.print(f"{scheme}: {summary}{mark}", markup=False, soft_wrap=True)
+        rows = [listing for listing in listings if parse_address(listing.address).scheme == scheme]
+        console.print(_table(rows) if rows else "")
+    console.print(
+        f"{_NONE}: no limit is named. `--json -` gives the records as they are.", markup=False, soft_wrap=True
+    )
     return 0
 
 
+def _untried(scheme: str) -> bool:
+    """Of other packages' drivers nothing is known."""
+    return scheme in FAMILIES and is_real(f"{scheme}:")
+
+
+def _table(listings: Sequence[Listing]) -> Table:
+    """A row a device."""
+    table = Table(box=SIMPLE_HEAD, show_lines=True, padding=(0, 1, 0, 0))
+    table.add_column("address", overflow="fold")
+    for heading in _COLUMNS:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for listing in listings:
+        table.add_row(listing.address, *["\n".join(lines(listing.capability)) for lines in _COLUMNS.values()])
+    return table
+
+
+def _workspace(record: Capability) -> Sequence[str]:
+    """One line, where it is the same along all axes."""
+    lines = [
+        f"±{high * 1e3:g} mm" if high == -low else f"{low * 1e3:g} to {high * 1e3:g} mm"
+        for low, high in record.workspace_m
+    ]
+    return lines[:1] if len(set(lines)) == 1 else lines
+
+
 def _number(value: float, unit: str) -> str:
-    return "no limit named" if isinf(value) else f"{value:.4g} {unit}"
+    return _NONE if isinf(value) else f"{value:.4g} {unit}"
+
+
+def _as_json(listings: Sequence[Listing], summaries: dict[str, str]) -> dict[str, Any]:
+    """Limits that nobody names are null."""
+    return {
+        "families": {
+            scheme: {"summary": summary, "real": is_real(f"{scheme}:"), "not_run_on_hardware": _untried(scheme)}
+            for scheme, summary in summaries.items()
+        },
+        "devices": [
+            {"address": listing.address, "real": is_real(listing.address), **_finite(listing.capability)}
+            for listing in listings
+        ],
+    }
+
+
+def _finite(record: Capability) -> dict[str, Any]:
+    fields: dict[str, Any] = msgspec.to_builtins(record)
+    return {key: None if isinstance(value, float) and isinf(value) else value for key, value in fields.items()}

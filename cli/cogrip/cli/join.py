@@ -116,7 +116,7 @@ def join(
         return folder / client_recording(seat.user) if folder and record else None
 
     stop = Stop()
-    rearms = sys.stdin.isatty() if rearm is None else rearm
+    rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
     client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, record_at, seconds, rearms)
     with on_signals(stop):
         try:
@@ -131,6 +131,9 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
         with suppress(OSError):  # the server has heard the same; where it has not, the missing part is named
             write_account(folder, ended.seat.user, ended.account)
     summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
+    counts = ", ".join(f"{name} {count}" for name, count in sorted(ended.counts.items()) if count)
+    if counts:
+        console.print(f"{ended.seat.user}: dealt with: {counts}", markup=False)
     if ended.failed:
         console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}")
     if alone:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.new_run import new_run_folder
-from cogrip.cli.settings_file import load, try_hands, with_people
+from cogrip.cli.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
@@ -45,6 +45,7 @@ def lab(
         Folder in which the run's own folder (summary, report, plots, traces) is made.
     """
     settings = with_people(load(config, overrides), hands, device)
+    refuse_real(settings)
     try_hands(settings)
     console = Console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)

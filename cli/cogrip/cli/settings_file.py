@@ -13,6 +13,7 @@ import msgspec
 from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
+from cogrip.devices.registry import is_real
 from cogrip.protocol.settings import Settings, SettingsError, parse_override, resolve
 
 
@@ -43,6 +44,20 @@ def try_hands(settings: Settings) -> None:
             try_for(user, settings.object.axes, settings.rates.device_hz)
         except DeviceError as error:
             raise BadInput(f"{user.name}: {error}") from None
+
+
+def refuse_real(settings: Settings) -> None:
+    """Raises BadInput for a device of hardware, which no virtual time can hold; nothing is opened."""
+    for user in settings.users:
+        try:
+            real = is_real(user.device)
+        except DeviceError as error:
+            raise BadInput(f"{user.name}: {error}") from None
+        if real:
+            raise BadInput(
+                f"{user.name}: {user.device}: is hardware, and virtual time would not wait for it: take emulated: (such as"
+                " emulated:vintage) or sim:, or hold it live with `cogrip demo` or `cogrip join`"
+            )
 
 
 def with_people(settings: Settings, hands: Sequence[str], devices: Sequence[str]) -> Settings:

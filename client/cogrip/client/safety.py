@@ -16,7 +16,8 @@ from cogrip.devices.device import Capability
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
 FAULT_OUT_S = 0.02
-STALL_S = 0.02  # no sample for so long: the device has stalled
+STALL_S = 0.016  # so much longer without samples than with them, of which each is worth FORGIVEN: the device has stalled
+FORGIVEN = 0.5
 WATCHDOG_S = 0.1  # the loop was away for so long: the hand held an old force
 AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
 
@@ -48,7 +49,7 @@ class Safety:
         self._gain = 0.0
         self._good: Sequence[float] = (0.0,) * capability.axes
         self._out: tuple[float, ...] = (0.0,) * capability.axes
-        self._absent = 0
+        self._absent = 0.0
         self._at_limit = 0
         self.state = "idle"
         self.reason = ""
@@ -76,7 +77,7 @@ class Safety:
             self.reason = reason
         if name == "rearm":
             self._gain = 0.0
-            self._absent = 0
+            self._absent = 0.0
         return True
 
     def fail(self, reason: str) -> None:
@@ -96,11 +97,14 @@ class Safety:
         self._absent += ticks
         self.note("absent sample")
         if self._absent >= self._stall_ticks:
-            self.fail(f"device stall: no sample for {STALL_S * 1e3:g} ms; check its cable and power, then re-arm")
+            self.fail(
+                f"device stall: more than {STALL_S * 1e3:g} ms without samples; check its cable and power, then re-arm"
+            )
 
     def check(self, ticks: int, position_m: Sequence[float], velocity_mps: Sequence[float]) -> bool:
         """Judge a sample that came `ticks` ticks after the last one. False: it must not be used."""
-        self._absent = 0
+        if self._absent:
+            self._absent = max(0.0, self._absent - FORGIVEN)
         square = 0.0
         for speed in velocity_mps:
             square += speed * speed

@@ -1,8 +1,37 @@
-"""Velocity from encoder positions, for the devices that give no velocity of their own (theory section 3.6)."""
+"""Velocity from encoder positions, for devices that give none (theory section 3.6), and the impedance that a device carries.
+
+symbols: b impedance [N s/m], m apparent mass [kg], q one count [m], T tick [s], L age of a sample [ticks], mu memory,
+s = 1 - mu, F_q the largest jump of the force that one count may make [N]
+
+A damper of the estimate acts l = L + (1 + mu) / (1 - mu) ticks late; (1 + mu) / (1 - mu) is the estimate's own lag with the
+half tick that a force is held for, 1 for the plain difference of two samples. Slow motion feels b (x' - l T x''): being late
+takes b l T from the mass. Bounds:
+
+    lag     b < m / (l T)               no more than there is: theory's b T_c / m < 1, for an estimate and for old samples
+    noise   b < F_q T / (s^2 q)         one count moves the estimate by s^2 q / T
+
+More memory is quieter and later. A bare device on its damper holds to b T / m = 2 (1 - mu^2) / (1 + mu^2) with L = 0, and to
+2 (sqrt(p^2 + s^3 (1 + mu)) - p) / s^2 with L = 1, p = 1 + mu - mu^2 (Jury's conditions on (z - 1) (z - mu)^2 z^(L-1) +
+b T / (2 m) s^2 (z + 1)); a line leaves less of that, and the lag bound is well inside. docs/velocity.md has the comparison
+that chose this estimator, and how far sessions really go.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Literal
 
-MEMORY = 0.6
+from cogrip.devices.device import Capability
+
+MEMORY, LEAST_MEMORY = 0.6, 0.5
+WANTED_NSPM = 20.0
+"""The impedance that a device should carry, if it can: the paper's."""
+NOISE_N = 0.175
+"""F_q: a hand does not tell forces apart that differ by less than 7 %, from 2.5 N on (Pang, Tan and Durlach 1991)."""
+
+Bound = Literal["lag", "noise", "record"]
 
 
 class AlphaBeta:
@@ -11,7 +40,8 @@ class AlphaBeta:
     `memory` is the pole both errors decay with: alpha = 1 - memory^2, beta = (1 - memory)^2. An encoder step of q metres
     moves the estimate by beta q / T; that times b is the noise the hand feels. The estimate lags by about
     2 memory / (1 - memory) ticks, and lag in a damper gives energy: with 0.8 sessions of `sim:phantom` at b = 20 break into
-    oscillation below 0.1 kg, with 0.6 they are quiet at 0.045 kg (tests/sim/test_estimated_damping.py).
+    oscillation below 0.1 kg, with 0.6 they are quiet at 0.045 kg (tests/sim/test_estimated_damping.py). Samples that are one
+    tick old want less, 0.5 at 0.075 kg: see `memory_for`.
     """
 
     __slots__ = ("_alpha", "_beta_rate", "_position", "_tick_s", "_velocity")
@@ -42,3 +72,57 @@ class AlphaBeta:
         """Forget everything: the last sample was not to be used."""
         self._position = None
         self._velocity = [0.0] * len(self._velocity)
+
+
+def memory_for(capability: Capability, tick_s: float) -> float:
+    """The memory that the client's estimator runs with on this device.
+
+    MEMORY, or what is less and keeps WANTED_NSPM inside the lag bound, but LEAST_MEMORY: with more than the one sessions end
+    sooner, with less than the other they go no further, and noise grows (docs/velocity.md).
+    """
+    lag = capability.apparent_mass_kg / (WANTED_NSPM * tick_s) - capability.latency_ticks
+    return min(MEMORY, max(LEAST_MEMORY, (lag - 1.0) / (lag + 1.0) if lag > 0.0 else 0.0))
+
+
+def estimator_for(capability: Capability, tick_s: float) -> AlphaBeta | None:
+    """The estimator of a device's client; None where the device gives velocity."""
+    if capability.gives_velocity:
+        return None
+    return AlphaBeta(capability.axes, tick_s, memory_for(capability, tick_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """What a device carries: b [N s/m], the bound that binds, and the lag of its damper [ticks]."""
+
+    impedance_nspm: float
+    bound: Bound
+    lag_ticks: float
+
+
+def impedance_bounds(capability: Capability, tick_s: float) -> dict[Bound, float]:
+    """Each bound of b [N s/m]; "record" is the damping that the device's record advises."""
+    lag_s = tick_s * lag_ticks(capability, tick_s)
+    return {
+        "lag": capability.apparent_mass_kg / lag_s,
+        "noise": _noise_bound(capability, tick_s),
+        "record": capability.damping_nspm,
+    }
+
+
+def lag_ticks(capability: Capability, tick_s: float) -> float:
+    """How late a damper acts, with the hold. A velocity that the device gives is taken to be as good as a plain difference."""
+    memory = 0.0 if capability.gives_velocity else memory_for(capability, tick_s)
+    return capability.latency_ticks + (1.0 + memory) / (1.0 - memory)
+
+
+def _noise_bound(capability: Capability, tick_s: float) -> float:
+    count_mps = (1.0 - memory_for(capability, tick_s)) ** 2 * capability.resolution_m / tick_s
+    return inf if capability.gives_velocity or count_mps == 0.0 else NOISE_N / count_mps
+
+
+def largest_impedance(capability: Capability, tick_s: float) -> Carried:
+    """The largest impedance, or damping of virtual coupling, that a device should be asked for, and what limits it."""
+    bounds = impedance_bounds(capability, tick_s)
+    bound = min(bounds, key=lambda name: bounds[name])
+    return Carried(bounds[bound], bound, lag_ticks(capability, tick_s))

@@ -15,6 +15,7 @@ from cogrip.devices.settings import Address, Setting, parse_address, unknown
 FAMILIES: dict[str, str] = {
     "emulated": "cogrip.devices.emulated.family:family",
     "forcedimension": "cogrip.devices.forcedimension.family:family",
+    "haply": "cogrip.devices.haply.family:family",
     "hid": "cogrip.devices.hid.family:family",
     "openhaptics": "cogrip.devices.openhaptics.family:family",
     "replay": "cogrip.devices.replayed.family:family",

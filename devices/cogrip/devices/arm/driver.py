@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 
 from cogrip.devices.arm.encoder_watch import EncoderWatch
-from cogrip.devices.arm.exchange import Exchange, Reading, meet
+from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.pose import Calibration, KnownPose
 from cogrip.devices.device import Capability, DeviceError, Sample
 
-SILENT_S = 0.05  # after so long without a reading the arm is where nobody knows: no current
+SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
 ZERO: Vector = (0.0, 0.0, 0.0)
 TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
 GOODBYES = 2  # requests for no current when it is closed
@@ -101,8 +101,9 @@ class ArmDevice:
             port.close()
             raise
         self._exchange.start(rate_hz)
-        self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz)
-        self._silent_ticks = max(1, round(SILENT_S * rate_hz))
+        self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz, self._tip)
+        # a request may have to wait for RETRY_S, and it is to say zero
+        self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz))
         self._tick = self._read_at = 0
         self._acting = (0.0,) * self._axes
         self._broken = ""
@@ -152,12 +153,20 @@ class ArmDevice:
         finally:
             port.close()
 
+    def _joints(self, raw: Sequence[float]) -> Vector:
+        """Joint angles [rad] of raw counts."""
+        a, b, c = raw
+        da, db, dc = self._offset
+        return self.model.drive.angles((a + da, b + db, c + dc))
+
+    def _tip(self, raw: Sequence[float]) -> Sequence[float] | None:
+        """Position [m] of raw counts."""
+        return self.model.kinematics.forward(self._joints(raw))
+
     def _place(self, reading: Reading) -> Sequence[float]:
         """Position of a reading. Raises DeviceError where no tip can be."""
         model = self.model
-        a, b, c = reading.raw
-        da, db, dc = self._offset
-        angles = model.drive.angles((a + da, b + db, c + dc))
+        angles = self._joints(reading.raw)
         position = model.kinematics.forward(angles)
         if position is None or not isfinite(sum(position)):
             raise self._lost(f"the linkage does not close at counts {reading.raw}, so they are wrong")
@@ -219,8 +228,8 @@ class ArmDevice:
         if not finite:
             raise DeviceError(f"{self._name}: write of {tuple(force_n)} N: not finite; no current is sent instead")
         if told:
-            self._acting = force_n if share == 1.0 else tuple([share * part for part in force_n])
-        return None if self._acting is force_n else self._acting
+            self._acting = tuple(force_n) if share == 1.0 else tuple([share * part for part in force_n])
+        return None if told and share == 1.0 else self._acting
 
     def _currents(self, force_n: Sequence[float]) -> tuple[Sequence[float], float]:
         """Currents, and the share of the force that they give.
@@ -255,6 +264,11 @@ class ArmDevice:
                     self._count("not reached when closed")
                     break
         exchange.port.close()
+        if was_open and self._pose is not None:
+            try:
+                self._pose.settle()
+            except DeviceError:
+                self._count("loss of the pose not kept")
 
     def _break(self, error: DeviceError) -> None:
         self._broken = str(error)

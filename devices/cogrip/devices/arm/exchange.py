@@ -4,7 +4,7 @@ The request of a tick carries its motor commands; the reply holds the encoders a
 at the next tick, when it has long been waiting, so the loop does not wait for the wire: a sample is one tick old, and the
 force it leads to acts one tick after it was taken. That is all a blocking exchange would give too.
 
-    asked --reply--> idle          asked --no reply for RETRY_S--> idle, whatever still comes is thrown away
+    asked --reply--> idle        asked --no reply for RETRY_S--> asked again --all replies, or no more for RETRY_S--> idle
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import msgspec
 from cogrip.devices.device import DeviceError
 
 RETRY_S = 0.005  # a request that is not answered for so long is made again
+MOST_DRAINED = 1000  # reads; a device that only answers has nothing more to say long before
 PATIENCE = 0.25  # share of a tick that a reply which is not there yet is waited for
 
 
@@ -109,23 +110,59 @@ class Exchange:
         """No request is under way, and a tick is 1/rate_hz."""
         self._patience_s = PATIENCE / rate_hz
         self._retry_ticks = max(1, round(RETRY_S * rate_hz))
-        self._asked: int | None = None
+        self._asked: int | None = None  # the tick of the last request, while another one must wait
+        self._pushes = False  # what was asked for last is more than nothing
+        self._given_up = 0  # requests before it whose replies may still come
+        self._kept: Reading | None = None  # a reply that may be theirs
+        self._since = 0  # nothing has come or gone
         self.codec.reset()
 
     def ask(self, commands: Sequence[float], tick: int) -> bool:
-        """Send motor commands. False while a reply is outstanding: the commands in force stay, and this is counted."""
+        """Send motor commands. False while a reply is outstanding: the commands in force stay, and this is counted.
+
+        To let go is told all the same, once the last request has had its time.
+        """
         if self._asked is not None:
-            self._count("request held back")
-            return False
+            lets_go = self._pushes and not any(commands)
+            if not lets_go or tick - self._asked < self._retry_ticks:
+                self._count("request held back")
+                return False
+            self._given_up += 1
+        self._pushes = any(commands)
         self.port.write(self.codec.encode(commands))
-        self._asked = tick
+        self._asked = self._since = tick
         return True
 
     def reply(self, tick: int) -> tuple[Reading, int] | None:
-        """The newest reply and its age in ticks, None if there is none."""
+        """The newest reply and its age in ticks, None if there is none.
+
+        After a request was repeated nobody can tell whose reply comes first. Then it is kept until the others are there too, or
+        have not come for RETRY_S: a reply taken for the next one would leave the driver behind by one for ever.
+        """
         asked = self._asked
         if asked is None:
             return None
+        readings = self._read()
+        came = len(readings)
+        if came > 1:
+            self._count("reply too many", came - 1)
+        if came > self._given_up:
+            return self._answered(readings[-1], tick - asked)
+        if came:
+            self._given_up -= came
+            self._kept, self._since = readings[-1], tick
+            return None
+        self._count("reply missed")
+        if tick - self._since >= self._retry_ticks:
+            self.codec.reset()
+            if self._kept is not None:
+                return self._answered(self._kept, tick - asked)
+            self._count("request repeated")
+            self._given_up += 1
+            self._asked = None
+        return None
+
+    def _read(self) -> list[Reading]:
         data = self.port.read(self._patience_s)
         readings = self.codec.feed(data)
         if data and not readings:  # a part of it: the rest is on its way
@@ -134,17 +171,12 @@ class Exchange:
         if self.codec.skipped != self._skipped:
             self._count("bytes skipped", self.codec.skipped - self._skipped)
             self._skipped = self.codec.skipped
-        if not readings:
-            self._count("reply missed")
-            if tick - asked >= self._retry_ticks:
-                self._count("request repeated")
-                self.codec.reset()
-                self._asked = None
-            return None
-        if len(readings) > 1:
-            self._count("reply too many", len(readings) - 1)
-        self._asked = None
-        return readings[-1], tick - asked
+        return readings
+
+    def _answered(self, reading: Reading, age: int) -> tuple[Reading, int]:
+        self._given_up = 0
+        self._asked = self._kept = None
+        return reading, age
 
     def _count(self, name: str, by: int = 1) -> None:
         self.counts[name] = self.counts.get(name, 0) + by
@@ -153,18 +185,30 @@ class Exchange:
 def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tries: int = 20) -> Reading:
     """The first good reply to requests for no force, and nothing left on the wire. Raises DeviceError after `tries` of them."""
     port, codec = exchange.port, exchange.codec
+    _drain(port)  # what was on its way before we came
     codec.reset()
-    while port.read():  # what was on its way before we came
-        pass
+    complaint = ""
     for _ in range(tries):
         port.write(codec.encode(zero))
         readings = codec.feed(port.read(patience_s))
-        if readings:
-            while port.read():  # replies to earlier tries
-                pass
+        good = [reading for reading in readings if not reading.rejected]
+        if good:
+            _drain(port)  # replies to earlier tries
             codec.reset()
-            return readings[-1]
+            return good[-1]
+        complaint = (
+            readings[-1].error if readings else complaint
+        )  # half a request stood before ours, and its counts are old
+    if complaint:
+        raise DeviceError(f"{port.name}: refuses every request: {complaint}; is it the right device? Power it up anew")
     raise DeviceError(
         f"{port.name}: no reply to {tries} requests in {tries * patience_s:g} s; "
         "is this the right port, and is the device powered?"
     )
+
+
+def _drain(port: Port) -> None:
+    for _ in range(MOST_DRAINED):
+        if not port.read():
+            return
+    raise DeviceError(f"{port.name}: sends without being asked, so it is another device; is this the right port?")

@@ -15,13 +15,17 @@ from cogrip.devices.device import DeviceError
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):
-    """What `cogrip devices calibrate` leaves: counter + offset_counts = calibrated count, while the stamp is the same."""
+    """What `cogrip devices calibrate` leaves: counter + offset_counts = calibrated count, while the stamp is the same.
+
+    lost: why it does not hold any more, though the stamp is the same; "" where it does.
+    """
 
     device: str
     model: str
     offset_counts: tuple[float, float, float]
     stamp: str
     made: str  # local time, for people
+    lost: str = ""
 
 
 class Store(Protocol):
@@ -75,11 +79,19 @@ class KnownPose:
             )
         if stored.stamp != stamp:
             raise DeviceError(f"{self._device}: was plugged in again since it was calibrated on {stored.made}: {cure}")
-        if self._lost and stored == self._stored:
-            raise DeviceError(f"{self._device}: {self._lost}, so its pose is not known any more: {cure}")
+        lost = stored.lost or (self._lost if stored == self._stored else "")
+        if lost:
+            raise DeviceError(f"{self._device}: {lost}, so its pose is not known any more: {cure}")
         self._stored, self._lost = stored, ""
         return stored.offset_counts
 
     def lose(self, why: str) -> None:
         """The counters can not be trusted any more."""
         self._lost = why
+
+    def settle(self) -> None:
+        """Tell the store what was lost, so that the next program knows. It may write a file. Raises DeviceError."""
+        stored = self._stored
+        if self._lost and stored is not None and not stored.lost and self._store.find(self._device) == stored:
+            self._stored = msgspec.structs.replace(stored, device=self._device, lost=self._lost)
+            self._store.keep(self._stored)

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.emulated.device import EmulatedDevice, Notebook, Planned
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.emulated.machines import MACHINES, make_firmware
+from cogrip.devices.emulated.machines import MACHINES, Machine, make_firmware
+from cogrip.devices.emulated.mechanics import Mechanics
 from cogrip.devices.emulated.port import EmulatedPort
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, unknown
@@ -19,18 +21,21 @@ from cogrip.devices.settings import Address, Setting, unknown
 def family() -> Family:
     """The family `emulated:`, for the registry."""
     what = "drivers of real devices on emulated ones, in virtual time; any hand of sim:, and faults=VERB@BEGIN_S+SECONDS,..."
-    return Family(what, make, tuple(f"emulated:{name}" for name in MACHINES))
+    return Family(what, make, tuple(f"emulated:{name}" for name in MACHINES), axes)
 
 
-def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+def axes(address: Address) -> int:
+    """How many axes that arm has. Raises DeviceError."""
+    return _machine(address).model.record.axes
+
+
+def make(address: Address, count: int, defaults: Mapping[str, Setting]) -> Device:
     """A driver and its firmware. The arm was powered up in its home pose, unless the key pose says otherwise.
 
     Raises DeviceError for unknown machines and keys, and values out of bounds.
     """
     where = repr(address.text)
-    machine = MACHINES.get(address.name)
-    if machine is None:
-        raise unknown("emulated device", address.name, MACHINES, where)
+    machine = _machine(address)
     query = dict(address.query)
     planned = [_planned(text, where) for text in query.pop("faults", "").split(",") if text]
     seed = query.pop("seed", "1")
@@ -42,10 +47,25 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     name = f"emulated:{address.name}"
     port = EmulatedPort(name, firmware, reports=machine.reports)
     store = Notebook()
-    driver = machine.drive(
-        port, name, store, Address(address.text, address.scheme, address.name, driver_keys), axes
-    )
+    driver = machine.drive(port, name, store, Address(address.text, address.scheme, address.name, driver_keys), count)
+    if driver_keys["pose"] == "stored" and isinstance(driver, ArmDevice):
+        _calibrate(driver, firmware.mechanics, store)
     return EmulatedDevice(driver, firmware, planned, store)
+
+
+def _machine(address: Address) -> Machine:
+    machine = MACHINES.get(address.name)
+    if machine is None:
+        raise unknown("emulated device", address.name, MACHINES, repr(address.text))
+    return machine
+
+
+def _calibrate(driver: ArmDevice, mechanics: Mechanics, store: Notebook) -> None:
+    """Before the session: somebody puts the arm into its home pose, and takes it back to where the session begins."""
+    start = mechanics.body.position_m
+    mechanics.carry(mechanics.home_m)
+    store.keep(driver.calibrate("before the session"))
+    mechanics.carry(start)
 
 
 def _planned(text: str, where: str) -> Planned:

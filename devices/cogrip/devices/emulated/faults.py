@@ -78,7 +78,7 @@ class Faults:
         self._waiting = b""
         if not self._reports:
             parts = [b"".join(parts)]
-            if on("split", now_ns):
+            if on("split", now_ns) and len(parts[0]) > 1:
                 cut = self._random.randrange(1, len(parts[0]))
                 parts = [parts[0][:cut], parts[0][cut:]]
         self._queue += [(at_ns + number * SPLIT_NS * on("split", now_ns), part) for number, part in enumerate(parts)]

@@ -8,6 +8,7 @@ from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.mechanics import Mechanics
 
 JUMP_COUNTS = 400
+STEP_NS = 2_000_000  # a watchdog lets go on time also where nobody looks for long
 
 
 class Firmware(ABC):
@@ -43,8 +44,10 @@ class Firmware(ABC):
 
     def advance(self, now_ns: int) -> None:
         """Mechanics and watchdogs up to now."""
-        if now_ns <= self.now_ns:
-            return
+        while self.now_ns < now_ns:
+            self._step(now_ns if self._begun_ns is None else min(now_ns, self.now_ns + STEP_NS))
+
+    def _step(self, now_ns: int) -> None:
         self.now_ns = now_ns
         if self._begun_ns is not None:
             self.mechanics.advance(now_ns - self._begun_ns)
@@ -68,7 +71,7 @@ class Firmware(ABC):
             self.mechanics.slip(0, JUMP_COUNTS)
         elif verb == "stuck":
             self._stuck = True
-            self.mechanics.stick(1)
+            self.mechanics.stick()
         elif verb == "unplug":
             self.unplug()
 

@@ -31,12 +31,13 @@ class HfabFirmware(Firmware):
         self.pwm = [IDLE_PWM] * 3
         self._fed_ns = 0
         self._buffer = b""
-        self._counters = mechanics.counters
+        self._counters = (0, 0, 0)  # of the last good frame
 
     def rest(self) -> None:
         self.enabled = False
         self.pwm = [IDLE_PWM] * 3
         self._buffer = b""
+        self._counters = (0, 0, 0)
         self.mechanics.drive((0.0, 0.0, 0.0))
 
     def tick(self) -> None:

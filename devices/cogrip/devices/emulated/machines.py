@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cogrip.devices.arm.exchange import Port
 from cogrip.devices.arm.kinematics import Vector
-from cogrip.devices.arm.model import ArmSettings
+from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.firmware import Firmware
+from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.emulated.hid_firmware import HidFirmware
 from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.haply.family import drive as drive_haply
+from cogrip.devices.haply.models import MODELS as HAPLY
+from cogrip.devices.haply.models import HaplySettings
 from cogrip.devices.hid.family import NAMES as HID_NAMES
 from cogrip.devices.hid.family import drive as drive_hid
 from cogrip.devices.registry import make
@@ -37,7 +41,7 @@ class Machine:
     firmware: Callable[[str, Body, int, Vector | None], Firmware]
     drive: Callable[[Port, str, Store, Address, int], Device]
     keys: tuple[str, ...]
-    mass_kg: float
+    model: ArmModel
     reports: bool = False
 
 
@@ -47,7 +51,7 @@ def _hfab(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firm
 
 
 MACHINES: dict[str, Machine] = {
-    name: Machine("serial", _hfab, drive_serial, keys_of(SerialSettings), MODELS[name].record.apparent_mass_kg)
+    name: Machine("serial", _hfab, drive_serial, keys_of(SerialSettings), MODELS[name])
     for name in SERIAL_NUMBERS.values()
 }
 
@@ -57,8 +61,23 @@ def _hid(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmw
 
 
 MACHINES |= {
-    name: Machine("hid", _hid, drive_hid, keys_of(ArmSettings), MODELS[name].record.apparent_mass_kg, reports=True)
-    for name in HID_NAMES
+    name: Machine("hid", _hid, drive_hid, keys_of(ArmSettings), MODELS[name], reports=True) for name in HID_NAMES
+}
+
+
+def _haply(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmware:
+    model = HAPLY[name]
+    a, b = (Joint(port, ccw) for port, ccw in zip(model.wiring.ports, model.wiring.ccw, strict=True))
+    return HaplyFirmware((a, b), Mechanics(model, body, powered_at_m), Faults(seed), homed=True)
+
+
+def _drive_haply(port: Port, name: str, store: Store, address: Address, axes: int) -> Device:
+    return drive_haply(port, name, store, replace(address, query={**address.query, "model": address.name}), axes)
+
+
+MACHINES |= {
+    name: Machine("haply", _haply, _drive_haply, tuple(key for key in keys_of(HaplySettings) if key != "model"), model)
+    for name, model in HAPLY.items()
 }
 
 
@@ -70,7 +89,12 @@ def make_firmware(
     powered_at_m: where the tip was when its counters began; in the home pose if not given. Raises DeviceError.
     """
     machine = MACHINES[name]
-    keys: dict[str, Setting] = {"resolution_m": 0.0, "peak_force_n": 100.0, "mass_kg": machine.mass_kg, **body_keys}
+    keys: dict[str, Setting] = {
+        "resolution_m": 0.0,
+        "peak_force_n": 100.0,
+        "mass_kg": machine.model.record.apparent_mass_kg,
+        **body_keys,
+    }
     simulated = make("sim:phantom", axes=BODY_AXES, **keys)
     if not isinstance(simulated, SimulatedDevice):
         raise DeviceError("sim:phantom: is no simulated device any more")

@@ -23,9 +23,11 @@ class Mechanics:
         self.currents_ma: Vector = (0.0, 0.0, 0.0)
         self._angles: Vector = (0.0, 0.0, 0.0)
         self._zero: Vector = model.home_counts
+        self._travel = [0.0, 0.0, 0.0]
         self._frozen: dict[int, int] = {}
         self._slip = [0, 0, 0]
         self._follow()
+        self._travel = [0.0, 0.0, 0.0]
         if powered_at_m is not None:
             angles = model.kinematics.inverse(powered_at_m)
             if angles is None:
@@ -41,6 +43,9 @@ class Mechanics:
     def _follow(self) -> None:
         angles = self.model.kinematics.inverse(self.body.position_m)
         if angles is not None:  # else the links are stretched: the joints stand at their stops
+            self._travel = [
+                way + abs(new - old) for way, new, old in zip(self._travel, angles, self._angles, strict=True)
+            ]
             self._angles = angles
 
     @property
@@ -54,12 +59,19 @@ class Mechanics:
         )
         return a, b, c
 
-    def carry_home(self) -> None:
-        """Somebody puts the arm into its home pose."""
+    @property
+    def home_m(self) -> Vector:
+        """Where the tip is in the home pose."""
         home = self.model.kinematics.forward(self.model.drive.angles(self.model.home_counts))
         assert home is not None
-        self.body.carry(home)
+        return home
+
+    def carry(self, position_m: Vector) -> None:
+        """Somebody carries the tip there."""
+        travel = self._travel
+        self.body.carry(position_m)
         self._follow()
+        self._travel = travel
 
     def load(self, counters: Vector) -> None:
         """The firmware sets its counters."""
@@ -72,8 +84,9 @@ class Mechanics:
         """Fault: an encoder jumps."""
         self._slip[joint] += counts
 
-    def stick(self, joint: int) -> None:
-        """Fault: an encoder gives no pulses any more."""
+    def stick(self) -> None:
+        """Fault: the encoder of the joint that has moved most gives no pulses any more."""
+        joint = self._travel.index(max(self._travel))
         self._frozen[joint] = self.counters[joint]
 
     def unstick(self) -> None:

@@ -38,7 +38,7 @@ def family() -> Family:
     what = (
         "Omega, delta, sigma, lambda, Falcon (Force Dimension SDK): forcedimension:0?model=omega3 by the SDK's number"
     )
-    return Family(what, make, tuple(f"forcedimension:0?model={model}" for model in RECORDS))
+    return Family(what, make, tuple(f"forcedimension:0?model={model}" for model in RECORDS), real=True)
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:

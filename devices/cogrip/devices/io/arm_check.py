@@ -13,6 +13,7 @@ MOST_TEST_MA = 200.0
 STEP_S = 0.001
 RAMP_S = 0.1
 HOLD_S = 0.15
+LATE_S = 0.1  # a reply that has not come by then never will
 ENOUGH_COUNTS = 60  # it has moved: no need to push on
 ZERO = (0.0, 0.0, 0.0)
 _JOINTS = 3
@@ -31,8 +32,13 @@ class ArmCheck:
         self._high: list[int] = []
 
     def begin(self) -> Reading:
-        self._exchange.port.open()
-        reading = meet(self._exchange, ZERO)
+        port = self._exchange.port
+        port.open()
+        try:
+            reading = meet(self._exchange, ZERO)
+        except DeviceError:
+            port.close()
+            raise
         self._seen(reading)
         return reading
 
@@ -56,9 +62,13 @@ class ArmCheck:
         until_s = time.perf_counter() + wait_s
         while (rest_s := until_s - time.perf_counter()) > 0.0:
             readings = codec.feed(port.read(rest_s))
-            if readings:
+            if readings and not readings[-1].rejected:
                 self._seen(readings[-1])
                 return readings[-1]
+            if readings:  # its counts are old
+                break
+        else:
+            port.read(LATE_S)  # else a late reply would be taken for the next one's
         self._missed += 1
         codec.reset()
         return None

@@ -34,7 +34,13 @@ class CalibrationStore:
         self._folder = folder or calibration_folder()
 
     def path_of(self, device: str) -> Path:
-        """The file of one device: a name that people can read, and a digest that tells alike ones apart."""
+        """The file of one device: a name that people can read, and a digest that tells alike ones apart.
+
+        A device node is the same one by any link to it; a link may lead to another node when the device is plugged in again.
+        """
+        scheme, _, place = device.partition(":")
+        if place.startswith("/"):
+            device = f"{scheme}:{os.path.realpath(place)}"
         readable = re.sub(r"[^A-Za-z0-9]+", "-", device).strip("-")[:60]
         return self._folder / f"{readable}-{hashlib.sha256(device.encode()).hexdigest()[:8]}.json"
 

@@ -28,7 +28,7 @@ class PseudoTerminal:
         self._link = link
         self._say = say
         self._master = self._slave = -1
-        self._verbs = b""
+        self._verbs = self._late = b""
         self.path = ""
 
     def plug(self) -> None:
@@ -45,6 +45,10 @@ class PseudoTerminal:
             new.replace(self._link)
 
     def unplug(self) -> None:
+        """The link goes too: another program may get a terminal of the same name."""
+        self._late = b""
+        if self._link is not None:
+            self._link.unlink(missing_ok=True)
         for descriptor in (self._master, self._slave):
             with suppress(OSError):
                 os.close(descriptor)
@@ -53,7 +57,7 @@ class PseudoTerminal:
     def run(self, verbs: int | None, stopped: Callable[[], bool]) -> None:
         """verbs: a descriptor that lines are read from; None for none."""
         begun_ns = time.monotonic_ns()
-        firmware, late = self._firmware, b""
+        firmware = self._firmware
         try:
             while not stopped():
                 sources = [source for source in (self._master, verbs) if source is not None and source >= 0]
@@ -64,20 +68,17 @@ class PseudoTerminal:
                 if self._master in ready:
                     with suppress(OSError):  # nobody has it open
                         firmware.receive(os.read(self._master, 4096), now_ns)
-                for data in firmware.due(now_ns):
-                    late += data
-                if late and self._master >= 0:
+                self._late += b"".join(firmware.due(now_ns))
+                if self._late and self._master >= 0:
                     with suppress(BlockingIOError):  # nobody reads
-                        late = late[os.write(self._master, late) :]
-                    late = late[-4096:]
+                        self._late = self._late[os.write(self._master, self._late) :]
+                    self._late = self._late[-4096:]
                 if verbs is not None and verbs in ready and not self._listen(verbs):
                     return
                 if firmware.plugged != (self._master >= 0):
                     self._follow()
         finally:
             self.unplug()
-            if self._link is not None:
-                self._link.unlink(missing_ok=True)
 
     def _follow(self) -> None:
         if self._firmware.plugged:

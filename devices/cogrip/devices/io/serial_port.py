@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeVar
@@ -12,6 +13,13 @@ import serial
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.plugging import stamp_of
+
+if sys.platform == "win32":
+    NOT_A_LINE: tuple[type[Exception], ...] = (OSError, ValueError)
+else:
+    import termios
+
+    NOT_A_LINE = (OSError, ValueError, termios.error)
 
 BAUD = 115200  # the devices ignore it, but 0 would mean hang-up
 _Answer = TypeVar("_Answer")
@@ -32,15 +40,14 @@ class SerialPort:
             raise DeviceError(f"{self.name}: is open already; close it first")
         try:
             line = serial.Serial(self.path, BAUD, timeout=0, write_timeout=0, exclusive=True)
-        except (OSError, ValueError) as error:  # SerialException is an OSError
+        except NOT_A_LINE as error:  # SerialException is an OSError
             raise DeviceError(f"{self.name}: cannot be opened: {_reason(error)}; {_cure(self.path, error)}") from None
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
             line.set_low_latency_mode(True)  # a pty has none, an ACM port may have none
-        line.reset_input_buffer()
         self._line = line
 
     def write(self, frame: bytes) -> None:
-        sent = self._try(lambda line: line.write(frame))
+        sent = self._try(lambda line: _write(line, frame))
         if sent != len(frame):
             raise DeviceError(
                 f"{self.name}: took {sent} of {len(frame)} bytes: the device does not read; check it, then re-arm"
@@ -80,6 +87,16 @@ def _read(line: serial.Serial, wait_s: float) -> bytes:
             return first + line.read(line.in_waiting) if first else b""
     data: bytes = line.read(waiting) if waiting else b""
     return data
+
+
+def _write(line: serial.Serial, frame: bytes) -> int:
+    """How many bytes it took. pyserial itself would try for ever where the buffer is full."""
+    if os.name != "posix":
+        return line.write(frame) or 0
+    try:
+        return os.write(line.fileno(), frame)
+    except BlockingIOError:
+        return 0
 
 
 def _reason(error: Exception) -> str:

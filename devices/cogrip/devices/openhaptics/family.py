@@ -37,7 +37,7 @@ def family() -> Family:
     what = (
         "Touch, Phantom Omni, Desktop, Premium (OpenHaptics): openhaptics:NAME?model=touch with the vendor's name of it"
     )
-    return Family(what, make, tuple(f"openhaptics:Default Device?model={model}" for model in RECORDS))
+    return Family(what, make, tuple(f"openhaptics:Default Device?model={model}" for model in RECORDS), real=True)
 
 
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Literal
 
@@ -42,8 +41,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
         raise DeviceError(
             f"{address.text!r}: name the port, such as serial:/dev/ttyACM0; `cogrip devices find` lists them"
         )
-    name = f"serial:{os.path.realpath(address.name) if os.name == 'posix' else address.name}"
-    return drive(SerialPort(address.name, "serial"), name, CalibrationStore(), address, axes)
+    return drive(SerialPort(address.name, "serial"), f"serial:{address.name}", CalibrationStore(), address, axes)
 
 
 def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> ArmDevice:

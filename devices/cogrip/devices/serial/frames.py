@@ -72,12 +72,11 @@ def _reading(found: re.Match[bytes]) -> Reading:
     kind = MODELS.get(model, f"number {model}")
     if not error:
         return Reading((a, b, c), model=kind, gimbal=(d, e, f))
-    return Reading((a, b, c), error_text(error), error >= REJECTED, kind, (d, e, f))
+    return Reading((a, b, c), error_text(error), not 0 <= error < REJECTED, kind, (d, e, f))
 
 
 def error_text(error: int) -> str:
     """What an error number means; gimbal bits may stand together."""
-    parts = [
-        text for bit, text in ERRORS.items() if error == bit or (bit < REJECTED and error < REJECTED and error & bit)
-    ]
+    gimbal = 0 < error < REJECTED
+    parts = [text for bit, text in ERRORS.items() if error == bit or (gimbal and bit < REJECTED and error & bit)]
     return f"{', '.join(parts) or 'unknown'} (error {error})"

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import floor, log10
 from typing import Literal
 
+from cogrip.client.velocity import NOISE_N, Bound, Carried, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
@@ -22,8 +24,7 @@ from cogrip.sim.analysis.stability import Limit, Verdict, largest_stable, verdic
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
-DEVICE_BOUND = 1.0  # b T_c / m, theory section 3.6
-_TINY_GAIN = 1e-9
+_TINY = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +42,10 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class UserAdvice:
-    """One person's numbers. felt: on a wall, at rest; compensated:
+    """One person's numbers.
 
-    the K to render for the hand to feel what was asked, if any does.
+    felt: on a wall, at rest; compensated: the K to render for the hand to feel what was asked, if any does; largest_impedance:
+    the b, or B of virtual coupling, that the device carries, impedance_bound which bound that is (`largest_impedance`).
     """
 
     name: str
@@ -53,6 +55,8 @@ class UserAdvice:
     enough_impedance_nspm: float | None
     b_tc_over_m: float
     advised_damping_nspm: float
+    largest_impedance_nspm: float
+    impedance_bound: Bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +133,7 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
     for seat in seats:
         kind = seat.coupling.decimator
         gain, _ = largest_gain(filter_of(kind, rates, seat.coupling.lowpass_rad_s), rates.ticks_per_frame)
-        if gain > 1.0 + _TINY_GAIN:
+        if gain > 1.0 + _TINY:
             text = f'{seat.user}: decimator "{kind}" can make up to {100.0 * (gain - 1.0):.3g} % energy of what aliases'
             found.append(Finding("passivity", text, level="warning" if gain > MUCH_GAIN else "note"))
     return found or [Finding("passivity", "line and object are passive by construction, on any network")]
@@ -148,29 +152,30 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
             enough = coupling.stiffness_npm * compliance * coupling.impedance_nspm
     damper = coupling.damping_nspm if coupling.kind == "coupling" else coupling.impedance_nspm
     share = damper * seat.rates.tick_s / person.device_mass_kg
+    carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
-        person.name, coupling.stiffness_npm, felt, compensated, enough, share, record.damping_nspm
+        person.name, coupling.stiffness_npm, felt, compensated, enough, share, record.damping_nspm,
+        carried.impedance_nspm, carried.bound,
     )  # fmt: skip
 
 
 def _seat(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[Finding]:
     coupling = seat.coupling
     name, key = ("B", "damping_nspm") if coupling.kind == "coupling" else ("b", "impedance_nspm")
-    value = getattr(coupling, key)
-    if user.b_tc_over_m >= DEVICE_BOUND or value > record.damping_nspm:
-        bound = min(record.damping_nspm, value / user.b_tc_over_m * DEVICE_BOUND)
+    value, carried = getattr(coupling, key), largest_impedance(record, seat.rates.tick_s)
+    most, why = carried.impedance_nspm, _why(carried, record)
+    if value > most * (1.0 + _TINY):
         yield Finding(
             "device",
             f"{user.name}: {name} = {value:g} Ns/m is more than device {record.family}:{record.model} carries: "
-            f"{name} T_c / m = {user.b_tc_over_m:.2f} (bound {DEVICE_BOUND:g}), record {record.damping_nspm:.3g} Ns/m; "
-            f"set coupling.{key} to {bound:.3g} or less",
+            f"{name} T_c / m = {user.b_tc_over_m:.2f}; at {most:.3g} Ns/m {why}; "
+            f"set coupling.{key} to {_rounded_down(most):g} or less",
             level="warning",
         )
     else:
         yield Finding(
             "device",
-            f"{user.name}: {name} T_c / m = {user.b_tc_over_m:.2f} (bound {DEVICE_BOUND:g}), "
-            f"{name} = {value:g} of at most {record.damping_nspm:.3g} Ns/m by the device's record",
+            f"{user.name}: {name} T_c / m = {user.b_tc_over_m:.2f}; {name} = {value:g} of at most {most:.3g} Ns/m, where {why}",
         )
     if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
         yield Finding(
@@ -181,6 +186,21 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[
         )
     if user.asked_npm:
         yield Finding("feel", _felt_text(user, seat))
+
+
+def _why(carried: Carried, record: Capability) -> str:
+    """What binds, at the largest b."""
+    if carried.bound == "lag":
+        return f"the {carried.lag_ticks:.2g} ticks that its damper is late take all of its {record.apparent_mass_kg:.3g} kg"
+    if carried.bound == "noise":
+        return f"one count of {1e3 * record.resolution_m:.3g} mm makes its force jump by {NOISE_N:g} N"
+    return "the damping that its record advises ends"
+
+
+def _rounded_down(value: float) -> float:
+    """To three digits, and not above the value."""
+    step = 10.0 ** (floor(log10(value)) - 2)
+    return float(f"{floor(value / step * (1.0 + _TINY)) * step:.3g}")
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings) -> str:

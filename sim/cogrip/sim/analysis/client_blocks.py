@@ -2,7 +2,8 @@
 
 Symbols, per axis: x, y = x' device position [m] and velocity [m/s], y_est what the force law reads, w = (x_{k+1} -
 x_k)/T_c mean velocity of a tick, F force on the device [N], f force of the hand [N], u forward and v returning wave
-[sqrt(W)], x_o, v_o the object's last known state, b wave impedance, K, B coupling, T_c tick, M ticks in a frame.
+[sqrt(W)], x_o, v_o the object's last known state, b wave impedance, K, B coupling, T_c tick, M ticks in a frame, L age of
+a sample in ticks when it is read.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from math import exp, sqrt
 
 import numpy as np
 
-from cogrip.client.velocity import MEMORY
 from cogrip.devices.simulated.zero_order_hold import discretise
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.linear_session import Person
@@ -19,9 +19,11 @@ from cogrip.sim.analysis.state_space import Array, StateSpace, close, lift, seri
 
 
 def device_block(person: Person, rates: Rates) -> StateSpace:
-    """Inputs F, f, held over a tick; outputs y_est, w, x; states x, y and, if estimated, the estimator's two (P eq. 9).
+    """Inputs F, f, held over a tick; outputs y_est, w, x, w as it is read, x as it is read (P eq. 9).
 
-    The estimator is `AlphaBeta`, with its states as error of position and velocity: it reads displacements alone.
+    States: x, y; the estimator's two if estimated, else y of the last L ticks, newest first; w of the last L ticks; where a
+    sample is L ticks old when it is read. The estimator is `AlphaBeta`, with its states as error of position and velocity: it
+    reads displacements alone.
     """
     step = discretise(
         person.device_mass_kg,
@@ -29,33 +31,62 @@ def device_block(person: Person, rates: Rates) -> StateSpace:
         person.hand_stiffness_npm,
         rates.device_hz,
     )
-    rate = float(rates.device_hz)
-    A = np.array([[1.0 - step.g * step.stiffness_npm, step.p], [-step.h * step.stiffness_npm, step.q]])
-    B = np.array([[-step.g, step.g], [-step.h, step.h]])
-    moved = (A - np.eye(2))[0] * rate, B[0] * rate  # w
-    if not person.estimated:
-        C = np.array([[0.0, 1.0], moved[0], [1.0, 0.0]])
-        return StateSpace(A, B, C, np.array([[0.0, 0.0], moved[1], [0.0, 0.0]]))
-    # error of the prediction at the next sample: T_c (w - y_est) - d, with d the error of the estimated position
-    error = np.concatenate((moved[0], (-rate, -1.0))) * rates.tick_s, moved[1] * rates.tick_s
-    left, gained = -(MEMORY**2), (1.0 - MEMORY) ** 2 * rate
-    large = np.zeros((4, 4))
-    large[:2, :2] = A
-    large[2] = left * error[0]
-    large[3] = gained * error[0]
-    large[3, 3] += 1.0
-    inputs = np.concatenate((B, [left * error[1]], [gained * error[1]]))
-    C = np.array([[0.0, 0.0, 0.0, 1.0], [*moved[0], 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
-    return StateSpace(large, inputs, C, np.array([[0.0, 0.0], moved[1], [0.0, 0.0]]))
+    L, T = person.latency_ticks, rates.tick_s
+    own, ways = _ways(person)
+    n = own + 2 + L
+    A, B, C, D = np.zeros((n, n)), np.zeros((n, 2)), np.zeros((5, n)), np.zeros((5, 2))
+    A[:2, :2] = [[1.0 - step.g * step.stiffness_npm, step.p], [-step.h * step.stiffness_npm, step.q]]
+    B[:2] = [[-step.g, step.g], [-step.h, step.h]]
+    C[1, :2], D[1] = (A[0, :2] - (1.0, 0.0)) * rates.device_hz, B[0] * rates.device_hz  # w
+    C[2, 0] = C[4, 0] = 1.0
+    C[4, ways] = -T
+    _remember(A, B, ways, C[1], D[1])
+    C[3], D[3] = (np.eye(n)[-1], 0.0) if L else (C[1], D[1])
+    if person.estimated:
+        # error of the prediction at the next sample: T_c (w - y_est) - d, with d the error of the estimated position
+        error, driven = T * C[3], T * D[3]
+        error[2:4] -= (1.0, T)
+        left, gained = -(person.memory**2), (1.0 - person.memory) ** 2 / T
+        A[2], B[2] = left * error, left * driven
+        A[3], B[3] = gained * error, gained * driven
+        A[3, 3] += 1.0
+        C[0, 3] = 1.0
+    else:
+        _remember(A, B, slice(2, 2 + L), np.eye(n)[1], np.zeros(2))
+        C[0, 1 + L] = 1.0
+    return StateSpace(A, B, C, D)
+
+
+def _ways(person: Person) -> tuple[int, slice]:
+    """How many states there are for y_est, and where w of the last ticks stands."""
+    own = 2 if person.estimated else person.latency_ticks
+    return own, slice(2 + own, 2 + own + person.latency_ticks)
+
+
+def _remember(A: Array, B: Array, states: slice, row: Array, driven: Array) -> None:
+    """States that hold the last values of a signal, newest first."""
+    first, end = states.start, states.stop
+    if end > first:
+        A[first], B[first] = row, driven
+        A[first + 1 : end, first : end - 1] = np.eye(end - first - 1)
+
+
+def gliding(person: Person) -> tuple[slice, ...]:
+    """The states of a client that are v while everything moves on at v: y, its estimate, and what is remembered of them."""
+    own, ways = _ways(person)
+    return (slice(1, 2), slice(3, 4), ways) if person.estimated else (slice(1, 2 + own), ways)
 
 
 def wave_tick(person: Person, rates: Rates) -> StateSpace:
-    """One tick of the wave scheme: inputs v, f; outputs u after the filter, F, x (P eq. 12, 16, 32)."""
+    """One tick of the wave scheme: inputs v, f; outputs u after the filter, F, x (P eq. 12, 16, 32).
+
+    What is booked of a tick is the displacement that its end shows: that of L ticks before.
+    """
     b, root = person.impedance_nspm, sqrt(2.0 * person.impedance_nspm)
-    force = np.array([[b, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    force = np.array([[b, 0.0, 0.0, 0.0, 0.0], [0.0] * 5])
     loop = close(device_block(person, rates), force, np.array([[-root, 0.0], [0.0, 1.0]]))
-    speed = (0.0, root, 0.0) if person.encoder == "displacement" else (root, 0.0, 0.0)
-    read = np.array([speed, (b, 0.0, 0.0), (0.0, 0.0, 1.0)])
+    speed = (0.0, 0.0, 0.0, root, 0.0) if person.encoder == "displacement" else (root, 0.0, 0.0, 0.0, 0.0)
+    read = np.array([speed, (b, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0)])
     straight = np.array([[-1.0, 0.0], [-root, 0.0], [0.0, 0.0]])
     port = StateSpace(loop.A, loop.B, read @ loop.C, read @ loop.D + straight)
     return series(port, _filter(person, rates)) if person.decimator == "lowpass" else port
@@ -102,9 +133,9 @@ def pushed_wave_frame(person: Person, rates: Rates) -> StateSpace:
 
 
 def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
-    """One tick of virtual coupling: inputs x_o, v_o, f; outputs x, y_est, F. `stiffness` is K, shape (...)."""
+    """One tick of virtual coupling: inputs x_o, v_o, f; outputs x as it is read, y_est, F. `stiffness` is K, (...)."""
     device = device_block(person, rates)
-    speed, place, push = device.C[0:1], device.C[2:3], device.B[:, :1]
+    speed, place, push = device.C[0:1], device.C[4:5], device.B[:, :1]
     K, B = stiffness[..., None, None], person.damping_nspm
     own = K * place + B * speed  # F = K (x - x_o) + B (y_est - v_o): what the states make of it ...
     drive = np.zeros((*stiffness.shape, 1, 3))  # ... and the inputs

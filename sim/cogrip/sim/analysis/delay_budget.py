@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import expm1
 
-from cogrip.client.velocity import MEMORY
 from cogrip.protocol.delays import OneWay
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.linear_session import LinearSession, Person
@@ -51,14 +50,21 @@ def total_s(stages: tuple[Stage, ...]) -> float:
 
 
 def _encoder(person: Person, rates: Rates) -> Stage:
-    T = rates.tick_s
+    T, old = rates.tick_s, person.latency_ticks
+    late = f"; samples are {old} ticks old" if old else ""
     if person.encoder == "displacement":
-        return Stage("up", "encoder", 0.5 * T, "a tick's displacement is known at its end: half a tick old")
+        why = f"a tick's displacement is known at its end: half a tick old{late}"
+        return Stage("up", "encoder", (0.5 + old) * T, why)
     if not person.estimated:
-        return Stage("up", "encoder", T, "a tick's velocity sample is from its start: one tick old at its end")
+        return Stage(
+            "up",
+            "encoder",
+            (1.0 + old) * T,
+            f"a tick's velocity sample is from its start: one tick old at its end{late}",
+        )
     # alpha-beta with memory m follows a ramp of velocity 2 m / (1 - m) ticks late, half a tick of which the position gives back
-    lag = 2.0 * MEMORY / (1.0 - MEMORY) + 0.5
-    return Stage("up", "encoder", (1.0 + lag) * T, "the velocity estimate of a tick's start, and its own lag")
+    lag = 2.0 * person.memory / (1.0 - person.memory) + 0.5 + old
+    return Stage("up", "encoder", (1.0 + lag) * T, f"the velocity estimate of a tick's start, and its own lag{late}")
 
 
 def _decimator(person: Person, rates: Rates) -> Stage:

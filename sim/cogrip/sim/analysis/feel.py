@@ -23,7 +23,6 @@ from math import exp, pi, sqrt
 
 import numpy as np
 
-from cogrip.client.velocity import MEMORY
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.lifted_model import KINDS
 from cogrip.sim.analysis.linear_session import LinearSession, Person
@@ -158,13 +157,18 @@ def _held(rates: Rates, w: Array) -> Complex:
 
 
 def _velocity_sample(person: Person, rates: Rates, w: Array) -> Complex:
-    """What the force law reads of y = 1: exact, or `AlphaBeta` in closed form."""
+    """What the force law reads of y = 1: exact, or `AlphaBeta` in closed form; of a sample that is as old as it is."""
     if not person.estimated:
-        return np.ones(len(w), dtype=np.complex128)
+        return _late(person, rates, w)
     back = np.exp(-1j * w * rates.tick_s)
-    beta = (1.0 - MEMORY) ** 2
-    gain = 1.0 - back * MEMORY**2 + back * beta / (1.0 - back)
-    return np.asarray(beta / rates.tick_s / (1j * w) / gain, dtype=np.complex128)
+    beta = (1.0 - person.memory) ** 2
+    gain = 1.0 - back * person.memory**2 + back * beta / (1.0 - back)
+    return np.asarray(_late(person, rates, w) * beta / rates.tick_s / (1j * w) / gain, dtype=np.complex128)
+
+
+def _late(person: Person, rates: Rates, w: Array) -> Complex:
+    """A sample's own age."""
+    return np.asarray(np.exp(-1j * w * person.latency_ticks * rates.tick_s), dtype=np.complex128)
 
 
 def encoded(person: Person, rates: Rates, w: Array) -> Complex:
@@ -172,7 +176,7 @@ def encoded(person: Person, rates: Rates, w: Array) -> Complex:
     if person.encoder == "velocity":
         return _velocity_sample(person, rates, w)
     turn = 1j * w * rates.tick_s
-    return np.asarray(np.expm1(turn) / turn, dtype=np.complex128)
+    return np.asarray(np.expm1(turn) / turn * _late(person, rates, w), dtype=np.complex128)
 
 
 def decimated(person: Person, rates: Rates, w: Array) -> Complex:
@@ -209,7 +213,7 @@ def _wave_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
 
 def _coupled_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
     K, B = person.stiffness_npm, person.damping_nspm
-    state = np.stack((1.0 / (1j * w), _velocity_sample(person, rates, w)), axis=1)
+    state = np.stack((_late(person, rates, w) / (1j * w), _velocity_sample(person, rates, w)), axis=1)
     law = np.array([K, B])
     return state, lambda back: np.asarray((state - back) @ law, dtype=np.complex128)
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
@@ -38,6 +39,8 @@ class Person:
     impedance_nspm                        b
     stiffness_npm, damping_nspm           K, B of the spring to the object
     up, down                              delay of the line each way, whole frames
+    memory                                of that estimate, see `AlphaBeta`
+    latency_ticks                         age of a sample when it is read
     """
 
     name: str
@@ -54,6 +57,8 @@ class Person:
     hand_stiffness_npm: float = 0.0
     hand_damping_nspm: float = 0.0
     estimated: bool = False
+    memory: float = MEMORY
+    latency_ticks: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +141,8 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         up=up,
         down=down,
         estimated=not capability.gives_velocity,
+        memory=memory_for(capability, seat.rates.tick_s),
+        latency_ticks=capability.latency_ticks,
     )
 
 

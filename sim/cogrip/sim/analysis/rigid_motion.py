@@ -30,6 +30,7 @@ from math import sqrt
 
 import numpy as np
 
+from cogrip.sim.analysis.client_blocks import gliding
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import Person
 from cogrip.sim.analysis.state_space import Array
@@ -163,12 +164,11 @@ def _glide(model: LiftedModel, user: int, vector: Array) -> None:
     session, layout = model.session, model.layout
     person = session.people[user]
     wave = sqrt(0.5 * person.impedance_nspm)
-    own = layout.clients[user]
-    vector[own.start + 1] = 1.0
-    if person.estimated:
-        vector[own.start + 3] = 1.0
+    own = vector[layout.clients[user]]
+    for part in gliding(person):
+        own[part] = 1.0
     if person.decimator == "lowpass":
-        vector[own.stop - 1] = wave
+        own[-1] = wave
     vector[layout.ups[user]] = vector[layout.downs[user]] = wave
     if session.scheme == "paper":
         vector[layout.server.start + user] = -session.rates.frame_s
@@ -211,11 +211,11 @@ def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -
     layout, T = model.layout, model.session.rates.frame_s
     vector = np.zeros(model.states)
     for i in users:
-        own = layout.clients[i]
-        vector[own.start + 1] = 1.0
-        if model.session.people[i].estimated:
-            vector[own.start + 3] = 1.0
-        vector[layout.ups[i]] = _trail(vector[layout.ups[i]].size, T)
+        person, own = model.session.people[i], vector[layout.clients[i]]
+        for part in gliding(person):
+            own[part] = 1.0
+        late_s = person.latency_ticks * model.session.rates.tick_s
+        vector[layout.ups[i]] = _trail(vector[layout.ups[i]].size, T, late_s)
     if with_object:
         vector[layout.server.start + 1] = 1.0
         for down in layout.downs:
@@ -227,9 +227,9 @@ def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -
     )
 
 
-def _trail(size: int, period: float) -> Array:
+def _trail(size: int, period: float, late_s: float = 0.0) -> Array:
     steps = np.arange(1, size // 2 + 1)
-    return np.column_stack((-period * steps, np.ones(size // 2))).ravel()
+    return np.column_stack((-period * steps - late_s, np.ones(size // 2))).ravel()
 
 
 def _unit(model: LiftedModel, name: str, entry: int) -> Freedom:

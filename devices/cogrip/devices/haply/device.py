@@ -1,0 +1,48 @@
+"""A Haply arm: an `ArmDevice` whose counters begin with a setup, which must not be repeated while its pose is to stay known."""
+
+from __future__ import annotations
+
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.arm.exchange import Exchange, Port
+from cogrip.devices.arm.pose import Calibration, KnownPose, Store
+from cogrip.devices.haply.frames import HaplyCodec
+from cogrip.devices.haply.line import CALIBRATED_ID, IDS, SESSION_ID, Greeting, HaplyLine, id_of
+from cogrip.devices.haply.models import HaplyModel
+
+
+class HaplyDevice(ArmDevice):
+    """See `Device`. number: any, another one in another process; ids are drawn from it."""
+
+    def __init__(
+        self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: KnownPose, store: Store, number: int
+    ) -> None:  # fmt: skip
+        self._line = HaplyLine(port, codec, self._plan)
+        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, lambda _: pose, model)
+        self._pose_kind = pose.kind
+        self._store = store
+        self._number = number
+        self._calibrating = False
+
+    def _plan(self) -> Greeting:
+        if self._calibrating:
+            return Greeting(self._draw(CALIBRATED_ID), set_up=True)
+        if self._pose_kind == "stored":
+            kept = self._store.find(self._name)
+            known_id = id_of(kept.stamp) if kept is not None else None
+        else:  # pose=home was confirmed once, and the arm may be anywhere now
+            known_id = self._line.known_id if self._pose_kind == "home" else 0
+        if known_id:
+            return Greeting(known_id, set_up=False)
+        return Greeting(self._draw(SESSION_ID), set_up=True)
+
+    def _draw(self, first: int) -> int:
+        self._number += 1
+        return first + self._number % IDS
+
+    def calibrate(self, made: str) -> Calibration:
+        """See `ArmDevice.calibrate`. The board is set up anew: earlier calibrations hold no longer."""
+        self._calibrating = True
+        try:
+            return super().calibrate(made)
+        finally:
+            self._calibrating = False

@@ -1,0 +1,71 @@
+"""The family `haply:` and its query keys."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+from cogrip.devices.arm.exchange import Port
+from cogrip.devices.arm.motors import NO_CURRENT
+from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.haply.device import HaplyDevice
+from cogrip.devices.haply.frames import HaplyCodec, reset_frame
+from cogrip.devices.haply.line import LAST_RESORT_ID
+from cogrip.devices.haply.models import MODELS, HaplyModel, HaplySettings, model_of
+from cogrip.devices.io.guard import Goodbye
+from cogrip.devices.registry import Family
+from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+
+MAX_AXES = 2
+
+
+def family() -> Family:
+    """The family `haply:`, for the registry."""
+    what = "Haply's planar arms (2DIY, Pantograph) on a serial line, two axes: haply:/dev/ttyACM0?model=2diy"
+    examples = tuple(f"haply:/dev/ttyACM0?model={name}" for name in MODELS)
+    stand_ins = tuple(f"emulated:{name}" for name in MODELS)
+    return Family(what, make, examples, axes=lambda _: MAX_AXES, stand_ins=stand_ins, real=True)
+
+
+def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
+    """A driver; the port is not opened yet. Raises DeviceError for unknown keys and values out of bounds."""
+    from cogrip.devices.io.calibration_store import CalibrationStore
+    from cogrip.devices.io.guarded_port import GuardedPort, any_number
+
+    if not address.name:
+        raise DeviceError(
+            f"{address.text!r}: name the port, such as haply:/dev/ttyACM0; `cogrip devices find` lists them"
+        )
+    name = f"haply:{os.path.realpath(address.name) if os.name == 'posix' else address.name}"
+    codec = HaplyCodec(_model(address, axes)[1].wiring, LAST_RESORT_ID)
+    port = GuardedPort(address.name, "haply", lambda: goodbye(codec))
+    return drive(port, name, CalibrationStore(), address, axes, codec, any_number())
+
+
+def goodbye(codec: HaplyCodec) -> Goodbye:
+    """What a guard says to the board that `codec` speaks with now; to one that lost its setup, with a new one."""
+    last, wiring = HaplyCodec(codec.wiring, LAST_RESORT_ID), codec.wiring
+    anew = (reset_frame(LAST_RESORT_ID), wiring.setup(LAST_RESORT_ID), last.encode(NO_CURRENT))
+    return Goodbye(codec.encode(NO_CURRENT), bytes((codec.device_id,)), codec.reply_bytes, anew)
+
+
+def drive(
+    port: Port, name: str, store: Store, address: Address, axes: int, codec: HaplyCodec | None = None, number: int = 0
+) -> HaplyDevice:
+    """The driver on a port of whatever kind. codec: that of the port's goodbye, where it has one; number: see `HaplyDevice`."""
+    settings, model = _model(address, axes)
+    codec = codec or HaplyCodec(model.wiring, LAST_RESORT_ID)
+    pose = KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
+    return HaplyDevice(name, axes, port, codec, model, pose, store, number)
+
+
+def _model(address: Address, axes: int) -> tuple[HaplySettings, HaplyModel]:
+    where = repr(address.text)
+    if not 1 <= axes <= MAX_AXES:
+        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}: it is a planar arm")
+    for key in address.query:
+        if key not in keys_of(HaplySettings):
+            raise unknown("key", key, keys_of(HaplySettings), where)
+    settings = read_settings(HaplySettings, dict(address.query), where)
+    return settings, model_of(settings, where)

@@ -1,0 +1,166 @@
+"""The binary frames of Haply's hAPI. No sync byte, no length, no checksum: each frame in one write, replies of known length.
+
+    reset   00 id                         setup   01 id motors encoders analog pwm parameters (see `setup_frame`)
+    torque  02 id pwm... torque_nm...     reply   id analog... angle_deg...        only a torque frame is answered
+
+Numbers are IEEE-754, 32 bits, little-endian; everything is in the order of ports 1 to 4, not of joints. Source: Haply's
+firmware M3 1.5 and the hosts in Java, C++ and Python.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from cogrip.devices.arm.exchange import Reading
+
+RESET, SETUP, TORQUE = 0, 1, 2
+PORTS = (1, 2, 3, 4)
+STEP_NM = 1e-5  # of motor commands: finer than the 12 bits of the firmware
+MOST_DEG = 7200.0  # further than any arm turns: what says more is no angle
+WHOLE = 0.02  # of a count: an angle comes from a counter, and 32 bits are exact to 0.002 counts here
+
+_FLOAT = struct.Struct("<f")
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """ccw: which way is positive; offset_deg: the angle at setup; counts_per_turn: of the encoder, x4."""
+
+    ccw: bool
+    offset_deg: float
+    counts_per_turn: float
+
+
+def reset_frame(device_id: int) -> bytes:
+    """The board forgets its setup. Motors keep their torque."""
+    return bytes((RESET, device_id))
+
+
+def setup_frame(
+    device_id: int,
+    motors: Mapping[int, bool],
+    encoders: Mapping[int, Encoder],
+    analog_pins: Sequence[int] = (),
+    pwm_pins: Sequence[int] = (),
+) -> bytes:
+    """port -> ccw for motors, port -> Encoder. Counters begin at their offsets now. Motors keep their torque.
+
+    Raises ValueError for a port that is none, and for ports with a gap: the firmware stores directions by running index.
+    """
+    for used in (motors, encoders):
+        if sorted(used) != list(PORTS[: len(used)]):
+            raise ValueError(f"ports {sorted(used)}: use 1 to n, n at most {len(PORTS)}, with no gap")
+    frame = bytearray((SETUP, device_id, _mask(motors)))
+    frame += bytes(int(motors[port]) for port in sorted(motors))
+    frame.append(_mask(encoders))
+    frame += bytes(int(encoders[port].ccw) for port in sorted(encoders))
+    for pins in (analog_pins, pwm_pins):
+        frame += bytes((len(pins), *pins))
+    for port in sorted(encoders):
+        frame += struct.pack("<ff", encoders[port].offset_deg, encoders[port].counts_per_turn)
+    return bytes(frame)
+
+
+def torque_frame(device_id: int, torques_nm: Mapping[int, float], pwm: Sequence[int] = ()) -> bytes:
+    """port -> torque [Nm]; the firmware clamps to 0.123 Nm and holds it until the next frame, for ever."""
+    values = b"".join(_FLOAT.pack(torques_nm[port]) for port in sorted(torques_nm))
+    return bytes((TORQUE, device_id, *pwm)) + values
+
+
+def _mask(ports: Mapping[int, object]) -> int:
+    return sum(1 << (port - 1) for port in ports)
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """How the joints a, b of one kind of arm are wired to the board, and where its makers' home pose is."""
+
+    ports: tuple[int, int]
+    ccw: tuple[bool, bool]
+    counts_per_turn: float
+    home_deg: tuple[float, float]
+
+    def setup(self, device_id: int, offsets_deg: tuple[float, float] = (0.0, 0.0)) -> bytes:
+        """The setup frame: offsets_deg is what the joints a, b are to read from now on."""
+        joints = list(zip(self.ports, self.ccw, offsets_deg, strict=True))
+        motors = {port: ccw for port, ccw, _ in joints}
+        encoders = {port: Encoder(ccw, offset, self.counts_per_turn) for port, ccw, offset in joints}
+        return setup_frame(device_id, motors, encoders)
+
+
+class HaplyCodec:
+    """See `Codec`. Commands are whole steps of STEP_NM for the joints a, b; a third is ignored. Readings are counts.
+
+    Without a sync byte a reply is only believed whole: right length, right id, every angle one that a counter can give.
+    Anything else, and all that stands with it, is dropped: the next request is answered by the next reply.
+    """
+
+    def __init__(self, wiring: Wiring, device_id: int) -> None:
+        self.skipped = 0
+        self.wiring = wiring
+        self.device_id = device_id
+        self._swapped = wiring.ports[0] > wiring.ports[1]
+        self._counts_per_deg = wiring.counts_per_turn / 360.0
+        self._request = struct.Struct("<BBff")
+        self._reply = struct.Struct("<Bff")
+        self._rest = b""
+
+    @property
+    def reply_bytes(self) -> int:
+        return self._reply.size
+
+    def encode(self, commands: Sequence[float]) -> bytes:
+        a, b = commands[0] * STEP_NM, commands[1] * STEP_NM
+        if self._swapped:
+            a, b = b, a
+        return self._request.pack(TORQUE, self.device_id, a, b)
+
+    def load(self, counts: Sequence[float]) -> None:
+        """Counters begin at zero with the setup, and no other frame sets them."""
+
+    def feed(self, data: bytes) -> list[Reading]:
+        if self._rest:
+            data = self._rest + data
+        size = self._reply.size
+        whole = len(data) - len(data) % size
+        readings = []
+        for begin in range(0, whole, size):
+            reading = self._decode(data[begin : begin + size])
+            if reading is None:
+                return self._drop(data)
+            readings.append(reading)
+        self._rest = data[whole:]
+        if self._rest and self._rest[0] != self.device_id:
+            return self._drop(data)
+        return readings
+
+    def _drop(self, data: bytes) -> list[Reading]:
+        self.skipped += len(data)
+        self._rest = b""
+        return []
+
+    def _decode(self, reply: bytes) -> Reading | None:
+        said, first, second = self._reply.unpack(reply)
+        if said != self.device_id:
+            return None
+        a, b = self._count(first), self._count(second)
+        if a is None or b is None:
+            return None
+        return Reading((b, a, 0.0) if self._swapped else (a, b, 0.0))
+
+    def _count(self, angle_deg: float) -> float | None:
+        """Whole counts of an angle; None for what no counter gives."""
+        if not isfinite(angle_deg) or abs(angle_deg) > MOST_DEG:
+            return None
+        count = angle_deg * self._counts_per_deg
+        whole = float(round(count))
+        if abs(count - whole) > WHOLE or (whole == 0.0 and angle_deg != 0.0):
+            return None
+        return whole
+
+    def reset(self) -> None:
+        self.skipped += len(self._rest)
+        self._rest = b""

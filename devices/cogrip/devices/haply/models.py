@@ -1,0 +1,184 @@
+"""Haply's arms by name, and the query keys that make one of them a particular one.
+
+Lengths, wiring, home poses and the clamp of 0.123 Nm are those of Haply's examples and firmware. What those do not say:
+
+- peak force: what 0.123 Nm gives in the worst direction at the worst place of the workspace, rounded down. The Pantograph's
+  examples multiply its torques by 0.1, taken here for the ratio of its drive; it would give over 15 N then, and is held to 5.
+- continuous force, stiffness, damping, mass, speed: nominal and ours, stated by nobody.
+- workspace: a box in front of the motors that both legs reach well; resolution: one count of a joint at its centre, rounded up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.model import ArmModel, ArmSettings, Pose
+from cogrip.devices.arm.motors import CableDrive
+from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.haply.five_bar import FiveBar
+from cogrip.devices.haply.frames import STEP_NM, Wiring
+
+MOST_NM = 0.123  # the firmware clamps there
+MARGIN_M = 0.001  # that a leg is never stretched or folded to the last
+_STEP_NM_PER_A = 1000.0 * STEP_NM  # so that the drive's whole "milliamperes" are steps of torque
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HaplyModel(ArmModel):
+    """See `ArmModel`; joints a and b, and a third that is always 0. Currents are steps of STEP_NM at the motor."""
+
+    five_bar: FiveBar
+    wiring: Wiring
+
+    def inside(self, position: Vector) -> bool:
+        """Whether both legs reach `position` [m]."""
+        return self.five_bar.in_reach(position, MARGIN_M)
+
+
+Pair = tuple[float, float]
+
+
+class HaplySettings(msgspec.Struct, frozen=True, kw_only=True):
+    """Query keys; two numbers are the joints a, b: first and second actuator of Haply's examples.
+
+    model        which arm it is: the board does not know
+    pose         how the pose is known: "stored", by `cogrip devices calibrate`; "home", whoever writes this confirms that the
+                 arm stands in its home pose when it is opened first; "none", it is not known, and no force is given
+    motors       where the motors are as the user looks at it: "far", as its makers show it, or "near"
+    dir          +1 or -1: -1 where both encoder and motor of a joint run the other way
+    motor_dir    -1 where the motor alone does
+    home_deg     joint angles in the home pose [degrees]
+    limit_nm     largest torque of each motor [Nm]
+    peak_force_n largest force [N]
+    """
+
+    model: Literal["2diy", "2diy-metal", "pantograph"]
+    pose: Pose = "stored"
+    motors: Literal["far", "near"] = "far"
+    dir: tuple[float, ...] = ()
+    motor_dir: tuple[float, ...] = ()
+    home_deg: tuple[float, ...] = ()
+    limit_nm: tuple[float, ...] = ()
+    peak_force_n: Annotated[float, Meta(gt=0.0, le=20.0)] | None = None
+
+
+def model_of(settings: HaplySettings, where: str) -> HaplyModel:
+    """The model with these keys in place. Raises DeviceError for a value that no arm has."""
+    model = MODELS[settings.model]
+    way = _pair(settings.dir, "dir", where, (-1.0, 1.0), whole=True)
+    motor_way = _pair(settings.motor_dir, "motor_dir", where, (-1.0, 1.0), whole=True) or (1.0, 1.0)
+    limit = _pair(settings.limit_nm, "limit_nm", where, (0.001, MOST_NM))
+    home = _pair(settings.home_deg, "home_deg", where, (-360.0, 360.0)) or model.wiring.home_deg
+    general = ArmSettings(
+        dir=(*way, 1.0) if way else (),
+        limit_ma=(limit[0] / STEP_NM, limit[1] / STEP_NM, min(limit) / STEP_NM) if limit else (),
+        peak_force_n=settings.peak_force_n,
+    )
+    own = ArmModel.with_settings(model, general, where)
+    assert isinstance(own, HaplyModel)
+    torque_way = (motor_way[0] * _STEP_NM_PER_A, motor_way[1] * _STEP_NM_PER_A, _STEP_NM_PER_A)
+    five_bar = replace(model.five_bar, facing=1.0 if settings.motors == "far" else -1.0)
+    drive = replace(own.drive, motor_nm_per_a=torque_way)
+    return replace(
+        own, kinematics=five_bar, five_bar=five_bar, drive=drive, home_counts=_home_counts(own.wiring, home, own.drive)
+    )
+
+
+def _pair(given: tuple[float, ...], key: str, where: str, bounds: Pair, *, whole: bool = False) -> Pair | None:
+    if not given:
+        return None
+    low, high = bounds
+    if len(given) == 2 and all((value in bounds) if whole else (low <= value <= high) for value in given):
+        return given[0], given[1]
+    kind = f"{low:g} or {high:g}" if whole else f"{low:g} to {high:g}"
+    raise DeviceError(f"{where}: {key}={','.join(f'{v:g}' for v in given)}: give two numbers, each {kind}")
+
+
+def _home_counts(wiring: Wiring, home_deg: Pair, drive: CableDrive) -> Vector:
+    """Counts at the home angles, not rounded: the board counts whole ones from there."""
+    per_deg = wiring.counts_per_turn / 360.0
+    a, b, _ = drive.direction
+    return a * home_deg[0] * per_deg, b * home_deg[1] * per_deg, 0.0
+
+
+def _model(
+    name: str, five_bar: FiveBar, wiring: Wiring, box_m: Pair, forces_n: Pair, resolution_m: float, mass_kg: float,
+    ratio: float = 1.0,
+) -> HaplyModel:  # fmt: skip
+    """ratio: turns of the arm for a turn of its motor; the encoder's counts are stated for the arm."""
+    x, y = box_m
+    record = Capability(
+        family="haply",
+        model=name,
+        axes=2,
+        workspace_m=((-x, x), (-y, y)),
+        peak_force_n=forces_n[0],
+        continuous_force_n=forces_n[1],
+        stiffness_npm=500.0,
+        damping_nspm=2.0,
+        slew_nps=inf,
+        speed_mps=1.5,
+        resolution_m=resolution_m,
+        apparent_mass_kg=mass_kg,
+        rate_hz=2000,
+        gives_velocity=False,
+        latency_ticks=1,
+    )
+    turn = wiring.counts_per_turn * ratio
+    drive = CableDrive(
+        counts_per_turn=(turn, turn, turn),
+        capstan_m=(ratio, ratio, ratio),
+        body_m=(1.0, 1.0, 1.0),
+        direction=(1.0, 1.0, 1.0),
+        motor_nm_per_a=(_STEP_NM_PER_A,) * 3,
+        limit_ma=(MOST_NM / STEP_NM,) * 3,
+        full_scale_ma=MOST_NM / STEP_NM,
+    )
+    return HaplyModel(
+        kinematics=five_bar,
+        drive=drive,
+        home_counts=_home_counts(wiring, wiring.home_deg, drive),
+        record=record,
+        reach_m=five_bar.proximal_m + five_bar.distal_m,
+        five_bar=five_bar,
+        wiring=wiring,
+    )
+
+
+MODELS: dict[str, HaplyModel] = {
+    "2diy": _model(
+        "2diy",
+        FiveBar(0.07, 0.09, 0.038, (0.019, 0.08)),
+        Wiring((2, 1), (True, True), 4880.0, (168.0, 12.0)),
+        (0.04, 0.06),
+        (1.65, 0.5),
+        9.3e-5,
+        0.05,
+    ),
+    "2diy-metal": _model(
+        "2diy-metal",
+        FiveBar(0.07, 0.09, 0.0, (0.0, 0.08)),
+        Wiring((2, 1), (True, False), 10752.0, (241.0, -61.0)),
+        (0.04, 0.06),
+        (1.6, 0.5),
+        3.6e-5,
+        0.08,
+    ),
+    "pantograph": _model(
+        "pantograph",
+        FiveBar(0.05, 0.07, 0.02, (0.01, 0.065)),
+        Wiring((1, 2), (False, False), 13824.0, (180.0, 0.0)),
+        (0.03, 0.04),
+        (5.0, 1.5),
+        2.2e-5,
+        0.08,
+        ratio=0.1,
+    ),
+}
+"""Name -> model with its makers' numbers: 2DIY version 3 (plastic), version 2 (metal), and the old Pantograph."""

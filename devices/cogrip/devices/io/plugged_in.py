@@ -1,0 +1,128 @@
+"""What is plugged in here, by what the system says of it: nothing is opened, so nothing is asked and nothing moves."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from serial.tools import list_ports
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.haply.models import MODELS as HAPLY_MODELS
+from cogrip.devices.hid.enumeration import Found, choose
+from cogrip.devices.hid.family import NAMES as HID_NAMES
+from cogrip.devices.hid.variants import VARIANTS, Variant
+from cogrip.devices.io.hid_port import _found, load_hidapi
+
+BY_ID = Path("/dev/serial/by-id")
+TEENSY_SERIAL = (0x16C0, 0x0483)
+USUAL_HID = "woodenhaptics"
+ARDUINO_VID = 0x2341
+HAPLY_BOARDS = {0x003E: "Arduino Due", 0x804D: "Arduino Zero", 0x804E: "Arduino M0 Pro", 0x804F: "Arduino M0"}
+"""Product numbers of the native ports that Haply's boards have; most Arduinos with them are something else."""
+
+
+@dataclass(frozen=True, slots=True)
+class PluggedIn:
+    """One device. address: what to name it by; "" where it is not known to be one of ours."""
+
+    address: str
+    text: str
+
+
+class Listed(Protocol):
+    """A serial port as pyserial lists it."""
+
+    @property
+    def device(self) -> str: ...
+    @property
+    def vid(self) -> int | None: ...
+    @property
+    def pid(self) -> int | None: ...
+    @property
+    def serial_number(self) -> str | None: ...
+    @property
+    def product(self) -> str | None: ...
+
+
+def serial_ports(ports: Iterable[Listed], links: Mapping[str, str]) -> list[PluggedIn]:
+    """The devices among serial ports. links: device node -> a name for it that stays when others are plugged in."""
+    return [_port(port, links.get(port.device, port.device)) for port in sorted(ports, key=lambda port: port.device)]
+
+
+def _port(port: Listed, path: str) -> PluggedIn:
+    number = "" if port.vid is None else f" {port.vid:04x}:{port.pid or 0:04x}"
+    said = f"{port.product or 'serial port'}{number} at {port.device}" + (
+        f", serial number {port.serial_number}" if port.serial_number else ""
+    )
+    if (port.vid, port.pid) == TEENSY_SERIAL:
+        return PluggedIn(
+            f"serial:{path}", f"{said}: a Teensy; if it is an arm with hfab firmware it says which when it is opened"
+        )
+    if port.vid == ARDUINO_VID and port.pid in HAPLY_BOARDS:
+        models = " or ".join(HAPLY_MODELS)
+        return PluggedIn(
+            f"haply:{path}",
+            f"{said}: an {HAPLY_BOARDS[port.pid]}, as Haply's boards are; it does not say which arm it drives:"
+            f" add ?model={models}",
+        )
+    return PluggedIn("", f"{said}: unknown device; only you can say whether it is one of ours")
+
+
+def hid_devices(found: Iterable[Found]) -> list[PluggedIn]:
+    """The arms among HID interfaces: one line a device, with the key that tells it from its like."""
+    lines = {each.path: _hid(each, variant) for each in found for variant in _variants(each)[:1]}
+    return [lines[path] for path in sorted(lines)]
+
+
+def _variants(each: Found) -> list[str]:
+    """The firmwares it may have, the usual one first."""
+    return [name for name, variant in VARIANTS.items() if _may_be(each, variant)]
+
+
+def _may_be(each: Found, variant: Variant) -> bool:
+    try:
+        choose([each], variant, "hid")
+    except DeviceError:
+        return False
+    return True
+
+
+def _hid(each: Found, variant: str) -> PluggedIn:
+    key = f"serial={each.serial}" if each.serial else f"path={each.path}"
+    older = [f"variant={name}" for name in _variants(each)[1:]]
+    said = f"{each.product or 'HID device'} {VARIANTS[variant].usb_text} at {each.path}"
+    text = f"{said}: reports as a WoodenHaptics has; which arm it is only you can say: {', '.join(HID_NAMES)}" + (
+        f"; old firmware wants {' or '.join(older)}" if older else ""
+    )
+    return PluggedIn(f"hid:{USUAL_HID}?variant={variant}&{key}", text)
+
+
+def stable_names(folder: Path = BY_ID) -> dict[str, str]:
+    """Device node -> its link in `folder`, which does not change with the order of plugging in. Linux; elsewhere none."""
+    try:
+        links = sorted(folder.iterdir())
+    except OSError:
+        return {}
+    return {os.path.realpath(link): str(link) for link in links}
+
+
+def _find_serial() -> list[PluggedIn]:
+    """Without the ports of the mainboard, behind which nothing can be known."""
+    ports = [port for port in list_ports.comports() if port.vid is not None or sys.platform != "linux"]
+    return serial_ports(ports, stable_names())
+
+
+def _find_hid() -> list[PluggedIn]:
+    """Raises DeviceError where hidapi cannot be had."""
+    hidapi = load_hidapi("auto", "hid")
+    usb_ids = dict.fromkeys(variant.usb_id for variant in VARIANTS.values())
+    return hid_devices(each for usb_id in usb_ids for each in _found(hidapi, usb_id))
+
+
+FINDERS: dict[str, Callable[[], list[PluggedIn]]] = {"serial ports": _find_serial, "HID devices": _find_hid}
+"""What is looked for -> the function that looks. May raise DeviceError, which says why that cannot be."""

@@ -1,0 +1,367 @@
+"""`cogrip devices ...` as its users type it: what is found, listed and refused, with its exit code and its cure.
+
+Arms on emulated wires are in tests/live.
+"""
+
+import io
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import cogrip.cli.device_find as find
+from cogrip.cli.device_list import NOT_RUN
+from cogrip.devices.device import DeviceError
+from cogrip.devices.hid.enumeration import Found
+from cogrip.devices.hid.variants import MBED_ID, TEENSY_ID, USAGE, VARIANTS
+from cogrip.devices.io.plugged_in import (
+    ARDUINO_VID,
+    HAPLY_BOARDS,
+    TEENSY_SERIAL,
+    PluggedIn,
+    hid_devices,
+    serial_ports,
+    stable_names,
+)
+from cogrip.devices.registry import describe, families, is_real, make, schemes
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+DEMO = CONFIGS / "demo.toml"
+RULES = CONFIGS / "99-cogrip.rules"
+GONE = "/dev/cogrip-nosuch"
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """Nothing of this user is read or written, and the terminal is wide."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COGRIP_CALIBRATION", str(tmp_path / "calibration"))
+    monkeypatch.setenv("COLUMNS", "200")
+
+
+def port(device, vid=None, pid=None, product=None, serial_number=None):
+    return SimpleNamespace(device=device, vid=vid, pid=pid, product=product, serial_number=serial_number)
+
+
+# --- find -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_teensy_is_named_by_the_link_that_stays():
+    ports = [port("/dev/ttyACM0", *TEENSY_SERIAL, "USB Serial", "12345")]
+    link = "/dev/serial/by-id/usb-Teensyduino_USB_Serial_12345-if00"
+    (found,) = serial_ports(ports, {"/dev/ttyACM0": link})
+    assert found.address == f"serial:{link}"
+    assert "16c0:0483 at /dev/ttyACM0, serial number 12345" in found.text
+    (found,) = serial_ports(ports, {"/dev/ttyACM1": link})
+    assert found.address == "serial:/dev/ttyACM0"
+    make(found.address, axes=3)
+
+
+@pytest.mark.parametrize("pid", HAPLY_BOARDS)
+def test_a_haply_board_may_be_another_arduino(pid):
+    (found,) = serial_ports([port("/dev/ttyACM3", ARDUINO_VID, pid, "Arduino Due")], {})
+    assert found.address == "haply:/dev/ttyACM3"
+    assert f"2341:{pid:04x}" in found.text
+    assert "does not say which arm" in found.text
+
+
+@pytest.mark.parametrize(
+    ("vid", "pid"), [(0x16C0, 0x0486), (0x16C1, 0x0483), (ARDUINO_VID, 0x0043), (0x0403, 0x6001), (None, None)]
+)
+def test_a_port_of_anything_else_is_no_address(vid, pid):
+    (found,) = serial_ports([port("/dev/ttyUSB0", vid, pid)], {"/dev/ttyUSB0": "/dev/serial/by-id/x"})
+    assert found.address == ""
+    assert "unknown device" in found.text
+    assert "/dev/ttyUSB0" in found.text
+
+
+def test_ports_are_in_order_and_none_is_left_out():
+    ports = [port(f"/dev/ttyACM{number}", *TEENSY_SERIAL) for number in (2, 0, 1)]
+    assert [found.address for found in serial_ports(ports, {})] == [f"serial:/dev/ttyACM{n}" for n in range(3)]
+
+
+def test_links_are_followed_to_their_nodes(tmp_path):
+    (tmp_path / "node").touch()
+    (tmp_path / "by-id").mkdir()
+    (tmp_path / "by-id" / "usb-arm").symlink_to("../node")
+    assert stable_names(tmp_path / "by-id") == {str((tmp_path / "node").resolve()): str(tmp_path / "by-id" / "usb-arm")}
+    assert stable_names(tmp_path / "none") == {}
+
+
+def test_hid_arms_are_told_apart_by_serial_number_else_by_path():
+    mbed = Found("/dev/hidraw1", MBED_ID, "S1", "HID DEVICE", USAGE)
+    bare = Found("/dev/hidraw0", MBED_ID, "", "HID DEVICE", USAGE)
+    teensy = Found("/dev/hidraw4", TEENSY_ID, "77", "Teensyduino RawHID", USAGE)
+    assert [found.address for found in hid_devices([teensy, mbed, bare, mbed])] == [
+        "hid:woodenhaptics?variant=mbed14&path=/dev/hidraw0",
+        "hid:woodenhaptics?variant=mbed14&serial=S1",
+        "hid:woodenhaptics?variant=teensy64&serial=77",
+    ]
+    for found in hid_devices([teensy, mbed, bare]):
+        make(found.address, axes=3)
+    text = hid_devices([mbed])[0].text
+    assert "variant=mbed8" in text
+    assert "aluhaptics" in text, "a report does not say which arm it is"
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Found("/dev/hidraw2", TEENSY_ID, "77", "Teensyduino RawHID", (0xFFC9, 0x0004)),  # its debug output
+        Found("1-2:1.1", TEENSY_ID, "77", "Teensyduino RawHID", (0, 0), 1),  # the same by libusb, which tells no usages
+        Found("/dev/hidraw2", MBED_ID, "", "Pong", USAGE),
+        Found("/dev/hidraw2", (0x046D, 0xC52B), "", "USB Receiver", (1, 6)),
+    ],
+)
+def test_what_only_looks_alike_is_no_arm(other):
+    assert hid_devices([other]) == []
+
+
+def test_find_goes_on_where_one_way_of_looking_is_missing(cogrip, monkeypatch):
+    def broken():
+        raise DeviceError("hid: needs the package hidapi")
+
+    monkeypatch.setattr(
+        find, "FINDERS", {"HID devices": broken, "serial ports": lambda: [PluggedIn("serial:/x", "an arm")]}
+    )
+    code, out, _ = cogrip("devices", "find")
+    assert code == 0
+    assert "HID devices: hid: needs the package hidapi" in out
+    assert "serial:/x  an arm" in out
+    assert "none found" not in out
+
+
+def test_find_says_what_to_do_where_only_strangers_are_plugged_in(cogrip, monkeypatch):
+    monkeypatch.setattr(
+        find, "FINDERS", {"serial ports": lambda: [PluggedIn("", "serial port at /dev/ttyUSB0: unknown")]}
+    )
+    code, out, _ = cogrip("devices", "find")
+    assert code == 0
+    assert "/dev/ttyUSB0" in out
+    assert "none found: plug one in" in out
+
+
+def test_find_looks_at_this_machine(cogrip):
+    code, out, _ = cogrip("devices", "find")
+    assert code == 0
+    assert out
+
+
+# --- udev -------------------------------------------------------------------------------------------------------------
+
+
+def rules():
+    return [line for line in RULES.read_text().splitlines() if line and not line.startswith("#")]
+
+
+def matching(subject, vid, pid):
+    """Rules for devices of this kind and these numbers."""
+    vendor, product = (
+        re.compile(rf'ATTRS?{{{key}}}=="{value:04x}"') for key, value in (("idVendor", vid), ("idProduct", pid))
+    )
+    return [
+        line
+        for line in rules()
+        if line.startswith(subject) and vendor.search(line) and (product.search(line) or "idProduct" not in line)
+    ]
+
+
+def test_every_rule_is_one():
+    item = re.compile(r'(KERNEL|SUBSYSTEM|ATTRS?\{\w+\}|ENV\{\w+\}|MODE|GROUP|TAG)(==|=|\+=)"[^"]*"')
+    for line in rules():
+        for part in line.split(", "):
+            assert item.fullmatch(part), (part, line)
+        assert ("MODE" in line) == ("GROUP" in line) == ("uaccess" in line), line
+        assert "0666" not in line, "nobody else on the machine is to push a hand"
+
+
+def test_rules_let_every_device_be_used_that_find_knows():
+    for usb_id in {variant.usb_id for variant in VARIANTS.values()}:
+        for subject in ('KERNEL=="hidraw*"', 'SUBSYSTEM=="usb"'):  # both backends of hidapi
+            (rule,) = matching(subject, *usb_id)
+            assert 'MODE="0660"' in rule
+    for usb_id in [TEENSY_SERIAL, *((ARDUINO_VID, pid) for pid in HAPLY_BOARDS)]:
+        (rule,) = matching('SUBSYSTEM=="tty"', *usb_id)
+        for words in ('MODE="0660"', 'ENV{ID_MM_DEVICE_IGNORE}="1"', 'ENV{ID_MM_PORT_IGNORE}="1"', 'TAG+="uaccess"'):
+            assert words in rule
+        (device,) = matching('SUBSYSTEM=="usb"', *usb_id)
+        assert "ID_MM_DEVICE_IGNORE" in device
+
+
+def test_udev_takes_the_rules():
+    udevadm = shutil.which("udevadm")
+    if not udevadm or subprocess.run([udevadm, "verify", "--help"], capture_output=True, check=False).returncode:
+        pytest.skip("needs udevadm with the command verify (systemd 254)")
+    done = subprocess.run([udevadm, "verify", str(RULES)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+# --- list -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("columns", [80, 100, 200])
+def test_list_can_be_read_at_this_width(cogrip, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    code, out, _ = cogrip("devices", "list")
+    assert code == 0
+    assert "…" not in out, "nothing is cut off"
+    for scheme, summary in families().items():
+        assert f"{scheme}: {summary}" in out
+    if columns == 200:
+        for listing in describe(axes=3):
+            assert listing.address in out
+
+
+def test_list_marks_what_has_not_been_run_on_hardware(cogrip):
+    _, out, _ = cogrip("devices")
+    heads = {line.partition(":")[0]: line for line in out.splitlines() if line.partition(":")[0] in schemes()}
+    assert set(heads) == set(schemes())
+    for scheme, line in heads.items():
+        assert (NOT_RUN in line) == is_real(f"{scheme}:"), line
+    assert NOT_RUN in heads["serial"]
+    assert NOT_RUN not in heads["sim"]
+
+
+def test_list_as_json_has_the_records_as_they_are(cogrip, tmp_path):
+    code, out, _ = cogrip("devices", "list", "--axes", 2, "--json", "-")
+    assert code == 0
+    answer = json.loads(out)
+    assert {device["address"] for device in answer["devices"]} == {listing.address for listing in describe(axes=2)}
+    by_address = {device["address"]: device for device in answer["devices"]}
+    vintage = by_address["serial:/dev/ttyACM0?model=vintage"]
+    assert vintage["axes"] == 2
+    assert vintage["workspace_m"] == [[-0.1, 0.1]] * 2
+    assert vintage["slew_nps"] is None, "no limit is named"
+    assert vintage["real"]
+    assert answer["families"]["serial"]["not_run_on_hardware"]
+    assert not answer["families"]["sim"]["real"]
+    assert cogrip("devices", "list", "--axes", 2, "--json", tmp_path / "list.json")[0] == 0
+    assert json.loads((tmp_path / "list.json").read_text()) == answer
+
+
+# --- refusals ---------------------------------------------------------------------------------------------------------
+
+BAD = [
+    (["calibrate", "nosuch:x"], "unknown device scheme 'nosuch'"),
+    (["calibrate", "serial"], "has no scheme: write scheme:name"),
+    (["calibrate", "serial:"], "name the port, such as serial:/dev/ttyACM0; `cogrip devices find` lists them"),
+    (["calibrate", f"serial:{GONE}?model=polhm"], "model='polhm' is not accepted"),
+    (
+        ["calibrate", f"serial:{GONE}?model=vintage&limit_ma=9999,1,1"],
+        "limit_ma=9999,1,1: give three numbers, each 1 to 3000",
+    ),
+    (["calibrate", "sim:phantom"], "there is nothing to calibrate or check here"),
+    (["check", "emulated:vintage", "--yes"], "there is nothing to calibrate or check here"),
+    (
+        ["check", f"serial:{GONE}", "--yes", "--current-ma", "200.5"],
+        "--current-ma 200.5: give more than 0 and at most 200",
+    ),
+    (["check", f"serial:{GONE}", "--yes", "--current-ma", "0"], "--current-ma 0: give more than 0"),
+    (["check", f"serial:{GONE}", "--yes", "--current-ma", "nan"], "--current-ma nan"),
+    (["check", f"serial:{GONE}", "--yes", "--moving-s", "-1"], "--moving-s -1: give 0 to 600"),
+    (["conform", "sim:phantom", "--axes", "4"], "axes=4 is out of 1 to 3"),
+    (["conform", "sim:phantom", "--axes", "0"], "axes=0 is out of 1 to 3"),
+    (["conform", "sim:phantom", "--rate-hz", "0"], "--rate-hz 0 is outside 1 to "),
+    (["list", "--axes", "0"], "--axes 0 is outside 1 to 3"),
+    (["list", "--axes", "4"], "--axes 4 is outside 1 to 3"),
+    (["emulate", "serial", "--model", "omega"], "--model 'omega': serial has polhem, vintage, woodenhaptics-serial"),
+    (["emulate", "serial", "--hand", "wave"], "unknown hand 'wave'"),
+    (["emulate", "serial", "--powered-at-m", "9", "9", "9"], "no arm can stand at (9.0, 9.0, 9.0) m"),
+    (["emulate", "telegraph"], "telegraph"),
+]
+MISSING = [
+    (["calibrate", f"serial:{GONE}", "--yes"], "look for its name with `cogrip devices find`"),
+    (["check", f"serial:{GONE}", "--yes"], "look for its name with `cogrip devices find`"),
+    (["conform", f"serial:{GONE}"], "look for its name with `cogrip devices find`"),
+    (["calibrate", "serial:/dev/null", "--yes"], "serial:/dev/null: cannot be opened"),
+    (["list", "--json", "nosuch/list.json"], "--json nosuch/list.json: cannot be written"),
+    (["emulate", "serial", "--link", "nosuch/arm"], "nosuch"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD)
+def test_bad_input_is_named_with_its_cure(cogrip, tmp_path, arguments, words):
+    code, out, err = cogrip("devices", *arguments)
+    assert code == 2, out + err
+    assert words in out + err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("arguments", "words"), MISSING)
+def test_what_cannot_be_had_is_named_with_its_cure(cogrip, tmp_path, arguments, words):
+    code, out, err = cogrip("devices", *arguments)
+    assert code == 1, out + err
+    assert words in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_a_prompt_that_nobody_can_answer_says_what_to_add(cogrip, monkeypatch, command):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    code, out, err = cogrip("devices", command, f"serial:{GONE}")
+    assert code == 1
+    assert "Enter when it is so, Ctrl-C to leave" in out
+    assert "add --yes" in err
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_ctrl_c_at_the_prompt(cogrip, monkeypatch, command):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("builtins.input", interrupted)
+    try:
+        code = cogrip("devices", command, f"serial:{GONE}")[0]
+    except SystemExit as end:
+        code = end.code
+    assert code == 130
+
+
+def test_a_link_replaces_no_file(cogrip, tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    code, _, err = cogrip("devices", "emulate", "serial", "--link", "thesis.tex")
+    assert code == 2
+    assert "is there already" in err
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("address", [f"serial:{GONE}?pose=home", "serial:/dev/null", "hid:woodenhaptics"])
+def test_virtual_time_holds_no_hardware(cogrip, tmp_path, address):
+    """It is not even opened: what is said is not that it is missing."""
+    code, _, err = cogrip("lab", DEMO, "--device", address)
+    assert code == 2
+    assert f"anna: {address}: is hardware" in err
+    assert "emulated:vintage" in err
+    assert "cogrip join" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_virtual_time_holds_emulated_arms(cogrip):
+    code, out, _ = cogrip(
+        "lab", DEMO, "--device", "emulated:vintage", "--device", "emulated:woodenhaptics-serial", "--json", "-",
+        "--set", "seconds=2", "--set", "coupling.impedance_nspm=4",
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(out)["passive"]
+
+
+@pytest.mark.parametrize("command", ["demo", "join"])
+def test_a_device_that_is_not_there_ends_a_session_before_it_begins(cogrip, tmp_path, command):
+    """A model that is not stated has to be asked for."""
+    where = ["127.0.0.1:1"] if command == "join" else ["--config", DEMO]
+    code, _, err = cogrip(command, *where, "--device", f"serial:{GONE}")
+    assert code == 2
+    assert "look for its name with `cogrip devices find`" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("address", ["sim:phantom", "sim:ideal", "emulated:vintage"])
+def test_conform_counts_the_promises_kept(cogrip, address):
+    code, out, _ = cogrip("devices", "conform", address)
+    assert code == 0, out
+    kept, every = map(int, re.search(r"(\d+) of (\d+) promises kept", out).groups())
+    assert kept == every == out.count("✓")

@@ -1,0 +1,216 @@
+"""The client's velocity estimator, its memory for each device, and the impedance that a device carries."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import inf, sqrt
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.velocity import (
+    LEAST_MEMORY,
+    MEMORY,
+    WANTED_NSPM,
+    AlphaBeta,
+    estimator_for,
+    impedance_bounds,
+    lag_ticks,
+    largest_impedance,
+    memory_for,
+)
+from cogrip.devices.device import Capability
+from cogrip.devices.registry import make
+from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
+
+HZ = 1024
+T_C = 1.0 / HZ
+PHANTOM = make("sim:phantom").capability
+MEMORIES = st.floats(0.0, 0.8)
+
+
+def record(mass_kg: float, resolution_m: float, latency: int, damping_nspm: float = inf) -> Capability:
+    return replace(
+        PHANTOM,
+        apparent_mass_kg=mass_kg,
+        resolution_m=resolution_m,
+        latency_ticks=latency,
+        damping_nspm=damping_nspm,
+    )
+
+
+COUNTS_M = st.just(0.0) | st.floats(1e-7, 3e-4)
+RECORDS = st.builds(record, st.floats(0.01, 1.0), COUNTS_M, st.integers(0, 3))
+
+
+# The estimator -------------------------------------------------------------------------------------------------------
+
+
+@given(MEMORIES, st.floats(-2.0, 2.0), st.lists(st.integers(1, 6), min_size=120, max_size=160))
+def test_a_steady_speed_is_found_exactly_whatever_ticks_are_skipped(
+    memory: float, speed_mps: float, gaps: list[int]
+) -> None:
+    estimator, tick, velocity = AlphaBeta(2, T_C, memory), 0, [0.0, 0.0]
+    for gap in gaps:
+        tick += gap
+        velocity = estimator.update((speed_mps * tick * T_C, 0.1 - speed_mps * tick * T_C), gap)
+    assert velocity == pytest.approx([speed_mps, -speed_mps], abs=1e-6)
+
+
+@given(MEMORIES, st.lists(st.integers(-40, 40), min_size=1, max_size=60))
+def test_the_estimate_stays_among_the_speeds_that_were_seen(memory: float, counts: list[int]) -> None:
+    """It is a mean of the steps so far, with weights (k + 1) memory^k (1 - memory)^2: never outside of them and 0."""
+    estimator, place = AlphaBeta(1, T_C, memory), 0.0
+    estimator.update((place,))
+    low = high = 0.0
+    for count in counts:
+        step = count * 3e-5
+        place += step
+        low, high = min(low, step * HZ), max(high, step * HZ)
+        (velocity,) = estimator.update((place,))
+        assert low - 1e-9 <= velocity <= high + 1e-9
+
+
+@given(MEMORIES, st.floats(-0.2, 0.2), st.integers(1, 5))
+def test_a_hand_at_rest_makes_no_noise_at_all(memory: float, place: float, gap: int) -> None:
+    estimator = AlphaBeta(1, T_C, memory)
+    assert {estimator.update((place,), gap)[0] for _ in range(50)} == {0.0}
+
+
+@given(MEMORIES)
+def test_one_count_moves_the_estimate_by_what_the_noise_bound_says_and_is_a_count_in_all(memory: float) -> None:
+    q, estimator = 3e-5, AlphaBeta(1, T_C, memory)
+    estimator.update((0.0,))
+    first = estimator.update((q,))[0]
+    assert first == pytest.approx((1.0 - memory) ** 2 * q / T_C, rel=1e-12)
+    rest = sum(estimator.update((q,))[0] for _ in range(400))
+    assert (first + rest) * T_C == pytest.approx(q, rel=1e-9)
+
+
+def test_what_was_before_a_reset_does_not_count() -> None:
+    estimator = AlphaBeta(1, T_C)
+    for tick in range(20):
+        estimator.update((0.01 * tick,))
+    estimator.reset()
+    assert estimator.update((5.0,)) == [0.0]
+    assert estimator.update((5.0,)) == [0.0]
+
+
+# How late a damper may be --------------------------------------------------------------------------------------------
+
+
+def bare_limit(memory: float, latency: int) -> float:
+    """b T / m of a bare device on its damper, in closed form (module docstring)."""
+    if latency == 0:
+        return 2.0 * (1.0 - memory**2) / (1.0 + memory**2)
+    s, p = 1.0 - memory, 1.0 + memory - memory**2
+    return 2.0 * (sqrt(p**2 + s**3 * (1.0 + memory)) - p) / s**2
+
+
+def speeds(share: float, memory: float, latency: int) -> Sequence[float]:
+    """A bare device of 0.1 kg, pushed once, on the damper b = share m / T of its estimate from old samples."""
+    plant, estimator = IdealPlant(IdealSettings(mass_kg=0.1), 1), AlphaBeta(1, T_C, memory)
+    plant.open(HZ, 0.0, 0.0, (0.0,))
+    plant.velocity_mps = [0.1]
+    places, found = [0.0] * (latency + 1), []
+    for _ in range(6000):
+        places = [*places[1:], plant.position_m[0]]
+        (speed,) = estimator.update((places[0],))
+        plant.step((0.0,), (share * 0.1 / T_C * speed,))
+        found.append(abs(plant.velocity_mps[0]))
+    return found
+
+
+@pytest.mark.parametrize("latency", [0, 1])
+@pytest.mark.parametrize("memory", [0.0, 0.3, 0.48, 0.6, 0.8])
+def test_the_closed_form_of_a_bare_device_from_both_sides(memory: float, latency: int) -> None:
+    limit = bare_limit(memory, latency)
+    calm, wild = speeds(0.99 * limit, memory, latency), speeds(1.01 * limit, memory, latency)
+    assert max(calm[-500:]) < 0.5 * max(calm[2000:2500])
+    assert max(wild[-500:]) > 2.0 * max(wild[2000:2500])
+
+
+@given(MEMORIES, st.integers(0, 1))
+def test_the_lag_bound_is_well_inside_of_what_a_bare_device_holds(memory: float, latency: int) -> None:
+    lag = latency + (1.0 + memory) / (1.0 - memory)
+    assert 1.0 / lag <= 0.66 * bare_limit(memory, latency)
+
+
+# Memory and impedance of a device ------------------------------------------------------------------------------------
+
+
+@given(RECORDS)
+def test_the_memory_is_the_largest_of_those_allowed_that_carries_what_is_wanted(found: Capability) -> None:
+    def carries(memory: float) -> bool:
+        late = found.latency_ticks + (1.0 + memory) / (1.0 - memory)
+        return found.apparent_mass_kg / (late * T_C) >= WANTED_NSPM * (1.0 - 1e-9)
+
+    memory = memory_for(found, T_C)
+    assert LEAST_MEMORY <= memory <= MEMORY
+    assert carries(memory) or memory == LEAST_MEMORY
+    assert memory == MEMORY or not carries(memory + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mass_kg", "resolution_m", "latency", "memory", "largest", "bound"),
+    [
+        (0.1, 3e-5, 0, 0.6, 25.6, "lag"),  # a session's own simulated device
+        (0.075, 3e-5, 0, 0.587, 20.0, "lag"),
+        (0.075, 2.82e-5, 1, 0.5, 19.2, "lag"),  # the vintage Phantom
+        (0.09, 3e-5, 1, 0.566, 20.0, "lag"),
+        (0.045, 5.5e-5, 1, 0.5, 11.52, "lag"),  # a Touch
+        (0.2, 6.4e-5, 1, 0.6, 16.69, "noise"),  # heavy and coarse
+        (0.3, 0.0, 0, 0.6, 76.8, "lag"),  # nothing to make a noise
+    ],
+)
+def test_memory_and_largest_impedance_of_some_devices(
+    mass_kg: float, resolution_m: float, latency: int, memory: float, largest: float, bound: str
+) -> None:
+    found = record(mass_kg, resolution_m, latency)
+    assert memory_for(found, T_C) == pytest.approx(memory, abs=6e-4)
+    answer = largest_impedance(found, T_C)
+    assert answer.impedance_nspm == pytest.approx(largest, rel=1e-3)
+    assert answer.bound == bound
+    assert answer.lag_ticks == lag_ticks(found, T_C)
+
+
+@pytest.mark.parametrize(("share", "memory"), [(0.999, 0.5), (1.0, 0.5), (1.01, 0.50372), (1.3333, 0.6), (1.4, 0.6)])
+def test_both_ends_of_the_memories(share: float, memory: float) -> None:
+    """From 3 ticks of lag that b = 20 allows to 4."""
+    found = record(share * 3.0 * T_C * WANTED_NSPM, 0.0, 0)
+    assert memory_for(found, T_C) == pytest.approx(memory, abs=3e-4)
+
+
+def test_each_bound_can_bind() -> None:
+    assert largest_impedance(record(0.05, 0.0, 0), T_C).bound == "lag"
+    assert largest_impedance(record(1.0, 1e-4, 0), T_C).bound == "noise"
+    assert largest_impedance(record(0.1, 3e-5, 0, damping_nspm=8.0), T_C) == replace(
+        largest_impedance(record(0.1, 3e-5, 0), T_C), impedance_nspm=8.0, bound="record"
+    )
+
+
+@given(RECORDS, st.floats(1.01, 3.0))
+def test_an_older_sample_a_lighter_arm_a_coarser_count_never_carries_more(found: Capability, more: float) -> None:
+    best = largest_impedance(found, T_C).impedance_nspm
+    for worse in (
+        replace(found, latency_ticks=found.latency_ticks + 1),
+        replace(found, apparent_mass_kg=found.apparent_mass_kg / more),
+        replace(found, resolution_m=more * found.resolution_m),
+    ):
+        assert largest_impedance(worse, T_C).impedance_nspm <= best * (1.0 + 1e-9)
+
+
+def test_a_device_that_gives_velocity_needs_no_estimator_and_is_bound_as_theory_has_it() -> None:
+    ideal = make("sim:ideal").capability
+    assert estimator_for(ideal, T_C) is None
+    assert impedance_bounds(ideal, T_C) == {"lag": pytest.approx(102.4), "noise": inf, "record": 51.2}
+    assert impedance_bounds(replace(ideal, latency_ticks=1), T_C)["lag"] == pytest.approx(51.2)
+
+
+def test_the_estimator_of_a_device_has_its_axes_and_memory() -> None:
+    found = replace(record(0.075, 2.82e-5, 1), axes=3)
+    estimator = estimator_for(found, T_C)
+    assert estimator is not None
+    estimator.update((0.0, 0.0, 0.0))
+    jump = (1.0 - memory_for(found, T_C)) ** 2 * 2.82e-5 * HZ
+    assert estimator.update((2.82e-5, 0.0, -2.82e-5)) == pytest.approx([jump, 0.0, -jump])

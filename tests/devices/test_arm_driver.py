@@ -1,0 +1,626 @@
+"""The driver of an arm on a serial line, over the emulated firmware, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot, inf, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from cogrip.devices.arm.driver import GOODBYES, SILENT_S
+from cogrip.devices.arm.models import MODELS
+from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.device import DeviceError, Sample
+from cogrip.devices.emulated.device import EmulatedDevice, Notebook
+from cogrip.devices.emulated.faults import VERBS
+from cogrip.devices.emulated.hfab_firmware import HfabFirmware
+from cogrip.devices.emulated.machines import make_firmware
+from cogrip.devices.emulated.port import EmulatedPort
+from cogrip.devices.serial.family import drive, family, make
+from cogrip.devices.serial.frames import MODELS as NUMBERS
+from cogrip.devices.settings import parse_address
+
+RATE_HZ = 1024
+NAMES = tuple(NUMBERS.values())
+NAME = "serial:/dev/test"
+NO_FORCE = (0.0, 0.0, 0.0)
+every_model = pytest.mark.parametrize("name", NAMES)
+
+
+class Bench(EmulatedDevice):
+    """A driver on its firmware, both at hand; `hold` runs the loop on."""
+
+    def __init__(
+        self, name: str = "vintage", keys: str = "pose=home", hand: str = "hold", axes: int = 3, store: Notebook | None = None,
+        powered_at_m: tuple[float, float, float] | None = None, arm: HfabFirmware | None = None,
+    ) -> None:  # fmt: skip
+        arm = arm or make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query, powered_at_m=powered_at_m)
+        self.notebook = store or Notebook()
+        self.port = EmulatedPort(NAME, arm)
+        driver = drive(self.port, NAME, self.notebook, parse_address(f"{NAME}?{keys}"), axes)
+        super().__init__(driver, arm)
+        self.arm = arm
+        self.tick = 0
+        self.sent: list[bytes] = []
+        write = self.port.write
+        self.port.write = lambda frame: (self.sent.append(frame), write(frame))  # type: ignore[method-assign]
+
+    def hold(self, force_n: Sequence[float], ticks: int) -> list[Sample | None]:
+        samples = []
+        for _ in range(ticks):
+            samples.append(self.read(self.tick))
+            self.write(force_n)
+            self.tick += 1
+        return samples
+
+    def fails(self, force_n: Sequence[float], ticks: int) -> tuple[str, int, list[float]]:
+        """What failed first and after how many ticks, and how large the force was; whatever happens the loop goes on."""
+        said, when, sizes = "", -1, []
+        for number in range(ticks):
+            for verb in (lambda: self.read(self.tick), lambda: self.write(force_n)):
+                try:
+                    verb()
+                except DeviceError as error:
+                    said, when = said or str(error), when if said else number
+            sizes.append(hypot(*self.arm.mechanics.force_n))
+            self.tick += 1
+        return said, when, sizes
+
+    def go_home(self) -> None:
+        self.arm.mechanics.carry(self.arm.mechanics.home_m)
+
+    def calibrate(self, made: str = "today") -> Calibration:
+        calibration = self.driver.calibrate(made)
+        self.notebook.keep(calibration)
+        return calibration
+
+
+def opened(*arguments, **keys) -> Bench:
+    bench = Bench(*arguments, **keys)
+    bench.open(RATE_HZ)
+    return bench
+
+
+def least_force_n(arm: HfabFirmware) -> float:
+    """What a milliampere of every motor makes here: so much, truncation may leave out."""
+    least = 0.0
+    for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        arm.mechanics.drive(currents)
+        least += hypot(*arm.mechanics.force_n)
+    arm.mechanics.drive(NO_FORCE)
+    return least
+
+
+# where it is
+
+
+@every_model
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_the_position_is_the_true_one_within_a_count(name: str, axes: int) -> None:
+    bench = opened(name, hand="tremor&tremor_m=0.002&direction=1,-0.7,0.5", axes=axes)
+    true, seen = [], []
+    for tick in range(300):
+        seen.append(bench.read(tick))
+        bench.write((0.0,) * axes)
+        true.append(bench.position_m)
+    assert seen[0] is None  # nothing was asked for yet
+    for tick, sample in enumerate(seen[1:], 1):
+        assert sample.age_ticks == 1
+        assert sample.velocity_mps is None
+        assert len(sample.position_m) == axes
+        error = hypot(*(found - there for found, there in zip(sample.position_m, true[tick - 1], strict=True)))
+        assert error <= 3**0.5 * 0.5 * bench.capability.resolution_m * 1.1
+    assert len({sample.position_m for sample in seen[1:]}) > 20
+    assert bench.counts == {}
+    bench.close()
+
+
+# what it pushes with
+
+
+@every_model
+@pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.0), (0.02, -0.03, 0.01), (-0.03, 0.02, -0.02)])
+@pytest.mark.parametrize("force", [(0.6, 0.0, 0.0), (0.0, -0.6, 0.0), (0.0, 0.0, 0.5), (-0.3, 0.4, 0.3)])
+def test_the_hand_is_loaded_with_what_was_asked_for_within_a_milliampere(name: str, at_m, force) -> None:
+    bench = Bench(name, hand=f"hold&x0_m={at_m[0]},{at_m[1]},{at_m[2]}")
+    least = least_force_n(bench.arm)
+    bench.open(RATE_HZ)
+    bench.hold(force, 60)
+    assert bench.force_n == pytest.approx(force, abs=least + 2e-3)  # 2 mN: the sample is a tick old
+    pushed = bench.arm.mechanics.body.position_m
+    along = sum((new - old) * part for new, old, part in zip(pushed, at_m, force, strict=True))
+    assert along < 0.0  # the arm pushes the hand with -F
+    assert "force limited to the motors" not in bench.counts
+    bench.close()
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_axes_that_nobody_uses_get_no_force(axes: int) -> None:
+    force = (0.5, -0.4)[:axes]
+    bench = Bench(axes=axes)
+    least = least_force_n(bench.arm)
+    bench.open(RATE_HZ)
+    bench.hold(force, 60)
+    assert [-part for part in bench.arm.mechanics.force_n] == pytest.approx([*force, 0.0, 0.0][:3], abs=least + 2e-3)
+    bench.close()
+
+
+def test_the_numbers_on_the_wire_are_the_printed_ones() -> None:
+    """At raw counts 400, -300, 200 the arm must push with (1, -2, 0.5) N, so F is the opposite."""
+    bench = opened(keys="pose=home&limit_ma=2000,2000,2000")
+    model = bench.driver.model
+    tip = model.kinematics.forward(model.drive.angles((400, 7400, 200)))
+    bench.arm.mechanics.carry(tip)
+    bench.read(0)
+    bench.write(NO_FORCE)
+    bench.driver.read(1)  # the arm stands still meanwhile
+    assert bench.driver.reading.raw == (400, -300, 200)
+    bench.driver.write((-1.0, 2.0, -0.5))
+    assert bench.sent[-1] == b"[1217,-328,-693]\n"
+    bench.close()
+
+
+@given(force=st.tuples(*[st.floats(-60.0, 60.0)] * 3))
+@hypothesis_settings(max_examples=60)
+def test_limits_hold_and_keep_the_direction(force) -> None:
+    bench = opened()
+    bench.hold(force, 3)
+    acting = bench.write(force)
+    currents = bench.arm.mechanics.currents_ma
+    assert max(map(abs, currents)) <= 1000
+    given_n = bench.force_n
+    size = hypot(*given_n)
+    assert size <= 5.0 * 1.01
+    if hypot(*force) > 0.5:
+        cosine = sum(a * b for a, b in zip(force, given_n, strict=True)) / hypot(*force) / size
+        assert cosine > 0.999
+    limited = hypot(*force) > 5.0
+    if limited:
+        assert bench.counts["force limited to the motors"] >= 1
+        assert acting is not None
+    if acting is not None:
+        assert acting == pytest.approx(given_n, abs=0.02)
+    bench.close()
+
+
+def test_both_sides_of_the_peak_force() -> None:
+    for share, limited in ((0.999, False), (1.001, True)):
+        bench = opened(keys="pose=home&limit_ma=3000,3000,3000&peak_force_n=1.5")
+        bench.hold((1.5 * share, 0.0, 0.0), 3)
+        assert ("force limited to the motors" in bench.counts) == limited
+        assert bench.force_n[0] == pytest.approx(min(1.5, 1.5 * share), abs=0.005)
+        bench.close()
+
+
+def test_what_acts_is_said_where_it_is_another_force() -> None:
+    bench = opened()
+    bench.read(0)
+    assert bench.write((0.5, 0.0, 0.0)) is None
+    assert bench.write((0.1, 0.0, 0.0)) == (0.5, 0.0, 0.0)  # it was asked already in this tick
+    held = [0.1, 0.0, 0.0]
+    bench.read(1)
+    assert bench.write(held) is None
+    held[0] = 0.3
+    assert bench.write(held) == (0.1, 0.0, 0.0)  # what was sent, not what the caller made of it
+    bench.close()
+
+
+@pytest.mark.parametrize("wrong", [nan, inf, -inf])
+def test_no_current_for_what_is_no_number(wrong: float) -> None:
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 10)
+    assert any(bench.arm.mechanics.currents_ma)
+    bench.read(bench.tick)
+    with pytest.raises(DeviceError, match="not finite; no current is sent instead"):
+        bench.write((0.1, wrong, 0.0))
+    assert bench.sent[-1].startswith(b"[0,0,0]")
+    assert bench.arm.mechanics.force_n == NO_FORCE
+    bench.tick += 1
+    bench.hold((0.5, 0.0, 0.0), 3)
+    assert any(bench.arm.mechanics.force_n)
+    bench.close()
+
+
+# who it is
+
+
+@pytest.mark.parametrize("stated", NAMES)
+@pytest.mark.parametrize("real", NAMES)
+def test_a_device_must_be_what_it_is_said_to_be(stated: str, real: str) -> None:
+    bench = Bench(real, f"pose=home&model={stated}")
+    assert bench.capability.model == stated
+    if stated == real:
+        bench.open(RATE_HZ)
+        bench.close()
+        return
+    with pytest.raises(DeviceError, match=f"it says that it is {real}, not {stated}; correct the key model"):
+        bench.open(RATE_HZ)
+    bench.port.open()  # it was let go
+
+
+@every_model
+def test_a_device_that_is_not_named_is_asked(name: str) -> None:
+    bench = Bench(name)
+    assert bench.sent == []
+    assert bench.capability == MODELS[name].record
+    assert len(bench.sent) == 1
+    assert bench.capability.axes == 3
+    assert len(bench.sent) == 1  # once
+    bench.open(RATE_HZ)
+    bench.close()
+
+
+def test_a_device_nobody_knows_is_refused() -> None:
+    bench = Bench()
+    bench.arm.number = 7
+    with pytest.raises(
+        DeviceError, match="it says that it is number 7; known are polhem, vintage, woodenhaptics-serial"
+    ):
+        _ = bench.capability
+    bench.port.open()
+
+
+def test_another_device_in_its_place_is_refused() -> None:
+    bench = opened()
+    bench.hold(NO_FORCE, 3)
+    bench.close()
+    bench.arm.number = 3
+    with pytest.raises(DeviceError, match="is woodenhaptics-serial now, and was vintage"):
+        bench.open(RATE_HZ)
+
+
+def test_a_device_that_turns_into_another_one_gets_no_force_any_more() -> None:
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 10)
+    bench.arm.fault("model", 0.08)
+    said, when, sizes = bench.fails((0.5, 0.0, 0.0), 100)
+    assert "is woodenhaptics-serial now, and was vintage" in said
+    assert when <= 2
+    assert not any(sizes[60:])
+    bench.close()
+    bench.open(RATE_HZ)
+    bench.close()
+
+
+def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
+    with pytest.raises(DeviceError, match="unknown key 'modell'; did you mean 'model'"):
+        Bench(keys="modell=vintage")
+    with pytest.raises(DeviceError, match=r"axes=4 is out of 1 to 3"):
+        Bench(axes=4)
+    with pytest.raises(DeviceError, match="model='omega' is not accepted"):
+        Bench(keys="model=omega")
+    with pytest.raises(DeviceError, match="name the port, such as serial:/dev/ttyACM0"):
+        make(parse_address("serial:"), 1, {})
+    for address in family().examples:
+        assert make(parse_address(address), 3, {}).capability.axes == 3
+
+
+# its pose
+
+
+def test_without_a_calibration_there_is_no_force() -> None:
+    bench = Bench(keys="pose=stored")
+    with pytest.raises(DeviceError) as caught:
+        bench.open(RATE_HZ)
+    assert "its pose is not known, so there would be no force" in str(caught.value)
+    assert f"run `cogrip devices calibrate {NAME}`" in str(caught.value)
+    bench.port.open()
+
+
+def test_a_calibration_makes_up_for_where_it_was_powered_up() -> None:
+    """Its counters began in the middle; in the home pose they say how far that is from there."""
+    bench = Bench(keys="", powered_at_m=(0.0, 0.0, 0.0))
+    bench.go_home()
+    calibration = bench.calibrate()
+    assert calibration.model == "vintage"
+    assert calibration.offset_counts == (0, 7166, -36)  # counter + offset = calibrated: (0, 534, 36) there
+    bench.open(RATE_HZ)
+    bench.hold(NO_FORCE, 400)  # the hand pulls it back from there
+    assert bench.read(bench.tick).position_m == pytest.approx(bench.position_m, abs=3e-5)
+    assert hypot(*bench.position_m) < 1e-3
+    bench.close()
+
+
+def test_a_refused_request_does_not_spoil_a_calibration() -> None:
+    """Half a request of another program is in the firmware; what it answers is where the arm was before."""
+    bench = Bench(keys="", powered_at_m=(0.0, 0.0, 0.0))
+    bench.arm.receive(b"[0,0,0]\n", 0)
+    bench.arm.due(0)
+    bench.go_home()
+    bench.arm.receive(b"[1,", 0)
+    assert bench.calibrate().offset_counts == (0, 7166, -36)
+
+
+def test_a_calibration_holds_until_it_is_plugged_in_again() -> None:
+    bench = Bench(keys="")
+    bench.go_home()
+    bench.calibrate("yesterday")
+    for _ in range(2):
+        bench.open(RATE_HZ)
+        bench.close()
+    bench.arm.fault("unplug")
+    bench.arm.mend()
+    with pytest.raises(
+        DeviceError, match=r"was plugged in again since it was calibrated on yesterday: put the arm in its home"
+    ):
+        bench.open(RATE_HZ)
+    bench.go_home()
+    bench.calibrate()
+    bench.open(RATE_HZ)
+    bench.close()
+
+
+def test_a_calibration_of_another_model_is_not_taken() -> None:
+    bench = Bench(keys="")
+    bench.notebook.keep(
+        Calibration(device=NAME, model="polhem", offset_counts=(0, 0, 0), stamp="plugging 1", made="today")
+    )
+    with pytest.raises(DeviceError, match="was calibrated as polhem, but is vintage now"):
+        bench.open(RATE_HZ)
+
+
+def test_a_system_that_cannot_tell_pluggings_apart_keeps_no_calibration() -> None:
+    bench = Bench(keys="")
+    bench.port.stamp = lambda: ""  # type: ignore[method-assign]
+    bench.go_home()
+    bench.calibrate()
+    with pytest.raises(DeviceError, match="cannot tell one plugging-in from another"):
+        bench.open(RATE_HZ)
+
+
+def test_pose_home_is_said_of_one_plugging_in() -> None:
+    bench = opened()
+    bench.hold(NO_FORCE, 3)
+    bench.arm.fault("unplug")
+    bench.arm.mend()
+    assert "it was unplugged" in bench.fails(NO_FORCE, 2)[0]
+    bench.close()
+    with pytest.raises(
+        DeviceError, match=r"was plugged in again, so its pose is not known any more: .* power it up anew"
+    ):
+        bench.open(RATE_HZ)
+
+
+def test_pose_home_is_lost_with_the_wire_where_pluggings_cannot_be_told_apart() -> None:
+    bench = Bench()
+    bench.port.stamp = lambda: ""  # type: ignore[method-assign]
+    bench.open(RATE_HZ)
+    bench.close()
+    bench.open(RATE_HZ)  # nothing happened meanwhile
+    bench.arm.fault("unplug")
+    bench.fails(NO_FORCE, 2)
+    bench.arm.mend()
+    bench.close()
+    with pytest.raises(DeviceError, match="it may have been without power, so its pose is not known any more"):
+        bench.open(RATE_HZ)
+
+
+def test_without_a_pose_there_are_positions_but_no_current() -> None:
+    bench = opened(keys="pose=none")
+    samples = bench.hold((3.0, 3.0, 3.0), 20)
+    assert all(samples[1:])
+    assert bench.arm.mechanics.peak_force_n == 0.0
+    assert bench.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    bench.close()
+
+
+@pytest.mark.parametrize("keys", ["pose=home", "pose=stored"])
+def test_after_a_jump_it_must_be_calibrated(keys: str) -> None:
+    bench = Bench(keys=keys, hand="reach&amplitude_m=0.02&direction=0,1,0")
+    if keys == "pose=stored":
+        bench.notebook.keep(
+            Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
+        )
+    bench.open(RATE_HZ)
+    bench.hold((0.3, 0.0, 0.0), 300)
+    bench.arm.fault("jump")
+    said, when, sizes = bench.fails((0.3, 0.0, 0.0), 100)
+    assert "encoder a jumped by" in said
+    assert said.endswith("calibrate, then re-arm")
+    assert when <= 2
+    assert max(sizes) < 0.32
+    assert not any(sizes[50:])
+    bench.close()
+    with pytest.raises(DeviceError, match=r"encoder a jumped by .* counts, so its pose is not known any more"):
+        bench.open(RATE_HZ)
+    another = Bench(keys=keys, arm=bench.arm, store=bench.notebook)  # another program, later
+    if keys == "pose=stored":
+        with pytest.raises(DeviceError, match=r"encoder a jumped by .* counts, so its pose is not known any more"):
+            another.open(RATE_HZ)
+        bench.go_home()
+        bench.calibrate()
+        for one in (bench, another):
+            one.open(RATE_HZ)
+            one.close()
+        bench.open(RATE_HZ)
+        bench.tick = round(2.0 * RATE_HZ)
+        bench.hold(NO_FORCE, 300)
+        assert bench.read(bench.tick).position_m == pytest.approx(bench.position_m, abs=1e-3)
+        bench.close()
+
+
+def test_a_loss_that_cannot_be_kept_is_counted() -> None:
+    bench = Bench(keys="pose=stored")
+    kept = Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
+    bench.notebook.keep(kept)
+
+    def keep(calibration: Calibration) -> None:
+        raise DeviceError("full")
+
+    bench.notebook.keep = keep  # type: ignore[method-assign]
+    bench.open(RATE_HZ)
+    bench.hold(NO_FORCE, 30)
+    bench.arm.fault("jump")
+    bench.fails(NO_FORCE, 3)
+    bench.close()
+    assert bench.counts["loss of the pose not kept"] == 1
+
+
+def test_a_newer_calibration_is_not_overwritten_by_an_older_loss() -> None:
+    bench = Bench(keys="pose=stored")
+    kept = Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
+    bench.notebook.keep(kept)
+    bench.open(RATE_HZ)
+    bench.hold(NO_FORCE, 30)
+    bench.arm.fault("jump")
+    bench.fails(NO_FORCE, 3)
+    newer = Calibration(device=NAME, model="vintage", offset_counts=(-400, 7700, 0), stamp="plugging 1", made="after")
+    bench.notebook.keep(newer)
+    bench.close()
+    assert bench.notebook.find(NAME) == newer
+    bench.open(RATE_HZ)
+    bench.close()
+
+
+# its workspace
+
+
+@pytest.mark.parametrize(("y_m", "inside"), [(0.0999, True), (0.1001, False)])
+def test_both_sides_of_the_workspace(y_m: float, inside: bool) -> None:
+    bench = opened()
+    bench.hold((0.2, 0.0, 0.0), 20)
+    force = bench.arm.mechanics.force_n
+    assert any(force)
+    for step in range(401):
+        z = step / 400
+        bench.arm.mechanics.carry((0.0, y_m * z * z * (3.0 - 2.0 * z), 0.0))
+        if step < 400:
+            bench.driver.read(bench.tick)
+            bench.driver.write((0.2, 0.0, 0.0))
+            bench.tick += 1
+    bench.driver.read(bench.tick)
+    bench.driver.write((0.2, 0.0, 0.0))
+    bench.tick += 1
+    if inside:
+        assert bench.driver.read(bench.tick).position_m[1] == pytest.approx(y_m, abs=1e-4)
+        return
+    with pytest.raises(
+        DeviceError, match=r"the tip is at \(.*0.100.*\) m, outside its workspace of 0.1 m; move it inside"
+    ):
+        bench.driver.read(bench.tick)
+    bench.close()
+    with pytest.raises(DeviceError, match="outside its workspace"):
+        bench.open(RATE_HZ)
+    bench.arm.mechanics.carry(NO_FORCE)
+    bench.open(RATE_HZ)  # its pose was never in doubt
+    bench.close()
+
+
+def test_counts_at_which_no_linkage_closes_are_wrong() -> None:
+    bench = Bench("polhem")
+    bench.arm.mechanics.slip(1, -5000)
+    with pytest.raises(DeviceError, match=r"the linkage does not close at counts .*; calibrate, then re-arm"):
+        bench.open(RATE_HZ)
+
+
+# its end
+
+
+def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:
+    """It hears, but does not answer; where it is deaf too its own watchdog lets go."""
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 20)
+    bench.arm.fault("silence")
+    sizes = []
+    for _ in range(200):
+        bench.hold((0.5, 0.0, 0.0), 1)
+        sizes.append(hypot(*bench.arm.mechanics.force_n))
+    last = max(tick for tick, size in enumerate(sizes) if size)
+    assert 30 < last < SILENT_S * RATE_HZ
+    assert bench.counts["reply missed"] == 199
+    assert bench.counts["request repeated"] > 10
+    bench.arm.mend()
+    bench.hold((0.5, 0.0, 0.0), 15)
+    assert hypot(*bench.arm.mechanics.force_n) == pytest.approx(0.5, abs=0.01)
+    bench.close()
+
+
+def test_it_says_that_no_force_acts_while_it_is_silent() -> None:
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 20)
+    bench.arm.fault("silence")
+    bench.hold((0.5, 0.0, 0.0), 60)
+    bench.read(bench.tick)
+    assert bench.write((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    bench.close()
+
+
+@pytest.mark.parametrize("when", ["idle", "reply outstanding", "silent"])
+def test_closing_asks_twice_for_no_current(when: str) -> None:
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 10)
+    if when == "silent":
+        bench.arm.fault("silence")
+    if when != "idle":
+        bench.read(bench.tick)
+        bench.write((0.5, 0.0, 0.0))
+    before = len(bench.sent)
+    bench.close()
+    assert len(bench.sent) - before == GOODBYES == 2
+    assert all(frame.startswith(b"[0,0,0]\n") for frame in bench.sent[before:])
+    assert bench.arm.mechanics.currents_ma == (0, 0, 0)
+    assert bench.arm.mechanics.force_n == NO_FORCE
+    bench.close()
+    assert len(bench.sent) - before == GOODBYES
+
+
+def test_closing_a_device_that_is_gone_is_counted() -> None:
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 5)
+    bench.arm.fault("unplug")
+    bench.close()
+    assert bench.counts["not reached when closed"] == 1
+
+
+def test_what_went_wrong_is_said_again_until_it_is_opened_anew() -> None:
+    bench = opened()
+    bench.hold((0.5, 0.0, 0.0), 5)
+    bench.arm.fault("unplug")
+    for _ in range(3):
+        with pytest.raises(DeviceError, match="lost: it was unplugged; plug it in again, then re-arm"):
+            bench.read(bench.tick)
+        bench.write(NO_FORCE)  # waits for its turn
+    bench.close()
+    with pytest.raises(DeviceError, match="is not there; plug it in"):
+        bench.open(RATE_HZ)
+
+
+@pytest.mark.parametrize("error", [1, 8, 512])
+def test_complaints_of_the_firmware_are_counted_and_old_counts_are_no_sample(error: int) -> None:
+    bench = opened()
+    bench.hold(NO_FORCE, 5)
+    bench.arm._act = lambda frame: error  # type: ignore[method-assign]
+    samples = bench.hold(NO_FORCE, 10)[1:]
+    assert [sample is None for sample in samples] == [error >= 8] * 9
+    assert [name for name in bench.counts if name.endswith(f"(error {error})") and name.startswith("device: ")]
+    bench.close()
+
+
+FAULTS = st.lists(st.tuples(st.sampled_from(VERBS), st.integers(1, 120), st.integers(0, 200)), min_size=1, max_size=6)
+
+
+@given(
+    plan=FAULTS,
+    force=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    name=st.sampled_from(NAMES),
+    hand=st.sampled_from(("hold", "tremor&tremor_m=0.002&direction=1,1,1", "reach&direction=0.5,-1,0.4")),
+)
+@hypothesis_settings(max_examples=120)
+def test_whatever_fails_no_force_goes_beyond_its_limits_and_all_of_it_ends(plan, force, name: str, hand: str) -> None:
+    """Any faults in any order: only DeviceError; currents within the limits; 110 ms after the last good reply no force."""
+    bench = opened(name, hand=hand)
+    bench.hold(force, 20)
+    limits = bench.driver.model.drive.limit_ma
+    for verb, milliseconds, ticks in plan:
+        bench.arm.fault(verb, milliseconds / 1e3)
+        for _ in range(ticks):
+            bench.fails(force, 1)
+            assert all(
+                abs(current) <= limit for current, limit in zip(bench.arm.mechanics.currents_ma, limits, strict=True)
+            )
+    bench.close()
+    bench.arm.advance(bench.arm.now_ns + 110_000_000)
+    assert bench.arm.mechanics.force_n == NO_FORCE

@@ -1,0 +1,420 @@
+"""The Haply driver on the emulated board, in virtual time: positions, forces, the pose, faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cogrip.devices import DeviceError, make
+from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.emulated.body import Body
+from cogrip.devices.emulated.faults import Faults
+from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
+from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.port import EmulatedPort
+from cogrip.devices.haply.device import HaplyDevice
+from cogrip.devices.haply.family import drive, family
+from cogrip.devices.haply.frames import HaplyCodec
+from cogrip.devices.haply.models import MODELS, HaplySettings, model_of
+from cogrip.devices.registry import Family
+from cogrip.devices.settings import parse_address, read_settings
+from cogrip.protocol.rates import due_ns
+
+RATE_HZ = 1024
+CENTRE = (0.0, 0.0)
+every_model = pytest.mark.parametrize("name", sorted(MODELS))
+
+
+class Notes:
+    """A store in memory."""
+
+    def __init__(self) -> None:
+        self.kept: dict[str, Calibration] = {}
+
+    def find(self, device: str) -> Calibration | None:
+        return self.kept.get(device)
+
+    def keep(self, calibration: Calibration) -> None:
+        self.kept[calibration.device] = calibration
+
+
+@dataclass
+class Bench:
+    """One board with its arm in a hand, and whatever drivers come and go. at: the loop's tick."""
+
+    name: str = "2diy"
+    hand: str = "hold"
+    homed: bool = True
+    keys: str = ""
+    start_m: tuple[float, ...] = CENTRE
+    seed: int = 1
+    firmware: HaplyFirmware = field(init=False)
+    notes: Notes = field(default_factory=Notes)
+    at: int = 0
+
+    def __post_init__(self) -> None:
+        query = parse_address(f"haply:x?model={self.name}{self.keys}").query
+        model = model_of(read_settings(HaplySettings, query, "bench"), "bench")
+        body = make(
+            f"sim:phantom?hand={self.hand}",
+            axes=3,
+            resolution_m=0.0,
+            friction_n=0.0,
+            peak_force_n=100.0,
+            x0_m=self.start_m,
+        )
+        a, b = (Joint(port, ccw) for port, ccw in zip(model.wiring.ports, model.wiring.ccw, strict=True))
+        self.firmware = HaplyFirmware((a, b), Mechanics(model, Body(body)), Faults(self.seed), homed=self.homed)
+
+    def driver(self, pose: str = "home", axes: int = 2, number: int = 0) -> HaplyDevice:
+        address = parse_address(f"haply:bench?model={self.name}&pose={pose}{self.keys}")
+        return drive(
+            EmulatedPort("haply:bench", self.firmware), "haply:bench", self.notes, address, axes, number=number
+        )
+
+    def tick(self, device: HaplyDevice, force_n: tuple[float, ...] = (0.0, 0.0)):
+        self.at += 1
+        self.firmware.advance(due_ns(0, self.at, RATE_HZ))
+        sample = device.read(self.at)
+        device.write(force_n)
+        return sample
+
+    @property
+    def tip_m(self) -> tuple[float, ...]:
+        return self.firmware.mechanics.body.position_m
+
+
+@pytest.mark.parametrize("keys", ["", "&motors=near", "&dir=-1,1", "&motor_dir=1,-1&dir=-1,-1", "&home_deg=150,30"])
+@every_model
+def test_positions_are_the_bodys_within_two_counts(name: str, keys: str) -> None:
+    bench = Bench(name, "sine&amplitude_m=0.02&frequency_hz=1.5&direction=1,-0.7", keys=keys)
+    device = bench.driver()
+    device.open(RATE_HZ)
+    moved = before = 0.0
+    for _ in range(1024):
+        was = bench.tip_m
+        sample = bench.tick(device)
+        if bench.at < 3:
+            continue
+        assert sample is not None
+        assert sample.age_ticks == 1
+        assert sample.velocity_mps is None
+        assert sample.position_m == pytest.approx(was[:2], abs=2.0 * device.capability.resolution_m)
+        moved, before = moved + abs(sample.position_m[0] - before), sample.position_m[0]
+    assert moved > 0.05
+    assert device.counts == {}
+    device.close()
+
+
+@given(
+    name=st.sampled_from(sorted(MODELS)),
+    force=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
+    at=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
+    keys=st.sampled_from(["", "&motors=near", "&dir=-1,1", "&motor_dir=1,-1"]),
+)
+@settings(max_examples=60)
+def test_the_hand_gets_minus_the_force(name: str, force: tuple[float, ...], at: tuple[float, ...], keys: str) -> None:
+    bench = Bench(name, "hold&hand_stiffness_npm=100000&hand_damping_nspm=100", keys=keys, start_m=at)
+    device = bench.driver()
+    device.open(RATE_HZ)
+    for _ in range(4):
+        bench.tick(device, force)
+    pushed = bench.firmware.mechanics.force_n
+    ratio = MODELS[name].drive.capstan_m[0]
+    least_m = 0.02  # lever arm: one step of the 12 bits, and of the commands, at each joint; and a count of angle
+    slack = 2.0 * (0.123 / 4095 + 1e-5) / ratio / least_m + 0.004
+    assert pushed[:2] == pytest.approx((-force[0], -force[1]), abs=slack)
+    assert pushed[2] == 0.0
+    device.close()
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+@every_model
+def test_force_above_the_record_is_scaled_to_it_and_counted(name: str) -> None:
+    bench = Bench(name, "hold&hand_stiffness_npm=100000&hand_damping_nspm=100")
+    device = bench.driver()
+    device.open(RATE_HZ)
+    for _ in range(10):
+        bench.tick(device, (-30.0, 40.0))
+    x, y, _ = bench.firmware.mechanics.force_n
+    assert (x, y) == pytest.approx(
+        (0.6 * device.capability.peak_force_n, -0.8 * device.capability.peak_force_n), rel=0.02
+    )
+    assert device.counts == {"force limited to the motors": 10}
+    assert all(abs(torque) <= 0.123 for torque in bench.firmware.torque_nm)
+
+
+def test_room_of_one_axis_leaves_the_other_free() -> None:
+    bench = Bench(hand="hold&hand_stiffness_npm=100000&hand_damping_nspm=100")
+    device = bench.driver(axes=1)
+    assert device.capability.axes == 1
+    device.open(RATE_HZ)
+    for _ in range(5):
+        sample = bench.tick(device, (0.5,))
+    assert len(sample.position_m) == 1
+    assert bench.firmware.mechanics.force_n[:2] == pytest.approx((-0.5, 0.0), abs=0.01)
+
+
+def test_force_that_is_not_finite_becomes_none_and_an_error() -> None:
+    bench = Bench()
+    device = bench.driver()
+    device.open(RATE_HZ)
+    for _ in range(3):
+        bench.tick(device, (0.5, 0.0))
+    assert bench.firmware.torque_nm != (0.0, 0.0)
+    with pytest.raises(DeviceError, match="not finite"):
+        bench.tick(device, (float("nan"), 0.0))
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+def at_home(name: str = "2diy") -> Bench:
+    model = MODELS[name]
+    home = model.five_bar.forward(model.drive.angles(model.home_counts))
+    return Bench(name, "reach&amplitude_m=0.04&stroke_s=0.5&hand_stiffness_npm=3000", homed=False, start_m=home)
+
+
+@every_model
+def test_pose_home_is_where_the_arm_stands_at_the_first_opening_only(name: str) -> None:
+    bench = at_home(name)
+    device = bench.driver("home")
+    device.open(RATE_HZ)
+    for _ in range(400):
+        bench.tick(device)
+    device.close()
+    device.open(RATE_HZ)  # away from home: the counters go on
+    sample = bench.tick(device) or bench.tick(device)
+    assert sample.position_m == pytest.approx(bench.tip_m[:2], abs=3e-4)
+    assert abs(sample.position_m[0]) < 0.1
+
+
+@every_model
+def test_stored_calibration_holds_in_another_process_until_something_else_sets_the_board_up(name: str) -> None:
+    bench = at_home(name)
+    with pytest.raises(DeviceError, match="its pose is not known"):
+        bench.driver("stored").open(RATE_HZ)
+    bench.notes.keep(bench.driver("stored", number=3).calibrate("today"))
+    bench.firmware.advance(500_000_000)
+    bench.at = 600
+    device = bench.driver("stored", number=8)
+    device.open(RATE_HZ)
+    bench.tick(device, (0.3, 0.0))
+    was = bench.tip_m
+    sample = bench.tick(device, (0.3, 0.0))
+    assert sample.position_m == pytest.approx(was[:2], abs=3.0 * device.capability.resolution_m)
+    assert bench.firmware.torque_nm != (0.0, 0.0)
+    device.close()
+    other = bench.driver("none")  # sets the board up anew, wherever the arm is
+    other.open(RATE_HZ)
+    other.close()
+    for _ in range(2):  # and it is refused for good, not once
+        with pytest.raises(DeviceError, match="does not answer to its setup"):
+            device.open(RATE_HZ)
+        assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+def test_stored_calibration_ends_with_the_power() -> None:
+    bench = at_home()
+    bench.notes.keep(bench.driver("stored").calibrate("today"))
+    bench.firmware.fault("unplug")
+    device = bench.driver("stored")
+    with pytest.raises(DeviceError, match="plug it in"):
+        device.open(RATE_HZ)
+    bench.firmware.mend()
+    with pytest.raises(DeviceError, match="without power"):
+        device.open(RATE_HZ)
+    bench.notes.keep(device.calibrate("again"))
+    device.open(RATE_HZ)
+
+
+def test_calibration_of_another_model_or_program_is_refused() -> None:
+    bench = at_home()
+    made = bench.driver("stored").calibrate("today")
+    bench.notes.keep(
+        Calibration(
+            device=made.device, model="pantograph", offset_counts=made.offset_counts, stamp=made.stamp, made="x"
+        )
+    )
+    with pytest.raises(DeviceError, match="calibrated as pantograph"):
+        bench.driver("stored").open(RATE_HZ)
+    bench.notes.keep(
+        Calibration(
+            device=made.device, model="2diy", offset_counts=made.offset_counts, stamp="plugging 1 id 5", made="x"
+        )
+    )
+    with pytest.raises(DeviceError, match="was plugged in again since it was calibrated"):
+        bench.driver("stored").open(RATE_HZ)
+
+
+def test_without_a_pose_there_are_positions_but_no_force() -> None:
+    bench = Bench(hand="sine&amplitude_m=0.01", homed=False)
+    device = bench.driver("none")
+    device.open(RATE_HZ)
+    for _ in range(50):
+        bench.tick(device, (1.0, 1.0))
+    assert bench.tick(device) is not None
+    assert bench.firmware.mechanics.peak_force_n == 0.0
+
+
+def test_torque_that_a_program_before_left_on_is_gone_when_the_device_is_open() -> None:
+    bench = Bench()
+    codec = HaplyCodec(MODELS["2diy"].wiring, 5)
+    for frame in (codec.wiring.setup(5), codec.encode((9000, -9000))):
+        bench.firmware.receive(frame, 0)
+    assert bench.firmware.torque_nm != (0.0, 0.0)
+    bench.driver().open(RATE_HZ)
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+def test_torque_left_on_is_gone_where_a_stored_pose_is_refused_too() -> None:
+    bench = at_home()
+    bench.notes.keep(bench.driver("stored").calibrate("today"))
+    codec = HaplyCodec(MODELS["2diy"].wiring, 5)
+    for frame in (codec.wiring.setup(5), codec.encode((9000, -9000))):
+        bench.firmware.receive(frame, 0)
+    with pytest.raises(DeviceError, match="does not answer"):
+        bench.driver("stored").open(RATE_HZ)
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+def run(bench: Bench, device: HaplyDevice, ticks: int) -> tuple[str, list[float]]:
+    """The first error, and the size of the motors' force after each tick. As a client does it, force fades after an error."""
+    failed, sizes, share = "", [], 1.0
+    for _ in range(ticks):
+        try:
+            bench.tick(device, (0.8 * share, -0.4 * share))
+        except DeviceError as error:
+            failed = failed or str(error)
+        if failed:
+            share = max(0.0, share - 0.05)
+            try:
+                device.write((0.8 * share, -0.4 * share))
+            except DeviceError as error:
+                failed = failed or str(error)
+        x, y, _ = bench.firmware.mechanics.force_n
+        sizes.append((x * x + y * y) ** 0.5)
+    return failed, sizes
+
+
+@pytest.mark.parametrize(
+    ("verb", "counted"),
+    [
+        ("silence", {"reply missed", "request repeated"}),
+        ("garbage", {"reply missed", "request repeated", "bytes skipped"}),
+        ("short", {"reply missed", "request repeated", "bytes skipped"}),
+        ("split", set()),
+        ("merge", {"reply missed", "reply too many"}),
+        ("model", {"reply missed", "request repeated", "bytes skipped"}),
+        ("deaf", {"reply missed", "request repeated"}),
+    ],
+)
+def test_fault_of_the_wire_is_counted_and_passes(verb: str, counted: set[str]) -> None:
+    bench = Bench(hand="sine&amplitude_m=0.005")
+    device = bench.driver()
+    device.open(RATE_HZ)
+    run(bench, device, 50)
+    bench.firmware.fault(verb, 0.3)
+    failed, sizes = run(bench, device, 300)
+    assert failed == ""
+    assert counted <= set(device.counts)
+    assert max(sizes) < 0.9 + 0.1
+    failed, sizes = run(bench, device, 100)
+    was = dict(device.counts)
+    assert failed == ""
+    assert bench.tick(device).position_m == pytest.approx(bench.tip_m[:2], abs=1e-3)
+    run(bench, device, 100)
+    assert dict(device.counts) == was
+    assert sizes[-1] == pytest.approx((0.8**2 + 0.4**2) ** 0.5, abs=0.02)
+    device.close()
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("verb", ["silence", "garbage", "model", "short"])
+def test_force_ends_soon_after_the_last_good_reply(verb: str) -> None:
+    bench = Bench(hand="sine&amplitude_m=0.005")
+    device = bench.driver()
+    device.open(RATE_HZ)
+    run(bench, device, 50)
+    bench.firmware.fault(verb)
+    _, sizes = run(bench, device, 100)
+    assert sizes[0] > 0.5
+    assert not any(sizes[58:])  # 51 ticks without a reading, and up to 6 until a request is repeated
+
+
+@pytest.mark.parametrize(("verb", "text"), [("jump", "encoder a jumped"), ("unplug", "plug it in again")])
+def test_fault_that_loses_the_pose_is_an_error_until_it_is_set_right(verb: str, text: str) -> None:
+    bench = Bench(hand="sine&amplitude_m=0.005")
+    device = bench.driver()
+    device.open(RATE_HZ)
+    run(bench, device, 50)
+    bench.firmware.fault(verb)
+    failed, sizes = run(bench, device, 100)
+    assert text in failed
+    assert sizes[-1] == 0.0
+    assert max(sizes) < 1.0
+    bench.firmware.mend()
+    device.close()
+    for _ in range(2):
+        with pytest.raises(DeviceError, match=r"pose|counters"):
+            device.open(RATE_HZ)
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+def test_stuck_encoder_is_found() -> None:
+    bench = Bench(hand="sine&amplitude_m=0.03&frequency_hz=3&ramp_s=0.1&direction=1,0.3")
+    device = bench.driver()
+    device.open(RATE_HZ)
+    for _ in range(1024):
+        bench.tick(device)
+        if bench.at == 180:  # on its way
+            break
+    bench.firmware.fault("stuck")
+    failed, sizes = run(bench, device, 200)
+    assert "encoder b is stuck" in failed or "encoder b jumped" in failed
+    assert sizes[-1] == 0.0
+
+
+passing = st.sampled_from(
+    ["silence", "garbage", "split", "merge", "short", "slow", "stale", "model", "deaf", "jump", "stuck"]
+)
+
+
+@given(st.lists(st.tuples(passing, st.integers(1, 60), st.integers(1, 60)), min_size=1, max_size=5), st.integers(0, 99))
+@settings(max_examples=40)
+def test_no_sequence_of_faults_makes_more_force_than_was_asked_for(
+    faults: list[tuple[str, int, int]], seed: int
+) -> None:
+    bench = Bench(hand="sine&amplitude_m=0.01&direction=1,1", seed=seed)
+    device = bench.driver()
+    device.open(RATE_HZ)
+    sizes: list[float] = []
+    for verb, lasts_ms, rest_ticks in faults:
+        bench.firmware.fault(verb, lasts_ms * 1e-3)
+        sizes += run(bench, device, lasts_ms + rest_ticks)[1]
+    assert max(sizes) < 1.1
+    device.close()
+    assert bench.firmware.torque_nm == (0.0, 0.0)
+
+
+def test_family_states_what_it_has_and_refuses_the_rest() -> None:
+    found = family()
+    assert isinstance(found, Family)
+    for example in found.examples:
+        address = parse_address(example)
+        assert found.axes(address) == 2
+        record = found.make(address, 2, {}).capability
+        assert record.family == "haply"
+        assert 0.0 < record.continuous_force_n <= record.peak_force_n
+        assert len(record.workspace_m) == 2
+    for text, match in [
+        ("haply:", "name the port"),
+        ("haply:/dev/x", "add model="),
+        ("haply:/dev/x?model=inverse3", "2diy"),
+        ("haply:/dev/x?model=2diy&limit_ma=1", "unknown key"),
+    ]:
+        with pytest.raises(DeviceError, match=match):
+            found.make(parse_address(text), 2, {})
+    with pytest.raises(DeviceError, match="axes=3 is out of 1 to 2"):
+        found.make(parse_address("haply:/dev/x?model=2diy"), 3, {})

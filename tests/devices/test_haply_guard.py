@@ -1,0 +1,399 @@
+"""The guard process, on a pseudo-terminal with the emulated board behind it: whatever ends the driver, the torque goes.
+
+Every wait is for something that must happen, and bounded.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+
+import pytest
+
+from cogrip.devices import DeviceError, make
+from cogrip.devices.emulated.body import Body
+from cogrip.devices.emulated.faults import Faults
+from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
+from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.haply.family import goodbye
+from cogrip.devices.haply.family import make as make_haply
+from cogrip.devices.haply.frames import HaplyCodec
+from cogrip.devices.haply.models import MODELS
+from cogrip.devices.io import guarded_port
+from cogrip.devices.io.guard import LOOK_S, STALL_NS, StallWatch, take_off
+from cogrip.devices.io.guarded_port import GuardedPort
+from cogrip.devices.settings import parse_address
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd")
+
+MODEL = MODELS["2diy"]
+BOUND_S = 20.0
+PATIENT_NS = 400_000_000  # a stall, where a busy machine may hold up the driver by itself
+
+DRIVER = """
+import os, signal, sys
+from contextlib import suppress
+from itertools import count
+from cogrip.devices import DeviceError
+from cogrip.devices.haply.family import drive, goodbye, make
+from cogrip.devices.haply.frames import HaplyCodec
+from cogrip.devices.haply.models import MODELS
+from cogrip.devices.io.guarded_port import GuardedPort
+from cogrip.devices.settings import parse_address
+from msgspec.structs import replace
+
+path, mode, stall_ns = sys.argv[1], sys.argv[2], int(sys.argv[3])
+address = parse_address(f"haply:{path}?model=2diy&pose=home")
+if stall_ns:
+    codec = HaplyCodec(MODELS["2diy"].wiring, 1)
+    port = GuardedPort(path, "haply", lambda: replace(goodbye(codec), stall_ns=stall_ns))
+    device = drive(port, "haply:test", None, address, 2, codec)
+else:
+    device = make(address, 2, {})
+ticks = count(1)
+
+def say(*words):
+    print(*words, flush=True)
+
+def push(ticks_of_it):
+    for _ in ticks_of_it:
+        device.read(next(ticks))
+        device.write((0.8, 0.0))
+
+device.open(250)
+other = 0
+if mode == "fork" and not (other := os.fork()):
+    signal.pause()
+say(device._line._port.guard_pid, other)
+if mode == "raise":
+    push(range(40))
+    raise RuntimeError("no more")
+if mode == "close":
+    push(range(40))
+    device.close()
+    say("closed")
+    sys.stdin.readline()
+    sys.exit()
+if mode == "idle":
+    push(range(40))
+    for _ in range(20):
+        device.read(next(ticks))
+        device.write((0.0, 0.0))
+    say("idle")
+    sys.stdin.readline()
+    push(range(40))
+    say("pushes")
+    sys.stdin.readline()
+    device.close()
+    sys.exit()
+try:
+    push(ticks)
+except DeviceError as error:
+    say(error)
+for _ in range(20):
+    for verb in (lambda: device.read(next(ticks)), lambda: device.write((0.8, 0.0))):
+        with suppress(DeviceError):
+            verb()
+say(dict(device.counts))
+sys.stdin.readline()
+device.close()
+device.open(250)
+push(range(40))
+say("pushes")
+sys.stdin.readline()
+device.close()
+"""
+
+
+class Board:
+    """The emulated board at a pseudo-terminal, served by a thread that only wakes for bytes."""
+
+    def __init__(self) -> None:
+        body = Body(make("sim:phantom", axes=3, hand="hold"))
+        joints = (Joint(2, True), Joint(1, True))
+        self.firmware = HaplyFirmware(joints, Mechanics(MODEL, body), Faults(), homed=True)
+        self.history: list[tuple[float, float]] = []
+        self._changed = threading.Condition()
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+        self._wake, self._stop = os.pipe()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        begin_ns = time.monotonic_ns()
+        while True:
+            ready = select.select([self._master, self._wake], [], [])[0]
+            if self._wake in ready:
+                return
+            data = os.read(self._master, 4096)
+            now_ns = time.monotonic_ns() - begin_ns
+            with self._changed:
+                self.firmware.receive(data, now_ns)
+                for reply in self.firmware.due(now_ns):
+                    os.write(self._master, reply)
+                self.history.append(self.firmware.torque_nm)
+                self._changed.notify_all()
+
+    def wait(self, *, pushing: bool) -> None:
+        with self._changed:
+            assert self._changed.wait_for(lambda: any(self.firmware.torque_nm) == pushing, BOUND_S)
+
+    def close(self) -> None:
+        os.close(self._stop)
+        self._thread.join()
+        for end in (self._wake, self._master, self._slave):
+            os.close(end)
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    board.close()
+
+
+class Driver:
+    """A driver in a process group of its own, pushing."""
+
+    def __init__(self, board: Board, mode: str, stall_ns: int) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", DRIVER, board.path, mode, str(stall_ns)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self._guard = -1
+
+    def meet(self) -> None:
+        line = self.line()
+        assert line, self.end()
+        self.guard_pid, self.other_pid = map(int, line.split())
+        self._guard = os.pidfd_open(self.guard_pid)
+
+    def line(self) -> str:
+        assert self.process.stdout is not None
+        assert select.select([self.process.stdout], [], [], BOUND_S)[0]
+        return self.process.stdout.readline().strip()
+
+    def go_on(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+
+    def kill(self, number: int) -> None:
+        os.kill(self.process.pid, number)
+
+    def guard_ended(self, within_s: float = BOUND_S) -> bool:
+        return bool(select.select([self._guard], [], [], within_s)[0])
+
+    def end(self) -> str:
+        """What it said on the standard error, which its guard shares: so both have ended."""
+        return self.process.communicate(timeout=BOUND_S)[1]
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        for stream in (self.process.stdin, self.process.stdout, self.process.stderr):
+            if stream is not None:
+                stream.close()
+        if self._guard >= 0:
+            os.close(self._guard)
+
+
+@pytest.fixture
+def drivers() -> Iterator[list[Driver]]:
+    started: list[Driver] = []
+    yield started
+    for driver in started:
+        driver.close()
+
+
+def start(board: Board, drivers: list[Driver], mode: str, stall_ns: int = PATIENT_NS) -> Driver:
+    driver = Driver(board, mode, stall_ns)
+    drivers.append(driver)
+    driver.meet()
+    return driver
+
+
+@pytest.mark.parametrize("stall_ns", [0, PATIENT_NS])
+def test_killed_driver(board: Board, drivers: list[Driver], stall_ns: int) -> None:
+    """0: as the family makes it."""
+    driver = start(board, drivers, "push", stall_ns)
+    board.wait(pushing=True)
+    driver.kill(signal.SIGKILL)
+    board.wait(pushing=False)
+    assert driver.end() == ""
+    assert driver.guard_ended()
+    assert board.history[-1] == (0.0, 0.0)
+
+
+def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: Board, drivers: list[Driver]) -> None:
+    driver = start(board, drivers, "fork")
+    board.wait(pushing=True)
+    driver.kill(signal.SIGKILL)
+    try:
+        board.wait(pushing=False)
+        assert driver.guard_ended()
+    finally:
+        os.kill(driver.other_pid, signal.SIGKILL)
+
+
+def test_interrupt_reaches_the_driver_alone(board: Board, drivers: list[Driver]) -> None:
+    """Not even a guard that is meant itself goes before its driver."""
+    driver = start(board, drivers, "push")
+    board.wait(pushing=True)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        os.kill(driver.guard_pid, number)
+    os.killpg(driver.process.pid, signal.SIGINT)
+    board.wait(pushing=False)
+    assert "KeyboardInterrupt" in driver.end()
+    assert driver.guard_ended()
+    assert board.history[-1] == (0.0, 0.0)
+
+
+def test_exception_in_the_driver(board: Board, drivers: list[Driver]) -> None:
+    driver = start(board, drivers, "raise")
+    assert "no more" in driver.end()
+    assert driver.guard_ended()
+    assert any(map(any, board.history))
+    assert board.history[-1] == (0.0, 0.0)
+
+
+def test_closed_device_has_no_torque_and_no_guard(board: Board, drivers: list[Driver]) -> None:
+    driver = start(board, drivers, "close")
+    assert driver.line() == "closed"
+    assert driver.guard_ended()
+    board.wait(pushing=False)
+    assert any(map(any, board.history))
+    driver.process.kill()
+
+
+def test_stalled_driver_loses_its_torque_learns_of_it_and_can_be_armed_again(
+    board: Board, drivers: list[Driver]
+) -> None:
+    driver = start(board, drivers, "push")
+    board.wait(pushing=True)
+    driver.kill(signal.SIGSTOP)
+    board.wait(pushing=False)
+    begin = len(board.history)
+    driver.kill(signal.SIGCONT)
+    assert "its guard took it off" in driver.line()
+    assert "'guard stepped in': 1" in driver.line()
+    board.wait(pushing=False)
+    asked_since = board.history[begin:]  # for force, 20 times
+    assert sum(map(any, asked_since)) <= 1  # a write that was under way when it was stopped
+    driver.go_on()
+    assert driver.line() == "pushes"
+    board.wait(pushing=True)
+    driver.go_on()
+    assert driver.end() == ""
+    assert board.history[-1] == (0.0, 0.0)
+
+
+def test_guard_that_took_the_torque_off_goes_on_guarding(board: Board, drivers: list[Driver]) -> None:
+    driver = start(board, drivers, "push")
+    board.wait(pushing=True)
+    driver.kill(signal.SIGSTOP)
+    board.wait(pushing=False)
+    driver.kill(signal.SIGKILL)
+    assert driver.end() == ""
+    assert driver.guard_ended()
+
+
+def test_driver_that_pushes_nothing_may_take_its_time(board: Board, drivers: list[Driver]) -> None:
+    driver = start(board, drivers, "idle")
+    assert driver.line() == "idle"
+    assert not driver.guard_ended(within_s=2.0 * PATIENT_NS * 1e-9)
+    driver.go_on()
+    assert driver.line() == "pushes"
+    driver.go_on()
+    assert driver.end() == ""
+
+
+def test_driver_without_its_guard_stops_pushing(board: Board, drivers: list[Driver]) -> None:
+    driver = start(board, drivers, "push")
+    board.wait(pushing=True)
+    os.kill(driver.guard_pid, signal.SIGKILL)
+    assert "has ended; nothing may be pushed without it" in driver.line()
+    assert "'guard lost': 1" in driver.line()
+    board.wait(pushing=False)
+    driver.go_on()
+    assert driver.line() == "pushes"
+    driver.go_on()
+    assert driver.end() == ""
+
+
+@pytest.mark.parametrize(
+    ("executable", "text"), [("/nowhere/python", "cannot be started"), ("/bin/false", "did not start")]
+)
+def test_no_guard_no_device(board: Board, monkeypatch: pytest.MonkeyPatch, executable: str, text: str) -> None:
+    device = make_haply(parse_address(f"haply:{board.path}?model=2diy&pose=home"), 2, {})
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "executable", executable)
+        with pytest.raises(DeviceError, match=f"{text}.*without it there is no force"):
+            device.open(1000)
+    with pytest.raises(DeviceError, match="call open"):
+        device.write((0.0, 0.0))
+    device.open(1000)
+    device.close()
+    assert not any(map(any, board.history))
+
+
+def test_system_that_cannot_share_a_port_is_refused(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guarded_port, "CAN_SHARE", False)
+    device = make_haply(parse_address(f"haply:{board.path}?model=2diy&pose=home"), 2, {})
+    with pytest.raises(DeviceError, match="use it on Linux or macOS"):
+        device.open(1000)
+    assert board.history == []
+
+
+@pytest.mark.parametrize("missing", range(10))
+def test_frame_that_was_cut_off_in_the_middle_leaves_no_torque(board: Board, missing: int) -> None:
+    codec = HaplyCodec(MODEL.wiring, 20)
+    port = GuardedPort(board.path, "haply", lambda: goodbye(codec))
+    port.open()
+    push, other = codec.encode((3000, -2000)), codec.encode((-1000, 2500))
+    for frame in (codec.wiring.setup(20), push):
+        port.write(frame)
+    board.wait(pushing=True)
+    begin = len(board.history)
+    port.write(other[: 10 - missing] or push)
+    assert port._line is not None
+    understood = take_off(port._line.fileno(), goodbye(codec))
+    assert understood == (missing in (0, 10))
+    board.wait(pushing=False)
+    assert all(abs(torque) <= 0.0301 for pair in board.history[begin:] for torque in pair)
+    port.close()
+    assert board.history[-1] == (0.0, 0.0)
+
+
+def test_torque_is_off_within_50_ms_of_the_last_write() -> None:
+    """A write is seen, and a stall is seen, up to one look late."""
+    assert STALL_NS * 1e-9 + 2.0 * LOOK_S < 0.05
+    assert goodbye(HaplyCodec(MODEL.wiring, 20)).stall_ns == STALL_NS
+
+
+def test_stall_watch_speaks_once_at_its_limit_and_only_of_torque() -> None:
+    watch = StallWatch(stall_ns=100)
+    assert not watch.stalled(1, True, 1000)
+    assert not watch.stalled(1, True, 1099)
+    assert watch.stalled(1, True, 1100)
+    assert not watch.stalled(1, True, 5000)
+    assert not watch.stalled(2, True, 5001)  # it beats again
+    assert not watch.stalled(2, False, 6000)
+    assert watch.stalled(2, True, 6001)  # a torque that is older than the limit
+    assert not watch.stalled(3, True, 6002)
+    assert not watch.stalled(4, True, 6101)
+    assert watch.stalled(4, True, 6201)

@@ -1,0 +1,402 @@
+"""The emulated hfab firmware by its own rules: what it refuses, what it does then, when it lets go. Virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.faults import VERBS, Faults
+from cogrip.devices.emulated.firmware import JUMP_COUNTS
+from cogrip.devices.emulated.hfab_firmware import IDLE_PWM, LONGEST, MOST_MA, WATCHDOG_NS, HfabFirmware
+from cogrip.devices.emulated.machines import make_firmware
+from cogrip.devices.serial.frames import MODELS as NUMBERS
+from cogrip.devices.serial.frames import BracketCodec
+from cogrip.devices.settings import parse_address
+
+ZERO = BracketCodec().encode((0, 0, 0))
+MS = 1_000_000
+NAMES = tuple(NUMBERS.values())
+
+
+def firmware(name: str = "vintage", hand: str = "hold") -> HfabFirmware:
+    """In a hand, whose keys stand as in an address."""
+    arm = make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query)
+    assert isinstance(arm, HfabFirmware)
+    return arm
+
+
+def say(arm: HfabFirmware, data: bytes, at_ns: int | None = None) -> list[bytes]:
+    at_ns = arm.now_ns if at_ns is None else at_ns
+    arm.receive(data, at_ns)
+    return arm.due(at_ns)
+
+
+def errors(replies: list[bytes]) -> list[int]:
+    return [int(reply[1:-2].split(b",")[7]) for reply in replies]
+
+
+def counts(reply: bytes) -> tuple[int, ...]:
+    return tuple(map(int, reply[1:-2].split(b",")))[1:4]
+
+
+# what is said and answered
+
+
+@pytest.mark.parametrize(("number", "name"), NUMBERS.items())
+def test_each_frame_has_one_line_with_the_machine_and_its_counters(number: int, name: str) -> None:
+    arm = firmware(name)
+    assert arm.due(10**12) == []
+    for _ in range(3):
+        a, b, c = arm.mechanics.counters
+        assert say(arm, ZERO) == [b"[%d,%d,%d,%d,0,0,0,0]\n" % (number, a, b, c)]
+    assert say(arm, b"") == []
+
+
+def test_the_counters_were_zero_where_the_arm_was_powered_up() -> None:
+    arm = make_firmware("vintage", {"hand": "hold"}, powered_at_m=(0.0, 0.0, 0.0))
+    assert say(arm, ZERO) == [b"[2,0,0,0,0,0,0,0]\n"]
+    [reply] = say(firmware(), ZERO)
+    assert counts(reply) == (0, -534, -36)  # from the home pose to the middle of the workspace
+    with pytest.raises(DeviceError, match="no arm can stand at"):
+        make_firmware("vintage", {}, powered_at_m=(1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("frame", "error"),
+    [
+        (b"[1,2,3]\n", 0),
+        (b"[1,2,3]", 0),
+        (b"[1,2,3]\r\n\0\0\n", 0),
+        (b"\n\0 xyz[1,2,3]\n", 0),  # what stands before is skipped
+        (b"[ 1,\t2, +3]\n", 0),  # as "%d" reads
+        (b"[1,2,3x]\n", 0),
+        (b"[-0,007,3]\n", 0),
+        (b"[1,2,3]x", 8),
+        (b"[1,2,3] \n", 8),
+        (b"[1,2,3]\n[", 8),
+        (b"[1,2,3]\n\0x", 8),
+        (b"]\n", 256),
+        (b"1,2,3]\n", 256),
+        (b"[]\n", 512),
+        (b"[1,2]\n", 512),
+        (b"[1,2,3,4]\n", 512),
+        (b"[1,2[1,2,3]\n", 512),
+        (b"[,,]\n", 1024),
+        (b"[1,2,]\n", 1024),
+        (b"[1 ,2,3]\n", 1024),
+        (b"[1.5,2,3]\n", 1024),
+        (b"[x1,2,3]\n", 1024),
+        (b"[- 1,2,3]\n", 1024),
+        (b"[0x1,2,3]\n", 1024),
+    ],
+)
+def test_every_rule_from_both_sides(frame: bytes, error: int) -> None:
+    assert errors(say(firmware(), frame)) == [error]
+
+
+def test_a_frame_has_at_most_127_bytes() -> None:
+    longest = b"[1,2," + b"3".rjust(LONGEST - 6) + b"]"
+    assert len(longest) == LONGEST == 127
+    assert errors(say(firmware(), longest + b"\n")) == [0]
+    assert errors(say(firmware(), longest.replace(b"[", b"[ ") + b"\n")) == [128, 256]
+    arm = firmware()
+    assert say(arm, b"[" * 126) == []
+    assert errors(say(arm, b"1")) == [128]
+    assert errors(say(arm, b"]")) == [256]
+    assert errors(say(arm, ZERO)) == [0]
+
+
+@pytest.mark.parametrize(("ma", "pwm"), [(6000, 7371), (-6000, 819), (0, 4095), (1, 4096), (-1, 4094), (3000, 5733)])
+def test_the_pwm_of_a_current(ma: int, pwm: int) -> None:
+    arm = firmware()
+    say(arm, b"[%d,%d,%d]\n" % (ma, -ma, 0))
+    assert arm.pwm[0] == pwm
+    assert arm.pwm[2] == IDLE_PWM == 4095
+    assert arm.mechanics.currents_ma == (ma, -ma, 0)
+
+
+@pytest.mark.parametrize("ma", [6001, -6001, 99999, 2**40])
+def test_a_motor_that_is_asked_for_too_much_gets_nothing_and_the_others_what_they_were_asked(ma: int) -> None:
+    arm = firmware()
+    assert errors(say(arm, b"[%d,6000,-6000]\n" % ma)) == [0]
+    assert arm.pwm == [4095, 7371, 819]
+    assert arm.mechanics.currents_ma == (0, MOST_MA, -MOST_MA)
+
+
+# what is refused
+
+
+@pytest.mark.parametrize(
+    "frame", [b"[1,2]\n", b"[a,b,c]\n", b"]", b"[1,2,3]x", b"[" * 127], ids=["512", "1024", "256", "8", "128"]
+)
+def test_a_refused_frame_changes_nothing_and_shows_old_counters(frame: bytes) -> None:
+    arm = firmware(hand="tremor&tremor_m=0.003&direction=1,1,1")
+    say(arm, ZERO, 0)
+    [good] = say(arm, b"[300,-200,100]\n", 50 * MS)
+    pwm = list(arm.pwm)
+    [refused] = say(arm, frame, 90 * MS)
+    assert counts(refused) == counts(good) != arm.mechanics.counters
+    assert arm.pwm == pwm != [IDLE_PWM] * 3
+    assert arm.mechanics.currents_ma == (300, -200, 100)
+    arm.advance(50 * MS + WATCHDOG_NS)
+    assert arm.enabled
+    arm.advance(50 * MS + WATCHDOG_NS + 1)  # it did not feed the watchdog
+    assert not arm.enabled
+
+
+def test_a_frame_that_was_refused_at_first_shows_no_counters() -> None:
+    arm = firmware()
+    assert say(arm, b"[1]\n") == [b"[2,0,0,0,0,0,0,512]\n"]
+
+
+def test_two_frames_at_once_are_both_refused() -> None:
+    arm = firmware()
+    say(arm, b"[7,8,9]\n")
+    assert errors(say(arm, b"[1,2,3]\n[4,5,6]\n")) == [8, 256]
+    assert arm.mechanics.currents_ma == (7, 8, 9)
+    assert errors(say(arm, ZERO + ZERO)) == [8, 256]
+    assert errors(say(arm, ZERO)) == [0]
+
+
+def test_a_frame_may_come_in_any_parts() -> None:
+    arm = firmware()
+    replies = [reply for byte in b"x[12,-34,56]\n\0\0" for reply in say(arm, bytes((byte,)))]
+    assert errors(replies) == [0]
+    assert arm.mechanics.currents_ma == (12, -34, 56)
+
+
+@given(st.lists(st.one_of(st.binary(max_size=150), st.text("[],-+0123456789 \n\r\0", max_size=150).map(str.encode))))
+def test_whatever_comes_it_answers_in_its_own_words(parts: list[bytes]) -> None:
+    arm = firmware()
+    for part in parts:
+        replies = say(arm, part)
+        assert set(errors(replies)) <= {0, 8, 128, 256, 512, 1024}
+        assert len(replies) <= part.count(b"]") + part.count(b"[") + len(part) // LONGEST + 1
+        assert all(abs(current) <= MOST_MA for current in arm.mechanics.currents_ma)
+    say(arm, b"]" + ZERO)
+    assert errors(say(arm, ZERO)) == [0]
+
+
+# the watchdog
+
+
+def test_the_watchdog_lets_go_after_a_tenth_of_a_second_and_any_good_frame_ends_that() -> None:
+    arm = firmware()
+    assert not arm.enabled
+    say(arm, b"[500,500,500]\n", 0)
+    assert arm.enabled
+    arm.advance(WATCHDOG_NS)
+    assert arm.enabled
+    assert any(arm.mechanics.force_n)
+    arm.advance(WATCHDOG_NS + 1)
+    assert not arm.enabled
+    assert arm.pwm == [IDLE_PWM] * 3
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    say(arm, b"[500,500]\n")
+    assert not arm.enabled
+    say(arm, ZERO)
+    assert arm.enabled
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    say(arm, b"[500,500,500]\n")
+    assert any(arm.mechanics.force_n)
+
+
+def test_it_lets_go_on_time_also_where_nobody_looks() -> None:
+    """Time that passes in one step has the same hand at its end as time that passes in many."""
+    arms = [firmware() for _ in range(2)]
+    for arm in arms:
+        say(arm, b"[300,0,0]\n", 0)
+    arms[0].advance(110 * MS)
+    for at in range(1, 111):
+        arms[1].advance(at * MS)
+    assert arms[0].mechanics.body.position_m == pytest.approx(arms[1].mechanics.body.position_m, abs=5e-5)
+    assert arms[0].mechanics.peak_force_n == pytest.approx(arms[1].mechanics.peak_force_n, rel=1e-3)
+    assert not any(arm.enabled for arm in arms)
+
+
+# the arm
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("axis", range(3))
+def test_a_positive_current_raises_the_count_of_its_own_axis(name: str, axis: int) -> None:
+    arm = firmware(name)
+    before = arm.mechanics.counters[axis]
+    currents = [0, 0, 0]
+    currents[axis] = 500
+    say(arm, b"[%d,%d,%d]\n" % tuple(currents), 0)
+    arm.advance(50 * MS)
+    assert arm.mechanics.counters[axis] > before + 2
+
+
+def test_the_button_sets_the_counters_to_zero() -> None:
+    arm = firmware()
+    arm.press()
+    assert say(arm, ZERO) == [b"[2,0,0,0,0,0,0,0]\n"]
+
+
+# faults
+
+
+def test_silence_says_nothing_but_does_what_it_is_told() -> None:
+    arm = firmware()
+    arm.fault("silence", 0.01)
+    assert say(arm, b"[1,2,3]\n", 9 * MS) == []
+    assert arm.mechanics.currents_ma == (1, 2, 3)
+    assert errors(say(arm, b"[4,5,6]\n", 10 * MS)) == [0]
+
+
+def test_deaf_hears_nothing() -> None:
+    arm = firmware()
+    arm.fault("deaf", 0.01)
+    assert say(arm, b"[1,2,3]\n", 9 * MS) == []
+    assert arm.mechanics.currents_ma == (0, 0, 0)
+    assert errors(say(arm, b"[4,5,6]\n", 10 * MS)) == [0]
+
+
+def test_garbage_is_as_long_and_the_same_each_time() -> None:
+    said = []
+    for _ in range(2):
+        arm = firmware()
+        arm.fault("garbage")
+        said.append(say(arm, ZERO))
+    assert said[0] == said[1]
+    assert len(said[0][0]) == len(b"[2,0,-534,-36,0,0,0,0]\n")
+    assert BracketCodec().feed(said[0][0]) == []
+
+
+def test_split_comes_in_two_parts_a_millisecond_apart() -> None:
+    arm = firmware()
+    arm.fault("split")
+    first = say(arm, ZERO)
+    assert len(first) == 1
+    assert arm.faults.waiting
+    assert arm.due(MS - 1) == []
+    [second] = arm.due(MS)
+    assert first[0] + second == b"[2,0,-534,-36,0,0,0,0]\n"
+
+
+def test_merge_lets_every_other_reply_wait() -> None:
+    arm = firmware()
+    arm.fault("merge")
+    assert say(arm, ZERO) == []
+    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n" * 2]
+    assert say(arm, ZERO) == []
+    arm.mend()
+    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n" * 2]
+    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n"]
+
+
+def test_short_cuts_the_end_off() -> None:
+    arm = firmware()
+    arm.fault("short")
+    whole = b"[2,0,-534,-36,0,0,0,0]\n"
+    for _ in range(30):
+        [part] = say(arm, ZERO)
+        assert whole.startswith(part)
+        assert 1 <= len(part) < len(whole)
+
+
+def test_slow_is_30_ms_late_and_nothing_overtakes_it() -> None:
+    arm = firmware()
+    arm.fault("slow", 0.005)
+    assert say(arm, ZERO, 0) == []
+    assert say(arm, ZERO, 6 * MS) == []  # not slow any more, but behind one that is
+    assert arm.due(30 * MS - 1) == []
+    assert len(arm.due(30 * MS)) == 2
+
+
+def test_stale_puts_one_old_reply_before_the_next() -> None:
+    arm = firmware()
+    say(arm, ZERO)
+    arm.press()
+    arm.fault("stale")
+    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n", b"[2,0,0,0,0,0,0,0]\n"]
+    assert say(arm, ZERO) == [b"[2,0,0,0,0,0,0,0]\n"]
+
+
+def test_model_says_that_it_is_the_next_machine() -> None:
+    for number, name in NUMBERS.items():
+        arm = firmware(name)
+        arm.fault("model", 0.01)
+        assert say(arm, ZERO)[0][:3] == b"[%d," % (number % 3 + 1)
+        assert say(arm, ZERO, 10 * MS)[0][:3] == b"[%d," % number
+
+
+def test_jump_slips_for_good() -> None:
+    arm = firmware()
+    before = arm.mechanics.counters
+    arm.fault("jump")
+    assert arm.mechanics.counters == (before[0] + JUMP_COUNTS, before[1], before[2])
+    arm.mend()
+    arm.advance(100 * MS)
+    assert arm.mechanics.counters[0] == before[0] + JUMP_COUNTS
+
+
+def test_a_stuck_encoder_misses_what_was_moved_meanwhile() -> None:
+    arm = firmware(hand="reach&direction=0,1,0&amplitude_m=0.02")
+    say(arm, ZERO, 0)
+    arm.advance(200 * MS)
+    stood = arm.mechanics.counters
+    arm.fault("stuck", 0.2)
+    arm.advance(399 * MS)
+    moved = [new - old for new, old in zip(arm.mechanics.counters, stood, strict=True)]
+    assert moved[0] == 0
+    arm.advance(800 * MS)
+    true = arm.mechanics.model.drive.counts(arm.mechanics.model.kinematics.inverse(arm.mechanics.body.position_m))
+    assert abs(true[0] - arm.mechanics.counters[0]) > 100
+
+
+def test_unplugged_it_has_no_power_and_its_counters_are_gone() -> None:
+    arm = firmware()
+    say(arm, b"[300,300,300]\n")
+    arm.fault("unplug")
+    assert not arm.plugged
+    assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
+    assert say(arm, b"[1,2,3]\n") == []
+    arm.mend()
+    assert arm.plugging == 2
+    assert not arm.enabled
+    assert say(arm, b"[1]\n") == [b"[2,0,0,0,0,0,0,512]\n"]
+    assert say(arm, ZERO) == [b"[2,0,0,0,0,0,0,0]\n"]
+
+
+def test_half_a_frame_is_forgotten_with_the_power() -> None:
+    arm = firmware()
+    say(arm, b"[1,2,")
+    arm.fault("unplug")
+    arm.mend()
+    assert errors(say(arm, ZERO)) == [0]
+
+
+def test_an_unknown_verb_is_refused() -> None:
+    with pytest.raises(ValueError, match="no fault 'fire'; there are: silence"):
+        firmware().fault("fire")
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from((*VERBS, "mend")), st.integers(0, 30), st.integers(0, 30)), min_size=1, max_size=12
+    ),
+    st.booleans(),
+)
+def test_faults_may_meet_in_any_order(plan: list[tuple[str, int, int]], reports: bool) -> None:
+    """Nothing is raised, replies keep their order, and once all is mended and has come through all is well."""
+    arm = firmware()
+    arm.faults = Faults(3, reports=reports)
+    at = 0
+    for verb, milliseconds, later in plan:
+        if verb == "mend":
+            arm.mend()
+        else:
+            arm.fault(verb, max(1, milliseconds) / 1e3)
+        for _ in range(later):
+            at += MS
+            say(arm, ZERO, at)
+    arm.mend()
+    at += 100 * MS
+    say(arm, ZERO, at)
+    arm.due(at + 100 * MS)
+    assert errors(say(arm, ZERO, at + 100 * MS)) == [0]

@@ -1,0 +1,213 @@
+"""Whatever goes wrong in a device or on its wire: the force ends, the person is told, the other goes on, and nobody is kicked.
+
+Whole sessions in virtual time: real drivers on emulated devices, two people on one cube, one of them with a fault.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from math import hypot
+from random import Random
+
+import pytest
+
+from cogrip.devices.emulated.device import EmulatedDevice
+from cogrip.devices.emulated.faults import VERBS
+from cogrip.devices.emulated.firmware import Firmware
+from cogrip.protocol.settings import resolve
+from cogrip.sim.laboratory import Laboratory, Person
+
+RATE_HZ = 1024
+HANDS = ("reach&amplitude_m=0.03&delay_s=0.5&stroke_s=0.3", "hold")
+BEGIN_S = 1.88  # the hand is on its way, and pulls
+TOLERATED = ("split", "stale")  # the driver copes: they are counted, and the session goes on
+POSE_LOST = {  # the counters are wrong from then on; a report of HID has no checksum, so garbage reads as a jump
+    "emulated:vintage": ("jump", "stuck", "unplug"),
+    "emulated:woodenhaptics": ("jump", "stuck", "unplug", "garbage"),
+    "emulated:2diy": ("jump", "unplug"),
+}
+WIRES = ("emulated:vintage", "emulated:woodenhaptics", "emulated:2diy")
+AT_ONCE_S = 0.05
+KICK_N = 0.5
+# the firmware's own, which ends the force where nothing reaches it
+WATCHDOG_S = {"emulated:vintage": 0.1, "emulated:woodenhaptics": 0.5}
+DEAF_FOR_EVER = ("emulated:2diy",)  # has none: when it hears again it is told to let go
+
+
+@dataclass
+class Course:
+    """What the motors truly did, tick by tick [N], and in which state the clients were."""
+
+    force: list[tuple[float, float]] = field(default_factory=list)
+    state: list[tuple[str, str]] = field(default_factory=list)
+
+    def peak(self, person: int, begin: int, end: int | None = None) -> float:
+        return max(row[person] for row in self.force[begin:end])
+
+
+def session(wire: str, seconds: float, hands: tuple[str, str], pose: str = "home") -> Laboratory:
+    users = [
+        {"name": name, "device": f"{wire}?pose={pose}", "hand": hand}
+        for name, hand in zip(("anna", "ben"), hands, strict=True)
+    ]
+    table = {
+        "seconds": seconds,
+        # what the lightest of these arms carries (docs/velocity.md)
+        "coupling": {"impedance_nspm": 5.0, "stiffness_npm": 300.0, "damping_nspm": 2.0},
+        "link": {"delay_ms": 7},
+        "playout": {"frames": 1},
+        "users": users,
+    }
+    return Laboratory(resolve(table))
+
+
+def firmware(person: Person) -> Firmware:
+    assert isinstance(person.device, EmulatedDevice)
+    return person.device.firmware
+
+
+def run(laboratory: Laboratory, each: Callable[[int], None]) -> Course:
+    course = Course()
+
+    def watch(lab: Laboratory) -> None:
+        forces = [hypot(*firmware(person).mechanics.force_n) for person in lab.people]
+        course.force.append((forces[0], forces[1]))
+        course.state.append((lab.people[0].core.safety.state, lab.people[1].core.safety.state))
+        each(lab.tick)
+
+    laboratory.run(watch)
+    return course
+
+
+def passive(laboratory: Laboratory) -> bool:
+    return all(person.core.coupling.down_margin_j >= -1e-12 for person in laboratory.people)
+
+
+@cache
+def undisturbed(wire: str) -> Course:
+    """The same session, where nothing goes wrong."""
+    return run(session(wire, 4.5, HANDS), lambda tick: None)
+
+
+NOT_FOUND = {  # wires on which a fault cannot be seen
+    "model": ("emulated:woodenhaptics", "emulated:2diy"),  # only hfab's replies say what the device is
+    "stuck": ("emulated:2diy",),  # its counts are too coarse for a hand's speed: see EncoderWatch
+}
+
+
+def faults(*left_out: str) -> list[tuple[str, str]]:
+    """Wire and verb."""
+    return [
+        (wire, verb) for wire in WIRES for verb in VERBS if verb not in left_out and wire not in NOT_FOUND.get(verb, ())
+    ]
+
+
+@pytest.mark.parametrize(("wire", "verb"), faults())
+def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
+    laboratory = session(wire, 4.0, HANDS)
+    anna = laboratory.people[0]
+    begin = round(BEGIN_S * RATE_HZ)
+
+    def each(tick: int) -> None:
+        if tick == begin:
+            firmware(anna).fault(verb)
+
+    course, whole = run(laboratory, each), undisturbed(wire)
+    assert course.force[begin - 1][0] > 0.3, "there was a force to end"
+    for person in (0, 1):
+        assert course.peak(person, begin) < whole.peak(person, begin) + KICK_N
+    assert all(state == "live" for _, state in course.state[begin:]), "the other goes on"
+    assert passive(laboratory)
+    assert not laboratory.diverged
+    if verb in TOLERATED:
+        assert anna.core.safety.state == "live"
+        assert sum(anna.device.counts.values()) > 0 or verb == "split"
+        return
+    assert anna.core.safety.state == "fault"
+    assert anna.core.safety.reason
+    if verb == "deaf" and wire in DEAF_FOR_EVER:
+        return
+    done = begin + round((WATCHDOG_S[wire] + 2 / RATE_HZ if verb == "deaf" else AT_ONCE_S) * RATE_HZ)
+    assert not any(force for force, _ in course.force[done:])
+
+
+@pytest.mark.parametrize(("wire", "verb"), faults(*TOLERATED))
+def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
+    laboratory = session(wire, 4.5, HANDS, pose="stored")
+    anna = laboratory.people[0]
+    begin, mended, again = (round(at * RATE_HZ) for at in (BEGIN_S, BEGIN_S + 0.3, BEGIN_S + 0.6))
+    refusals: list[str] = []
+
+    def each(tick: int) -> None:
+        if tick == begin:
+            firmware(anna).fault(verb)
+        elif tick == mended:
+            refusals.append(anna.handle.rearm())
+            firmware(anna).mend()
+            refusals.append(anna.handle.rearm() if verb in POSE_LOST[wire] else "")
+        elif tick == again:
+            if verb in POSE_LOST[wire]:
+                calibrate(anna)
+            refusals.append(anna.handle.rearm())
+
+    course = run(laboratory, each)
+    still_there, uncalibrated, good = refusals
+    assert good == ""
+    if verb in ("unplug", "model"):
+        assert still_there, "its cause is still there"
+    if verb in POSE_LOST[wire]:
+        assert "calibrate" in uncalibrated
+    assert anna.core.safety.state == "live"
+    assert course.peak(0, again + RATE_HZ // 2) > 0.2, "force flows again"
+    for person in (0, 1):
+        assert course.peak(person, begin) < undisturbed(wire).peak(person, 0) + KICK_N
+    assert passive(laboratory)
+
+
+def calibrate(person: Person) -> None:
+    """The person puts the arm into its home pose, runs `cogrip devices calibrate`, and takes it back to the object."""
+    device = person.device
+    assert isinstance(device, EmulatedDevice)
+    assert device.store is not None
+    mechanics = device.firmware.mechanics
+    before = mechanics.body.position_m
+    mechanics.carry(mechanics.home_m)
+    device.store.keep(device.driver.calibrate("now"))  # type: ignore[attr-defined]
+    mechanics.carry(before)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int) -> None:
+    """Fifty faults a seed, any verbs, one into another, at any time, mended and re-armed at any time."""
+    random = Random(seed)
+    wire = WIRES[seed % len(WIRES)]
+    laboratory = session(wire, 16.0, ("reach&amplitude_m=0.03", "tremor&amplitude_m=0.02&seed=5"), pose="stored")
+    plan = sorted(
+        (random.uniform(0.5, 15.5), random.choice(VERBS), random.uniform(0.001, 0.4), random.random())
+        for _ in range(50)
+    )
+    limits = [person.device.capability.peak_force_n for person in laboratory.people]
+    drives = [firmware(person).mechanics for person in laboratory.people]
+
+    def each(tick: int) -> None:
+        for mechanics, limit in zip(drives, limits, strict=True):
+            assert hypot(*mechanics.force_n) <= limit * 1.001
+            assert all(
+                abs(i) <= most for i, most in zip(mechanics.currents_ma, mechanics.model.drive.limit_ma, strict=True)
+            )
+        while plan and plan[0][0] * RATE_HZ <= tick:
+            _, verb, seconds, luck = plan.pop(0)
+            person = laboratory.people[luck < 0.3]
+            if luck < 0.8:
+                firmware(person).fault(verb, seconds)
+            else:
+                firmware(person).mend()
+                if person.core.safety.state == "fault" and person.core.safety.quiet:
+                    person.handle.device.close()
+                    calibrate(person)
+                person.handle.rearm()
+
+    course = run(laboratory, each)
+    assert not plan
+    assert {"fault", "live"} <= {state for states in course.state for state in states}
+    assert passive(laboratory)
