@@ -1,0 +1,71 @@
+"""The driver that docs/devices.md teaches with is one that works, and another package's family is found and tried like ours."""
+
+import importlib.util
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from cogrip.devices import DeviceError, make, registry
+from cogrip.devices.conformance import CHECKS, Subject
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "wheel_driver.py"
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("wheel_driver", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def installed(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As if a package with this entry point, and one that claims a scheme of ours, were installed."""
+    monkeypatch.setitem(__import__("sys").modules, "wheel_driver", example)
+    points = [
+        EntryPoint("wheel", "wheel_driver:family", registry.GROUP),
+        EntryPoint("sim", "wheel_driver:family", registry.GROUP),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points if group == registry.GROUP else [])
+    registry.schemes.cache_clear()
+    yield
+    registry.schemes.cache_clear()
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_the_example_keeps_every_promise(check: Callable[[Subject], None], example: ModuleType) -> None:
+    ports = []
+
+    def wheel() -> object:
+        ports.append(example.EmulatedWheel())
+        return example.Wheel(ports[-1])
+
+    check(Subject(wheel, acting=lambda device: (-ports[-1].pushes_n,)))  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_family_of_another_package_is_found() -> None:
+    device = make("wheel:emulated")
+    device.open(1024)
+    device.write((0.5,))
+    assert device.read(1).position_m == (0.005,)  # type: ignore[union-attr]
+    assert registry.stand_ins()["wheel"] == ("wheel:emulated",)
+    assert "wheel" in registry.families()
+    with pytest.raises(DeviceError, match="wheel"):
+        make("wheels:emulated")
+
+
+@pytest.mark.usefixtures("installed")
+def test_it_cannot_replace_one_of_ours() -> None:
+    assert make("sim:ideal").capability.family == "sim"
+
+
+def test_it_is_as_short_as_the_docs_say() -> None:
+    code = [line for line in EXAMPLE.read_text().split("class EmulatedWheel")[0].splitlines() if line.strip()]
+    assert len(code) <= 100
