@@ -123,11 +123,27 @@ def test_elbow_of_the_parallel_drive_points_up_and_back(data) -> None:
     assert 0.0 < upper + forearm < pi
 
 
-def test_gravity_of_the_parallel_drive_is_the_source_s_term_and_off_in_the_models() -> None:
-    assert WOODEN.gravity((0.3, 0.4, 0.5)) == (0.0, 0.0, 0.0)
-    weighed = ParallelDrive(0.08, (0.205, 0.245), (0.22, 0.0, 0.08), Weights(0.170, 0.110, 0.051, 0.091, 9.82))
-    upper = 9.82 * (0.170 * 0.051 * sin(0.4) + 0.110 * (0.051 + 0.091) * sin(0.5))
-    assert weighed.gravity((0.3, 0.4, 0.5)) == pytest.approx((0.0, upper, 9.82 * 0.110 * 0.091 * sin(0.5)))
+@given(st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+def test_gravity_of_the_parallel_drive_is_the_gradient_of_its_potential_energy(angles) -> None:
+    """hfabapi's own term is not: its two torques depend on each other's angle in one way only."""
+    assert WOODEN.gravity(angles) == (0.0, 0.0, 0.0)
+    w = Weights(0.170, 0.110, 0.051, 0.091, 9.82)
+    weighed = ParallelDrive(0.08, (0.205, 0.245), (0.22, 0.0, 0.08), w)
+
+    def energy(at) -> list[float]:
+        upper = w.b_m * cos(at[1])
+        fore = 0.205 * cos(at[1]) - w.c_m * cos(at[2])
+        return [9.82 * (w.b_kg * upper + w.c_kg * fore)]
+
+    assert weighed.gravity(angles) == pytest.approx(difference(energy, angles)[0], abs=1e-8)
+
+    def source(at) -> list[float]:
+        b = w.b_kg * w.b_m * sin(at[1]) + w.c_kg * (w.b_m + w.c_m) * sin(at[2])
+        return [9.82 * b, 9.82 * w.c_kg * w.c_m * sin(at[2])]
+
+    (_, _, b_by_c), (_, c_by_b, _) = difference(source, angles)
+    assert c_by_b == pytest.approx(0.0, abs=1e-9)
+    assert b_by_c == pytest.approx(9.82 * w.c_kg * (w.b_m + w.c_m) * cos(angles[2]), abs=1e-6)  # of a gradient both are equal
 
 
 # ---- the Polhem's linkage

@@ -69,17 +69,16 @@ class ParallelDrive:
         return (-r * sa, ca * bc, ca * cc), (r * ca, sa * bc, sa * cc), (0.0, -bs, cs)
 
     def gravity(self, angles: Vector) -> Vector:
-        """g (0, mB lB sin tB + mC (lB + lC) sin tC, mC lC sin tC), as the source has it.
+        """g (0, -(mB lB + mC Lb) sin tB, mC lC sin tC): the slope of g (mB lB cos tB + mC (Lb cos tB - lC cos tC)).
 
-        It is no gradient of a potential energy (the term of tB lifts where a weight would need holding), so the models keep
-        g = 0, as the source does.
+        hfabapi has g (0, mB lB sin tB + mC (lB + lC) sin tC, mC lC sin tC), which is the slope of no energy and lifts where a
+        weight needs holding; it is off there, and here.
         """
         w = self.weights
         if w.g_mps2 == 0.0:
             return NO_TORQUE
-        sb, sc = sin(angles[1]), sin(angles[2])
-        b = w.b_kg * w.b_m * sb + w.c_kg * (w.b_m + w.c_m) * sc
-        return 0.0, w.g_mps2 * b, w.g_mps2 * w.c_kg * w.c_m * sc
+        b = (w.b_kg * w.b_m + w.c_kg * self.links_m[0]) * sin(angles[1])
+        return 0.0, -w.g_mps2 * b, w.g_mps2 * w.c_kg * w.c_m * sin(angles[2])
 
     def carrier(self, angles: Vector) -> Matrix:
         """The turret's rotation: hfabapi counts the gimbal's first joint from it, not from the forearm."""
