@@ -1,8 +1,7 @@
-"""The driver of an arm on a serial line, over the emulated firmware, in virtual time."""
+"""The driver of an arm on a serial line, over the emulated firmware, in virtual time. Its pose: test_arm_pose."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import hypot, inf, nan
 
 import pytest
@@ -12,76 +11,17 @@ from hypothesis import strategies as st
 
 from cogrip.devices.arm.driver import GOODBYES, SILENT_S
 from cogrip.devices.arm.models import MODELS
-from cogrip.devices.arm.pose import Calibration
-from cogrip.devices.device import DeviceError, Sample
-from cogrip.devices.emulated.device import EmulatedDevice, Notebook
+from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware
-from cogrip.devices.emulated.machines import make_firmware
-from cogrip.devices.emulated.port import EmulatedPort
-from cogrip.devices.serial.family import drive, family, make
+from cogrip.devices.serial.family import family, make
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.settings import parse_address
 
-RATE_HZ = 1024
+from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, opened
+
 NAMES = tuple(NUMBERS.values())
-NAME = "serial:/dev/test"
-NO_FORCE = (0.0, 0.0, 0.0)
 every_model = pytest.mark.parametrize("name", NAMES)
-
-
-class Bench(EmulatedDevice):
-    """A driver on its firmware, both at hand; `hold` runs the loop on."""
-
-    def __init__(
-        self, name: str = "vintage", keys: str = "pose=home", hand: str = "hold", axes: int = 3, store: Notebook | None = None,
-        powered_at_m: tuple[float, float, float] | None = None, arm: HfabFirmware | None = None,
-    ) -> None:  # fmt: skip
-        arm = arm or make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query, powered_at_m=powered_at_m)
-        self.notebook = store or Notebook()
-        self.port = EmulatedPort(NAME, arm)
-        driver = drive(self.port, NAME, self.notebook, parse_address(f"{NAME}?{keys}"), axes)
-        super().__init__(driver, arm)
-        self.arm = arm
-        self.tick = 0
-        self.sent: list[bytes] = []
-        write = self.port.write
-        self.port.write = lambda frame: (self.sent.append(frame), write(frame))  # type: ignore[method-assign]
-
-    def hold(self, force_n: Sequence[float], ticks: int) -> list[Sample | None]:
-        samples = []
-        for _ in range(ticks):
-            samples.append(self.read(self.tick))
-            self.write(force_n)
-            self.tick += 1
-        return samples
-
-    def fails(self, force_n: Sequence[float], ticks: int) -> tuple[str, int, list[float]]:
-        """What failed first and after how many ticks, and how large the force was; whatever happens the loop goes on."""
-        said, when, sizes = "", -1, []
-        for number in range(ticks):
-            for verb in (lambda: self.read(self.tick), lambda: self.write(force_n)):
-                try:
-                    verb()
-                except DeviceError as error:
-                    said, when = said or str(error), when if said else number
-            sizes.append(hypot(*self.arm.mechanics.force_n))
-            self.tick += 1
-        return said, when, sizes
-
-    def go_home(self) -> None:
-        self.arm.mechanics.carry(self.arm.mechanics.home_m)
-
-    def calibrate(self, made: str = "today") -> Calibration:
-        calibration = self.driver.calibrate(made)
-        self.notebook.keep(calibration)
-        return calibration
-
-
-def opened(*arguments, **keys) -> Bench:
-    bench = Bench(*arguments, **keys)
-    bench.open(RATE_HZ)
-    return bench
 
 
 def least_force_n(arm: HfabFirmware) -> float:
@@ -296,224 +236,6 @@ def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
         make(parse_address("serial:"), 1, {})
     for address in family().examples:
         assert make(parse_address(address), 3, {}).capability.axes == 3
-
-
-# its pose
-
-
-def test_without_a_calibration_there_is_no_force() -> None:
-    bench = Bench(keys="pose=stored")
-    with pytest.raises(DeviceError) as caught:
-        bench.open(RATE_HZ)
-    assert "its pose is not known, so there would be no force" in str(caught.value)
-    assert f"run `cogrip devices calibrate {NAME}`" in str(caught.value)
-    bench.port.open()
-
-
-def test_a_calibration_makes_up_for_where_it_was_powered_up() -> None:
-    """Its counters began in the middle; in the home pose they say how far that is from there."""
-    bench = Bench(keys="", powered_at_m=(0.0, 0.0, 0.0))
-    bench.go_home()
-    calibration = bench.calibrate()
-    assert calibration.model == "vintage"
-    assert calibration.offset_counts == (0, 7166, -36)  # counter + offset = calibrated: (0, 534, 36) there
-    bench.open(RATE_HZ)
-    bench.hold(NO_FORCE, 400)  # the hand pulls it back from there
-    assert bench.read(bench.tick).position_m == pytest.approx(bench.position_m, abs=3e-5)
-    assert hypot(*bench.position_m) < 1e-3
-    bench.close()
-
-
-def test_a_refused_request_does_not_spoil_a_calibration() -> None:
-    """Half a request of another program is in the firmware; what it answers is where the arm was before."""
-    bench = Bench(keys="", powered_at_m=(0.0, 0.0, 0.0))
-    bench.arm.receive(b"[0,0,0]\n", 0)
-    bench.arm.due(0)
-    bench.go_home()
-    bench.arm.receive(b"[1,", 0)
-    assert bench.calibrate().offset_counts == (0, 7166, -36)
-
-
-def test_a_calibration_holds_until_it_is_plugged_in_again() -> None:
-    bench = Bench(keys="")
-    bench.go_home()
-    bench.calibrate("yesterday")
-    for _ in range(2):
-        bench.open(RATE_HZ)
-        bench.close()
-    bench.arm.fault("unplug")
-    bench.arm.mend()
-    with pytest.raises(
-        DeviceError, match=r"was plugged in again since it was calibrated on yesterday: put the arm in its home"
-    ):
-        bench.open(RATE_HZ)
-    bench.go_home()
-    bench.calibrate()
-    bench.open(RATE_HZ)
-    bench.close()
-
-
-def test_a_calibration_of_another_model_is_not_taken() -> None:
-    bench = Bench(keys="")
-    bench.notebook.keep(
-        Calibration(device=NAME, model="polhem", offset_counts=(0, 0, 0), stamp="plugging 1", made="today")
-    )
-    with pytest.raises(DeviceError, match="was calibrated as polhem, but is vintage now"):
-        bench.open(RATE_HZ)
-
-
-def test_a_system_that_cannot_tell_pluggings_apart_keeps_no_calibration() -> None:
-    bench = Bench(keys="")
-    bench.port.stamp = lambda: ""  # type: ignore[method-assign]
-    bench.go_home()
-    bench.calibrate()
-    with pytest.raises(DeviceError, match="cannot tell one plugging-in from another"):
-        bench.open(RATE_HZ)
-
-
-def test_pose_home_is_said_of_one_plugging_in() -> None:
-    bench = opened()
-    bench.hold(NO_FORCE, 3)
-    bench.arm.fault("unplug")
-    bench.arm.mend()
-    assert "it was unplugged" in bench.fails(NO_FORCE, 2)[0]
-    bench.close()
-    with pytest.raises(
-        DeviceError, match=r"was plugged in again, so its pose is not known any more: .* power it up anew"
-    ):
-        bench.open(RATE_HZ)
-
-
-def test_pose_home_is_lost_with_the_wire_where_pluggings_cannot_be_told_apart() -> None:
-    bench = Bench()
-    bench.port.stamp = lambda: ""  # type: ignore[method-assign]
-    bench.open(RATE_HZ)
-    bench.close()
-    bench.open(RATE_HZ)  # nothing happened meanwhile
-    bench.arm.fault("unplug")
-    bench.fails(NO_FORCE, 2)
-    bench.arm.mend()
-    bench.close()
-    with pytest.raises(DeviceError, match="it may have been without power, so its pose is not known any more"):
-        bench.open(RATE_HZ)
-
-
-def test_without_a_pose_there_are_positions_but_no_current() -> None:
-    bench = opened(keys="pose=none")
-    samples = bench.hold((3.0, 3.0, 3.0), 20)
-    assert all(samples[1:])
-    assert bench.arm.mechanics.peak_force_n == 0.0
-    assert bench.write((1.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
-    bench.close()
-
-
-@pytest.mark.parametrize("keys", ["pose=home", "pose=stored"])
-def test_after_a_jump_it_must_be_calibrated(keys: str) -> None:
-    bench = Bench(keys=keys, hand="reach&amplitude_m=0.02&direction=0,1,0")
-    if keys == "pose=stored":
-        bench.notebook.keep(
-            Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
-        )
-    bench.open(RATE_HZ)
-    bench.hold((0.3, 0.0, 0.0), 300)
-    bench.arm.fault("jump")
-    said, when, sizes = bench.fails((0.3, 0.0, 0.0), 100)
-    assert "encoder a jumped by" in said
-    assert said.endswith("calibrate, then re-arm")
-    assert when <= 2
-    assert max(sizes) < 0.32
-    assert not any(sizes[50:])
-    bench.close()
-    with pytest.raises(DeviceError, match=r"encoder a jumped by .* counts, so its pose is not known any more"):
-        bench.open(RATE_HZ)
-    another = Bench(keys=keys, arm=bench.arm, store=bench.notebook)  # another program, later
-    if keys == "pose=stored":
-        with pytest.raises(DeviceError, match=r"encoder a jumped by .* counts, so its pose is not known any more"):
-            another.open(RATE_HZ)
-        bench.go_home()
-        bench.calibrate()
-        for one in (bench, another):
-            one.open(RATE_HZ)
-            one.close()
-        bench.open(RATE_HZ)
-        bench.tick = round(2.0 * RATE_HZ)
-        bench.hold(NO_FORCE, 300)
-        assert bench.read(bench.tick).position_m == pytest.approx(bench.position_m, abs=1e-3)
-        bench.close()
-
-
-def test_a_loss_that_cannot_be_kept_is_counted() -> None:
-    bench = Bench(keys="pose=stored")
-    kept = Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
-    bench.notebook.keep(kept)
-
-    def keep(calibration: Calibration) -> None:
-        raise DeviceError("full")
-
-    bench.notebook.keep = keep  # type: ignore[method-assign]
-    bench.open(RATE_HZ)
-    bench.hold(NO_FORCE, 30)
-    bench.arm.fault("jump")
-    bench.fails(NO_FORCE, 3)
-    bench.close()
-    assert bench.counts["loss of the pose not kept"] == 1
-
-
-def test_a_newer_calibration_is_not_overwritten_by_an_older_loss() -> None:
-    bench = Bench(keys="pose=stored")
-    kept = Calibration(device=NAME, model="vintage", offset_counts=(0, 7700, 0), stamp="plugging 1", made="before")
-    bench.notebook.keep(kept)
-    bench.open(RATE_HZ)
-    bench.hold(NO_FORCE, 30)
-    bench.arm.fault("jump")
-    bench.fails(NO_FORCE, 3)
-    newer = Calibration(device=NAME, model="vintage", offset_counts=(-400, 7700, 0), stamp="plugging 1", made="after")
-    bench.notebook.keep(newer)
-    bench.close()
-    assert bench.notebook.find(NAME) == newer
-    bench.open(RATE_HZ)
-    bench.close()
-
-
-# its workspace
-
-
-@pytest.mark.parametrize(("y_m", "inside"), [(0.0999, True), (0.1001, False)])
-def test_both_sides_of_the_workspace(y_m: float, inside: bool) -> None:
-    bench = opened()
-    bench.hold((0.2, 0.0, 0.0), 20)
-    force = bench.arm.mechanics.force_n
-    assert any(force)
-    for step in range(401):
-        z = step / 400
-        bench.arm.mechanics.carry((0.0, y_m * z * z * (3.0 - 2.0 * z), 0.0))
-        if step < 400:
-            bench.driver.read(bench.tick)
-            bench.driver.write((0.2, 0.0, 0.0))
-            bench.tick += 1
-    bench.driver.read(bench.tick)
-    bench.driver.write((0.2, 0.0, 0.0))
-    bench.tick += 1
-    if inside:
-        assert bench.driver.read(bench.tick).position_m[1] == pytest.approx(y_m, abs=1e-4)
-        return
-    with pytest.raises(
-        DeviceError, match=r"the tip is at \(.*0.100.*\) m, outside its workspace of 0.1 m; move it inside"
-    ):
-        bench.driver.read(bench.tick)
-    bench.close()
-    with pytest.raises(DeviceError, match="outside its workspace"):
-        bench.open(RATE_HZ)
-    bench.arm.mechanics.carry(NO_FORCE)
-    bench.open(RATE_HZ)  # its pose was never in doubt
-    bench.close()
-
-
-def test_counts_at_which_no_linkage_closes_are_wrong() -> None:
-    bench = Bench("polhem")
-    bench.arm.mechanics.slip(1, -5000)
-    with pytest.raises(DeviceError, match=r"the linkage does not close at counts .*; calibrate, then re-arm"):
-        bench.open(RATE_HZ)
 
 
 # its end

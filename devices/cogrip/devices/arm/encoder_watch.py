@@ -25,14 +25,28 @@ _NAMES = "abc"
 
 
 class _Joint:
-    """speed: counts a tick, over about two ticks; pace: without sign, over about sixteen."""
+    """speed: counts a tick, over about two ticks; pace: without sign, over about sixteen; most_speed: while it is not known.
 
-    __slots__ = ("pace", "speed", "still", "stopped_dead")
+    near: what is next to the last step of all that the joint may do at its speed: go on, or stop on the way.
+    """
 
-    def __init__(self) -> None:
-        self.speed = self.pace = 0.0
+    __slots__ = ("known", "most_speed", "near", "pace", "speed", "still", "stopped_dead")
+
+    def __init__(self, most_speed: float) -> None:
+        self.most_speed = most_speed
+        self.speed = self.pace = self.near = 0.0
+        self.known = False
         self.still = 0  # ticks without a count
         self.stopped_dead = False
+
+    def off(self, step: float, ticks: int) -> float:
+        """How far a step is from all that the joint may do."""
+        way = (self.speed if self.known else self.most_speed) * ticks
+        low, high = (0.0, way) if way > 0.0 else (way, 0.0)
+        if not self.known:
+            low = -high
+        self.near = low if step < low else high if step > high else step
+        return abs(step - self.near)
 
     def move(self, step: float, ticks: int) -> None:
         if step:
@@ -42,8 +56,10 @@ class _Joint:
                 self.stopped_dead = self.pace >= QUICK_COUNTS and abs(self.speed) >= DEAD * self.pace
             self.still += ticks
         now = step / ticks
+        if not self.known:
+            self.known, self.speed, self.pace = True, now, abs(now)
         self.speed += 0.5 * (now - self.speed)
-        self.pace += min(1.0, ticks / 16) * (abs(now) - self.pace)
+        self.pace += 0.0625 * ticks * (abs(now) - self.pace)
 
 
 Tip = Callable[[Sequence[float]], Sequence[float] | None]
@@ -56,45 +72,35 @@ class EncoderWatch:
         self._resolution_m = resolution_m
         self._tip = tip
         self._jump = MOST_ACCELERATION_MPS2 / (rate_hz * rate_hz) / resolution_m  # counts a tick^2
-        self._most_speed = MOST_SPEED_MPS / rate_hz / resolution_m
         self._stuck_ticks = max(2, round(STUCK_S * rate_hz))
         self._last: Sequence[float] | None = None
-        self._joints = [_Joint() for _ in range(joints)]
-        self._known = False  # their speeds
+        self._joints = [_Joint(MOST_SPEED_MPS / rate_hz / resolution_m) for _ in range(joints)]
 
     def check(self, counts: Sequence[float], ticks: int) -> str:
         """What is wrong with these counts, `ticks` after the last; "" for nothing."""
         last, self._last = self._last, counts
         if last is None or not 0 < ticks <= GAP_TICKS:
-            self._joints = [_Joint() for _ in self._joints]
-            self._known = False
+            self._joints = [_Joint(joint.most_speed) for joint in self._joints]
             return ""
         # a t^2 / 2 for the motion itself, and the smoothed speed is about a tick behind
         most = SLACK_COUNTS + self._jump * ticks * (0.5 * ticks + 1.5)
-        steps = [new - old for new, old in zip(counts, last, strict=True)]
-        likely = [self._likely(joint, step, ticks) for joint, step in zip(self._joints, steps, strict=True)]
-        off = [abs(step - near) for step, near in zip(steps, likely, strict=True)]
-        wrong, worst = "", max(off)
-        if worst > most and self._astray([old + step for old, step in zip(last, likely, strict=True)], counts, most):
-            number = off.index(worst)
-            wrong = f"encoder {_NAMES[number]} jumped by {steps[number]:g} counts"
-        self._known = True
+        odd, worst, stuck = -1, most, ""
         for number, joint in enumerate(self._joints):
-            joint.move(steps[number], ticks)
+            step = counts[number] - last[number]
+            off = joint.off(step, ticks)
+            if off > worst:
+                odd, worst = number, off
+            joint.move(step, ticks)
             if joint.stopped_dead and joint.still >= self._stuck_ticks:
-                wrong = wrong or f"encoder {_NAMES[number]} is stuck"
-        return wrong
+                stuck = f"encoder {_NAMES[number]} is stuck"
+        if odd >= 0 and self._astray(last, counts, most):
+            return f"encoder {_NAMES[odd]} jumped by {counts[odd] - last[odd]:g} counts"
+        return stuck
 
-    def _likely(self, joint: _Joint, step: float, ticks: int) -> float:
-        """What is next to `step` of all that this joint may do at its speed: go on, or stop on the way."""
-        if not self._known:
-            return max(-self._most_speed * ticks, min(self._most_speed * ticks, step))
-        way = joint.speed * ticks
-        return max(min(0.0, way), min(max(0.0, way), step))
-
-    def _astray(self, likely: Sequence[float], counts: Sequence[float], most: float) -> bool:
+    def _astray(self, last: Sequence[float], counts: Sequence[float], most: float) -> bool:
         """Whether the tip is further from where it may be than `most` counts make."""
         if self._tip is None:
             return True
-        expected, found = self._tip(likely), self._tip(counts)
-        return expected is None or found is None or dist(expected, found) > most * self._resolution_m
+        likely = self._tip([old + joint.near for old, joint in zip(last, self._joints, strict=True)])
+        found = self._tip(counts)
+        return likely is None or found is None or dist(likely, found) > most * self._resolution_m

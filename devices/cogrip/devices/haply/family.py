@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 
 from cogrip.devices.arm.exchange import Port
@@ -37,7 +36,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
         raise DeviceError(
             f"{address.text!r}: name the port, such as haply:/dev/ttyACM0; `cogrip devices find` lists them"
         )
-    name = f"haply:{os.path.realpath(address.name) if os.name == 'posix' else address.name}"
+    name = f"haply:{address.name}"
     codec = HaplyCodec(_model(address, axes)[1].wiring, LAST_RESORT_ID)
     port = GuardedPort(address.name, "haply", lambda: goodbye(codec))
     return drive(port, name, CalibrationStore(), address, axes, codec, any_number())

@@ -1,0 +1,327 @@
+"""Is an arm fit to be held? The verdict from both sides of every bound, and the measurement in virtual time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import ceil
+
+import pytest
+
+from cogrip.devices.arm.check import (
+    LEAST_MOVED_COUNTS,
+    LEAST_RATE_HZ,
+    MOST_LATENCY_US,
+    MOST_NOISE_COUNTS,
+    Measured,
+    Row,
+    verdict,
+)
+from cogrip.devices.arm.exchange import Exchange
+from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.hfab_firmware import HfabFirmware
+from cogrip.devices.emulated.machines import make_firmware
+from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.port import EmulatedPort
+from cogrip.devices.io import arm_check
+from cogrip.devices.io.arm_check import MOST_TEST_MA, ArmCheck
+from cogrip.devices.serial.frames import MODELS as NUMBERS
+from cogrip.devices.serial.frames import BracketCodec
+from cogrip.devices.settings import parse_address
+
+WELL = Measured(
+    requests=2000, missed=0, rate_hz=4000.0, latency_p50_us=200.0, latency_p99_us=300.0, noise=(0, 1, 0),
+    forward=(60, 60, 60), backward=(-60, -60, -60), lowest=(-500, -500, -500), highest=(500, 500, 500),
+)  # fmt: skip
+
+
+def bad(measured: Measured) -> dict[str, Row]:
+    return {row.what: row for row in verdict(measured, 200.0) if not row.good}
+
+
+# the verdict
+
+
+def test_a_well_arm_has_a_line_for_everything_and_all_are_good() -> None:
+    rows = verdict(WELL, 150.0)
+    assert bad(WELL) == {}
+    assert len(rows) == 3 + 3 * 3
+    assert len({row.what for row in rows}) == len(rows)
+    assert all(row.what and row.found and row.wanted for row in rows)
+    assert "+-150 mA" in next(row.wanted for row in rows if row.what == "sign, axis a")
+
+
+@pytest.mark.parametrize(
+    ("what", "fine", "wrong"),
+    [
+        ("requests answered", {"missed": 2}, {"missed": 3}),
+        ("requests answered", {"requests": 1000, "missed": 1}, {"requests": 999, "missed": 1}),
+        ("rate, one request after the other", {"rate_hz": LEAST_RATE_HZ}, {"rate_hz": LEAST_RATE_HZ - 0.1}),
+        ("latency, 50 and 99 %", {"latency_p99_us": MOST_LATENCY_US}, {"latency_p99_us": MOST_LATENCY_US + 0.1}),
+        ("noise at rest, encoder b", {"noise": (0, MOST_NOISE_COUNTS, 0)}, {"noise": (0, MOST_NOISE_COUNTS + 1, 0)}),
+        ("range seen, encoder c", {"highest": (9, 9, -499)}, {"highest": (9, 9, -500)}),
+        ("sign, axis a", {"forward": (LEAST_MOVED_COUNTS, 9, 9)}, {"forward": (LEAST_MOVED_COUNTS - 1, 9, 9)}),
+        ("sign, axis c", {"backward": (-9, -9, -LEAST_MOVED_COUNTS)}, {"backward": (-9, -9, 1 - LEAST_MOVED_COUNTS)}),
+    ],
+)
+def test_both_sides_of_every_bound(what: str, fine: dict, wrong: dict) -> None:
+    assert bad(replace(WELL, **fine)) == {}
+    rows = bad(replace(WELL, **wrong))
+    assert list(rows) == [what]
+    assert rows[what].cure
+
+
+@pytest.mark.parametrize(
+    ("forward", "backward", "cure"),
+    [
+        (-60, 60, "motor or encoder of axis b is wired the other way round: force would push the wrong way; swap one"),
+        (-4, 4, "wired the other way round"),
+        (0, 0, "it did not move"),
+        (3, -3, "it did not move"),
+        (-3, 3, "it did not move"),
+        (60, 0, "it moved one way only"),
+        (0, -60, "it moved one way only"),
+        (60, 60, "it moved one way only"),
+        (-60, -60, "it moved one way only"),
+    ],
+)
+def test_what_is_wrong_with_a_sign(forward: int, backward: int, cure: str) -> None:
+    rows = bad(replace(WELL, forward=(60, forward, 60), backward=(-60, backward, -60)))
+    assert list(rows) == ["sign, axis b"]
+    assert cure in rows["sign, axis b"].cure
+    assert rows["sign, axis b"].found == f"{forward:+d}, {backward:+d} counts"
+
+
+def test_nothing_asked_is_nothing_missed() -> None:
+    assert "requests answered" not in bad(replace(WELL, requests=0))
+
+
+# the measurement
+
+
+class Clock:
+    """The firmware's own time, as the module `time`."""
+
+    def __init__(self, arm: HfabFirmware) -> None:
+        self._arm = arm
+
+    def perf_counter(self) -> float:
+        return 1e-9 * self._arm.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds > 0.0
+        self._arm.advance(self._arm.now_ns + round(1e9 * seconds))
+
+
+class RealPort(EmulatedPort):
+    """Time passes: a request takes `wire_s` to and fro, and a reply that is waited for is waited for."""
+
+    def __init__(self, arm: HfabFirmware, wire_s: float = 0.0002) -> None:
+        super().__init__("serial:test", arm)
+        self.arm = arm
+        self.wire_s = wire_s
+        self.sent: list[bytes] = []
+
+    def write(self, frame: bytes) -> None:
+        self.sent.append(frame)
+        super().write(frame)
+        self._pass(self.wire_s)
+
+    def read(self, wait_s: float = 0.0) -> bytes:
+        data = super().read()
+        until = self.arm.now_ns + ceil(1e9 * wait_s)
+        while not data and self.arm.now_ns < until:
+            self._pass(min(1e-4, 1e-9 * (until - self.arm.now_ns)))
+            data = super().read()
+        return data
+
+    def _pass(self, seconds: float) -> None:
+        self.arm.advance(self.arm.now_ns + max(1, round(1e9 * seconds)))
+
+
+def checked(
+    monkeypatch: pytest.MonkeyPatch, name: str = "vintage", hand: str = "push&force_n=0", current_ma: float = MOST_TEST_MA,
+    wire_s: float = 0.0002,
+) -> tuple[ArmCheck, RealPort]:  # fmt: skip
+    """Nobody holds it, and something like a cable pulls it back a little."""
+    arm = make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query)
+    assert isinstance(arm, HfabFirmware)
+    monkeypatch.setattr(arm_check, "time", Clock(arm))
+    port = RealPort(arm, wire_s)
+    return ArmCheck(Exchange(port, BracketCodec()), current_ma), port
+
+
+LOOSE = "hold&hand_stiffness_npm=20&hand_damping_nspm=2&friction_n=0.01"
+
+
+@pytest.mark.parametrize("name", NUMBERS.values())
+def test_a_well_arm_is_found_well(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    check, port = checked(monkeypatch, name, LOOSE)
+    said: list[str] = []
+    check.begin()
+    measured = check.measured(said.append, 0.5)
+    check.end()
+    assert bad(measured) == {}
+    assert measured.rate_hz == pytest.approx(5000.0, rel=0.01)
+    assert measured.latency_p50_us == pytest.approx(200.0, rel=0.01)
+    assert measured.missed == 0
+    assert measured.requests > 2000
+    assert said == [
+        "rate and latency",
+        "noise at rest: do not touch the arm",
+        *[f"axis {axis} under 200 mA: do not touch the arm" for axis in "abc"],
+        "now move the arm through its whole range, for 0.5 s",
+    ]
+    assert port.sent[-1] == port.sent[-2] == BracketCodec().encode((0, 0, 0))
+    assert port.arm.mechanics.force_n == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("current_ma", [50.0, 200.0])
+def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.MonkeyPatch, current_ma: float) -> None:
+    check, port = checked(monkeypatch, hand=LOOSE, current_ma=current_ma)
+    check.begin()
+    check.measured(lambda _: None, 0.0)
+    check.end()
+    seen = set()
+    last = [0, 0, 0]
+    for frame in port.sent:
+        currents = [int(part) for part in frame.strip(b"[]\n\0").split(b",")]
+        assert sum(map(bool, currents)) <= 1
+        assert max(map(abs, currents)) <= current_ma
+        assert all(abs(new) - abs(old) <= 0.06 * current_ma + 1 for new, old in zip(currents, last, strict=True))
+        seen |= {(axis, value > 0) for axis, value in enumerate(currents) if value}
+        last = currents
+    assert seen == {(axis, way) for axis in range(3) for way in (True, False)}
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("name", ["vintage", "woodenhaptics-serial"])
+def test_a_motor_that_is_wired_the_other_way_round_is_found(
+    monkeypatch: pytest.MonkeyPatch, name: str, axis: int
+) -> None:
+    check, port = checked(monkeypatch, name, LOOSE)
+    mechanics = port.arm.mechanics
+    right = mechanics.drive
+
+    def swapped(currents) -> None:
+        right(tuple(-value if number == axis else value for number, value in enumerate(currents)))
+        mechanics.currents_ma = currents
+
+    monkeypatch.setattr(mechanics, "drive", swapped)
+    check.begin()
+    rows = bad(check.measured(lambda _: None, 0.2))
+    check.end()
+    assert list(rows) == [f"sign, axis {'abc'[axis]}"]
+    assert "wired the other way round" in rows[f"sign, axis {'abc'[axis]}"].cure
+
+
+def test_an_encoder_that_counts_the_other_way_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = Mechanics.counters.fget
+
+    def turned(mechanics: Mechanics) -> tuple[int, int, int]:
+        a, b, c = right(mechanics)  # type: ignore[misc]
+        return a, -b, c
+
+    monkeypatch.setattr(Mechanics, "counters", property(turned))
+    check, _ = checked(monkeypatch, hand=LOOSE)
+    check.begin()
+    rows = bad(check.measured(lambda _: None, 0.2))
+    check.end()
+    assert list(rows) == ["sign, axis b"]
+
+
+def test_an_amplifier_that_is_off_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = checked(monkeypatch, hand=LOOSE)
+    monkeypatch.setattr(port.arm.mechanics, "drive", lambda currents: None)
+    check.begin()
+    rows = bad(check.measured(lambda _: None, 0.0))
+    check.end()
+    assert [row for row in rows if row.startswith("sign")] == [f"sign, axis {axis}" for axis in "abc"]
+    assert all("it did not move" in rows[f"sign, axis {axis}"].cure for axis in "abc")
+
+
+def test_a_hand_on_the_arm_is_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, _ = checked(monkeypatch, hand="tremor&tremor_m=0.001&direction=1,1,1")
+    check.begin()
+    noise = check.noise()
+    check.end()
+    assert min(noise) > MOST_NOISE_COUNTS
+
+
+def test_an_encoder_that_stands_still_has_no_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = checked(monkeypatch, hand=LOOSE)
+    port.arm.mechanics._frozen[1] = port.arm.mechanics.counters[1]
+    check.begin()
+    rows = bad(check.measured(lambda _: None, 0.2))
+    check.end()
+    assert list(rows) == ["sign, axis b", "range seen, encoder b"]
+
+
+def test_a_slow_wire_is_found_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, _ = checked(monkeypatch, hand=LOOSE, wire_s=0.0012)
+    check.begin()
+    rate_hz, latencies = check.speed(200)
+    check.end()
+    assert rate_hz == pytest.approx(1 / 0.0012, rel=0.01)
+    assert latencies[0] == pytest.approx(1200.0, rel=0.01)
+
+
+def test_what_is_not_answered_is_missed_and_a_late_reply_is_not_taken_for_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    check, port = checked(monkeypatch, hand=LOOSE)
+    check.begin()
+    port.arm.fault("slow", 0.001)  # one reply comes after 30 ms; it is waited for 20
+    latencies = check.speed(100)[1]
+    check.end()
+    assert len(latencies) == 99
+    assert latencies[0] == pytest.approx(200.0, rel=0.01)
+
+
+def test_refused_requests_are_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = checked(monkeypatch, hand=LOOSE)
+    check.begin()
+    right = port.arm._act
+    answers = iter([512, 0, 512, 0])
+    monkeypatch.setattr(port.arm, "_act", lambda frame: next(answers, 0) or right(frame))
+    assert len(check.speed(100)[1]) == 98
+    check.end()
+
+
+def test_a_device_that_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = checked(monkeypatch)
+    check.begin()
+    port.arm.fault("silence")
+    with pytest.raises(DeviceError, match="serial:test: answered none of 5 requests"):
+        check.speed(5)
+    check.end()
+    port.open()  # it was let go
+
+
+def test_a_device_that_cannot_be_met_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = checked(monkeypatch)
+    port.arm.fault("silence")
+    with pytest.raises(DeviceError, match="no reply to 20 requests"):
+        check.begin()
+    port.open()
+
+
+def test_a_device_that_is_gone_in_the_end_is_let_go_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    check, port = checked(monkeypatch)
+    check.begin()
+    port.arm.fault("unplug")
+    check.end()
+    port.arm.mend()
+    port.open()
+
+
+@pytest.mark.parametrize(
+    ("current_ma", "good"),
+    [(200.0, True), (200.1, False), (0.0, False), (-1.0, False), (0.1, True), (float("nan"), False)],
+)
+def test_both_sides_of_the_test_current(monkeypatch: pytest.MonkeyPatch, current_ma: float, good: bool) -> None:
+    assert MOST_TEST_MA == 200.0
+    if good:
+        checked(monkeypatch, current_ma=current_ma)
+        return
+    with pytest.raises(DeviceError, match=r"test current .* mA is out of 0 to 200"):
+        checked(monkeypatch, current_ma=current_ma)

@@ -1,0 +1,135 @@
+"""Calibrations as files: kept, found again, told apart, and never half there."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.device import DeviceError
+from cogrip.devices.io.calibration_store import FOLDER, CalibrationStore, calibration_folder
+
+
+def made(device: str = "serial:/dev/ttyACM0", **keys) -> Calibration:
+    keys = {"model": "vintage", "offset_counts": (1.0, -7700.0, 0.5), "stamp": "boot:1:2", "made": "today", **keys}
+    return Calibration(device=device, **keys)
+
+
+def test_what_is_kept_is_found_by_another_program(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path / "a" / "b")
+    assert store.find("serial:/dev/ttyACM0") is None
+    path = store.keep(made(lost="encoder a jumped"))
+    assert path.parent == tmp_path / "a" / "b"
+    assert CalibrationStore(tmp_path / "a" / "b").find("serial:/dev/ttyACM0") == made(lost="encoder a jumped")
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert path.name.startswith("serial-dev-ttyACM0-")
+    assert json.loads(path.read_text())["offset_counts"] == [1.0, -7700.0, 0.5]
+
+
+def test_the_last_one_counts(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path)
+    for name in ("first", "second"):
+        store.keep(made(made=name))
+    assert store.find("serial:/dev/ttyACM0") == made(made="second")
+
+
+def test_a_file_from_before_losses_were_kept_is_read(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path)
+    path = store.keep(made())
+    fields = json.loads(path.read_text())
+    del fields["lost"]
+    path.write_text(json.dumps(fields))
+    assert store.find("serial:/dev/ttyACM0") == made()
+
+
+def test_a_node_is_the_same_device_by_any_link_to_it(tmp_path: Path) -> None:
+    """And where its link leads to a new node, it is another one: counters began anew."""
+    nodes, link = [tmp_path / "ttyACM0", tmp_path / "ttyACM1"], tmp_path / "by-id"
+    for node in nodes:
+        node.touch()
+    link.symlink_to(nodes[0])
+    store = CalibrationStore(tmp_path / "store")
+    store.keep(made(f"serial:{link}"))
+    assert store.find(f"serial:{nodes[0]}") == store.find(f"serial:{link}") == made(f"serial:{link}")
+    assert store.find(f"haply:{nodes[0]}") is None
+    link.unlink()
+    link.symlink_to(nodes[1])
+    assert store.find(f"serial:{link}") is None
+
+
+@given(
+    st.lists(
+        st.text(min_size=1, max_size=80).filter(lambda name: "\0" not in name), min_size=2, max_size=2, unique=True
+    )
+)
+def test_different_devices_have_different_files(names: list[str]) -> None:
+    store = CalibrationStore(Path("/nowhere"))
+    first, second = (store.path_of(f"hid:{name}") for name in names)
+    assert first != second
+    assert first.parent == second.parent == Path("/nowhere")
+    assert len(first.name) < 100
+    assert first.name.isascii()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "nonsense",
+        "[1,2,3]",
+        '{"device":"d","model":"m","offset_counts":[1,2],"stamp":"s","made":"now"}',
+        '{"device":"d","model":"m","offset_counts":[1,2,NaN],"stamp":"s","made":"now"}',
+        '{"device":"d","model":"m","offset_counts":[1,2,1e999],"stamp":"s","made":"now"}',
+        '{"device":"d","model":"m","offset_counts":[1,2,"3"],"stamp":"s","made":"now"}',
+        '{"device":"d","model":"m","offset_counts":[1,2,3],"stamp":7,"made":"now"}',
+        '{"device":"d","model":"m","offset_counts":[1,2,3],"made":"now"}',
+    ],
+)
+def test_a_file_that_is_none_of_ours_is_refused(tmp_path: Path, text: str) -> None:
+    store = CalibrationStore(tmp_path)
+    path = store.path_of("serial:/dev/ttyACM0")
+    path.write_text(text)
+    with pytest.raises(
+        DeviceError, match=r"cannot be read as a calibration .*; delete it and calibrate serial:/dev/ttyACM0"
+    ):
+        store.find("serial:/dev/ttyACM0")
+    store.keep(made())
+    assert store.find("serial:/dev/ttyACM0") == made()
+
+
+def test_a_folder_that_cannot_be_written_is_named_with_its_cure(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    store = CalibrationStore(tmp_path / "file")
+    with pytest.raises(DeviceError, match=rf"cannot be written: .*; name another folder in {FOLDER}"):
+        store.keep(made())
+    with pytest.raises(DeviceError, match="cannot be read as a calibration"):
+        store.find("serial:/dev/ttyACM0")
+
+
+def test_a_write_that_is_cut_off_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = CalibrationStore(tmp_path)
+    store.keep(made(made="first"))
+
+    def full(self: Path, target: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(DeviceError, match="No space left on device"):
+        store.keep(made(made="second"))
+    assert store.find("serial:/dev/ttyACM0") == made(made="first")
+
+
+def test_the_folder_is_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.delenv(FOLDER, raising=False)
+    if os.name == "posix":
+        assert calibration_folder() == tmp_path / "config" / "cogrip" / "calibration"
+    monkeypatch.setenv(FOLDER, str(tmp_path / "mine"))
+    assert calibration_folder() == tmp_path / "mine"
+    assert CalibrationStore().keep(made()).parent == tmp_path / "mine"

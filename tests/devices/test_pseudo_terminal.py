@@ -1,0 +1,357 @@
+"""`cogrip devices emulate serial` as a process of its own, on a real pseudo-terminal: its verbs, and a driver on it.
+
+Nothing sleeps: what is waited for is a line that is said, or a byte that comes, with an end to every wait.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.device import DeviceError
+from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.registry import make
+from cogrip.devices.serial.frames import BracketCodec
+
+if os.name != "posix":
+    pytest.skip("pseudo-terminals are POSIX", allow_module_level=True)
+
+LIMIT_S = 25.0  # for anything that is waited for; a hang then fails with what was said
+ZERO = BracketCodec().encode((0, 0, 0))
+
+
+class Emulator:
+    """The process. `ask` writes a verb and waits for the line that answers it."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "cogrip.cli", "devices", "emulate", "serial", "--no-fast", *arguments],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
+        )  # fmt: skip
+        self.said = b""
+        self._read_to = 0
+
+    def hear(self, pattern: str) -> re.Match[str]:
+        """The next line that matches, of those not heard yet."""
+        assert self.popen.stdout is not None
+        while True:
+            for line in self.said[self._read_to :].splitlines(keepends=True):
+                if not line.endswith(b"\n"):
+                    break
+                self._read_to += len(line)
+                if found := re.search(pattern, line.decode()):
+                    return found
+            assert select.select([self.popen.stdout], [], [], LIMIT_S)[0], f"never said {pattern!r}, but: {self.said!r}"
+            data = os.read(self.popen.stdout.fileno(), 65536)
+            assert data, f"ended before it said {pattern!r}: {self.said!r}"
+            self.said += data
+
+    def tell(self, verb: str) -> None:
+        assert self.popen.stdin is not None
+        self.popen.stdin.write(f"{verb}\n".encode())
+        self.popen.stdin.flush()
+
+    def ask(self, verb: str, pattern: str) -> re.Match[str]:
+        self.tell(verb)
+        return self.hear(pattern)
+
+    def status(self) -> dict[str, list[float]]:
+        found = self.ask("status", r"at \((.*)\) mm, counters \((.*)\), pushes with \((.*)\) N, most so far (.*) N")
+        names = ("at_mm", "counters", "force_n", "peak_n")
+        return {
+            name: [float(part) for part in text.split(",")] for name, text in zip(names, found.groups(), strict=True)
+        }
+
+    def end(self) -> int:
+        return self.popen.wait(LIMIT_S)
+
+
+@pytest.fixture
+def emulate(tmp_path: Path) -> Iterator[Callable[..., Emulator]]:
+    """Start one; gives it when it can be opened. Whatever still runs at the end is ended."""
+    started: list[Emulator] = []
+
+    def start(*arguments: str) -> Emulator:
+        emulator = Emulator("--link", str(tmp_path / "arm"), *arguments)
+        started.append(emulator)
+        emulator.hear(r"behind serial:")
+        return emulator
+
+    yield start
+    for emulator in started:
+        if emulator.popen.poll() is None:
+            emulator.popen.kill()
+        emulator.popen.wait()
+        for pipe in (emulator.popen.stdin, emulator.popen.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> str:
+    return str(tmp_path / "arm")
+
+
+def line(port: SerialPort) -> bytes:
+    """What comes up to the end of a line."""
+    data = b""
+    for _ in range(1000):
+        data += port.read(LIMIT_S)
+        if data.endswith(b"\n") or not data:
+            return data
+    return data
+
+
+def loop(device: ArmDevice, force_n: tuple[float, ...], until: Callable[[], bool], first: int = 0) -> int:
+    """Ticks without a clock: each waits until its reply is there, or gives up. Gives the next tick."""
+    for tick in count(first):
+        if until() or tick > first + 20_000:
+            return tick
+        for _ in range(500):
+            if device.read(tick) is not None or tick == first:
+                break
+        device.write(force_n)
+    raise AssertionError
+
+
+# by hand
+
+
+def test_it_answers_as_the_device_does_and_says_how_it_stands(emulate: Callable[..., Emulator], path: str) -> None:
+    emulator = emulate("--hand", "hold")
+    assert Path(path).is_symlink()
+    port = SerialPort(path, "serial")
+    port.open()
+    port.write(ZERO)
+    assert line(port) == b"[2,0,-534,-36,0,0,0,0]\n"
+    assert emulator.status() == {
+        "at_mm": [0.0] * 3, "counters": [0.0, -534.0, -36.0], "force_n": [0.0] * 3, "peak_n": [0.0]
+    }  # fmt: skip
+    port.write(b"[1,2,3]\n[4,5,6]\n")  # in one write
+    replies = b""
+    while replies.count(b"\n") < 2:
+        replies += line(port)
+    assert [int(reply.split(b",")[7][:-1]) for reply in replies.splitlines()] == [8, 256]
+    emulator.ask("press", "the calibrate button was pressed: the counters are zero")
+    port.write(ZERO)
+    assert line(port) == b"[2,0,0,0,0,0,0,0]\n"
+    port.close()
+    emulator.tell("quit")
+    assert emulator.end() == 0
+    assert not Path(path).is_symlink()
+
+
+@pytest.mark.parametrize(("model", "number"), [("polhem", b"1"), ("woodenhaptics-serial", b"3")])
+def test_it_is_any_of_the_machines(emulate: Callable[..., Emulator], path: str, model: str, number: bytes) -> None:
+    emulate("--model", model, "--hand", "hold", "--powered-at-m", "0.0", "0.0", "0.0")
+    port = SerialPort(path, "serial")
+    port.open()
+    port.write(ZERO)
+    assert line(port) == b"[%s,0,0,0,0,0,0,0]\n" % number
+    port.close()
+
+
+NO_VERBS = (
+    "fire", "silence now", "silence 0", "silence -1", "silence nan", "silence 1 2", "SILENCE", "mend 1", "status all",
+    "\x00\x01", "\xff", "[bold]silence[/bold]", "quit now", "press 0.1",
+)  # fmt: skip
+
+
+def test_what_is_no_verb_is_said_and_does_nothing(emulate: Callable[..., Emulator]) -> None:
+    emulator = emulate("--hand", "hold")
+    for verb in NO_VERBS:
+        said = emulator.ask(verb, r"write a fault and its seconds").string
+        assert all(name in said for name in ("silence", "deaf", "mend", "press", "status", "quit")), verb
+    emulator.tell("")
+    emulator.tell("   ")
+    assert emulator.status()["peak_n"] == [0.0]
+    assert b"fault " not in re.sub(rb"write a fault", b"", emulator.said)
+
+
+def test_a_fault_is_said_and_lasts_as_long_as_it_should(emulate: Callable[..., Emulator], path: str) -> None:
+    emulator = emulate("--hand", "hold")
+    port = SerialPort(path, "serial")
+    port.open()
+    emulator.ask("silence", "fault silence")
+    port.write(ZERO)
+    assert emulator.status()["peak_n"] == [0.0]  # it heard the frame by then
+    assert port.read() == b""
+    emulator.ask("mend", "mended")
+    port.write(ZERO)
+    assert line(port) == b"[2,0,-534,-36,0,0,0,0]\n"
+    emulator.ask("silence 0.001", "fault silence 0.001")
+    for _ in range(100_000):  # until it is over
+        port.write(ZERO)
+        if port.read(0.05):
+            break
+    else:
+        pytest.fail("it never spoke again")
+    port.close()
+
+
+def test_unplugged_it_is_gone_and_mended_it_is_a_new_one(emulate: Callable[..., Emulator], path: str) -> None:
+    emulator = emulate("--hand", "hold")
+    port = SerialPort(path, "serial")
+    port.open()
+    stamp = port.stamp()
+    emulator.ask("unplug", "^unplugged")
+    assert not Path(path).is_symlink()
+    with pytest.raises(DeviceError, match="lost: "):
+        port.read(LIMIT_S)
+    port.close()
+    with pytest.raises(DeviceError, match="cannot be opened"):
+        port.open()
+    emulator.ask("mend", rf"plugged in again: {path}")
+    port.open()
+    assert port.stamp() != stamp
+    port.write(ZERO)
+    assert line(port) == b"[2,0,0,0,0,0,0,0]\n"
+    port.close()
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT, "quit", "end of input"])
+def test_however_it_ends_it_takes_its_link_along(emulate: Callable[..., Emulator], path: str, end: object) -> None:
+    emulator = emulate()
+    if end == "quit":
+        emulator.tell("quit")
+    elif end == "end of input":
+        assert emulator.popen.stdin is not None
+        emulator.popen.stdin.close()
+    else:
+        emulator.popen.send_signal(end)
+    assert emulator.end() == 0
+    assert not os.path.lexists(path)
+    assert b"Traceback" not in emulator.said
+
+
+def test_its_watchdog_lets_go_when_the_driver_is_killed(emulate: Callable[..., Emulator], path: str) -> None:
+    emulator = emulate("--hand", "hold")
+    port = SerialPort(path, "serial")
+    port.open()
+    port.write(b"[300,0,0]\n\0\0\0\0\0\0")
+    assert line(port)
+    port.close()  # without a goodbye
+    for _ in range(10_000):
+        status = emulator.status()
+        if not any(status["force_n"]):
+            break
+    assert status["force_n"] == [0.0] * 3
+    assert status["peak_n"][0] > 0.1
+
+
+def test_a_driver_that_does_not_read_does_not_stop_it(emulate: Callable[..., Emulator], path: str) -> None:
+    emulator = emulate("--hand", "hold")
+    port = SerialPort(path, "serial")
+    port.open()
+    for _ in range(200):
+        for _ in range(10):
+            port.write(ZERO)
+        emulator.status()
+    port.close()
+    emulator.tell("quit")
+    assert emulator.end() == 0
+
+
+# the driver on it
+
+
+def device_at(path: str, keys: str = "pose=home") -> ArmDevice:
+    device = make(f"serial:{path}?{keys}", axes=3)
+    assert isinstance(device, ArmDevice)
+    return device
+
+
+def test_a_driver_on_it_sees_where_it_is_and_loads_the_hand(emulate: Callable[..., Emulator], path: str) -> None:
+    emulator = emulate("--hand", "hold")
+    device = device_at(path)
+    assert device.capability.model == "vintage"
+    device.open(1024)
+    ticks = iter(range(300))
+    tick = loop(device, (0.6, -0.2, 0.3), lambda: next(ticks, None) is None)
+    status = emulator.status()
+    assert status["force_n"] == pytest.approx([-0.6, 0.2, -0.3], abs=0.02)
+    sample = None
+    device.write((0.6, -0.2, 0.3))
+    for _ in range(500):
+        sample = device.read(tick) or sample
+        if sample is not None:
+            break
+    assert sample is not None
+    assert sample.position_m == pytest.approx([1e-3 * at for at in status["at_mm"]], abs=5e-4)
+    assert sample.position_m[0] < -2e-4
+    device.close()
+    assert emulator.status()["force_n"] == [0.0] * 3
+
+
+def test_a_driver_that_is_unplugged_calibrates_and_goes_on(
+    emulate: Callable[..., Emulator], path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The link leads to another terminal afterwards; the calibration of the first one does not hold for it."""
+    monkeypatch.setenv("COGRIP_CALIBRATION", str(tmp_path / "kept"))
+    emulator = emulate("--hand", "hold", "--powered-at-m", "0.0", "0.0", "0.0")
+    device = device_at(path, "pose=stored")
+    with pytest.raises(DeviceError, match=f"run `cogrip devices calibrate serial:{path}`"):
+        device.open(1024)
+    keep(path)
+    device.open(1024)
+    rounds = iter(range(50))
+    tick = loop(device, (0.0, 0.0, 0.0), lambda: next(rounds, None) is None)
+    emulator.ask("unplug", "^unplugged")
+    with pytest.raises(DeviceError, match="lost: "):
+        loop(device, (0.0, 0.0, 0.0), lambda: False, tick)
+    emulator.ask("mend", "plugged in again")
+    device.close()
+    with pytest.raises(DeviceError, match="its pose is not known"):
+        device.open(1024)
+    keep(path)
+    device.open(1024)
+    rounds = iter(range(50))
+    loop(device, (0.0, 0.0, 0.0), lambda: next(rounds, None) is None)
+    device.close()
+
+
+def keep(path: str) -> None:
+    """Another program calibrates it; that it is not in its home pose is no matter here, as long as the tip stays inside."""
+    from cogrip.devices.io.calibration_store import CalibrationStore
+
+    calibration = device_at(path).calibrate("now")
+    CalibrationStore().keep(calibration)
+
+
+def test_every_fault_of_the_wire_leaves_a_driver_that_goes_on_when_it_is_over(
+    emulate: Callable[..., Emulator], path: str
+) -> None:
+    emulator = emulate("--hand", "hold")
+    device = device_at(path)
+    device.open(1024)
+    rounds = iter(range(50))
+    tick = loop(device, (0.2, 0.0, 0.0), lambda: next(rounds, None) is None)
+    for verb in ("garbage", "short", "split", "merge", "silence", "slow", "deaf", "stale"):
+        emulator.ask(verb, f"fault {verb}")
+        for _ in range(30):
+            device.read(tick)
+            device.write((0.2, 0.0, 0.0))
+            tick += 1
+        emulator.ask("mend", "mended")
+        for _ in range(3000):
+            tick += 1
+            sample = device.read(tick)
+            device.write((0.2, 0.0, 0.0))
+            if sample is not None and sample.age_ticks == 1:
+                break
+        assert sample is not None, verb
+    assert emulator.status()["peak_n"][0] < 0.25
+    assert {"bytes skipped", "reply in parts", "reply missed", "request repeated"} <= set(device.counts)
+    device.close()
+    assert emulator.status()["force_n"] == [0.0] * 3

@@ -1,0 +1,233 @@
+"""The serial port on real pseudo-terminals: whatever a cable can do, as an error with its cure; no wait is without end."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.serial.frames import BracketCodec
+
+ZERO = BracketCodec().encode((0, 0, 0))
+LONG_S = 20.0  # a wait that ends when what it waits for is there
+
+if os.name != "posix":
+    pytest.skip("pseudo-terminals are POSIX", allow_module_level=True)
+
+
+class Line:
+    """A pseudo-terminal; the device's end is `master`."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.master)
+        tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
+        self.path = os.ttyname(self.slave)
+
+    def send(self, data: bytes) -> None:
+        assert os.write(self.master, data) == len(data)
+
+    def heard(self) -> bytes:
+        assert select.select([self.master], [], [], LONG_S)[0]
+        return os.read(self.master, 65536)
+
+    def unplug(self) -> None:
+        for descriptor in (self.master, self.slave):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self.master = self.slave = -1
+
+
+@pytest.fixture
+def line() -> Iterator[Line]:
+    made = Line()
+    yield made
+    made.unplug()
+
+
+@pytest.fixture
+def port(line: Line) -> Iterator[SerialPort]:
+    made = SerialPort(line.path, "serial")
+    made.open()
+    yield made
+    made.close()
+
+
+def test_making_it_opens_nothing() -> None:
+    port = SerialPort("/dev/nosuch", "serial")
+    assert port.name == "serial:/dev/nosuch"
+    port.close()
+    with pytest.raises(DeviceError, match="serial:/dev/nosuch: is closed; open it first"):
+        port.read()
+    with pytest.raises(DeviceError, match="is closed; open it first"):
+        port.write(ZERO)
+
+
+def test_bytes_go_both_ways_as_they_are(line: Line, port: SerialPort) -> None:
+    every = bytes(range(256))
+    port.write(every)
+    assert line.heard() == every
+    assert port.read() == b""
+    line.send(every)
+    assert port.read(LONG_S) == every
+    assert port.read() == b""
+
+
+def test_what_has_come_is_read_at_once_and_the_rest_when_it_comes(line: Line, port: SerialPort) -> None:
+    line.send(b"[2,1,2")
+    assert port.read(LONG_S) == b"[2,1,2"
+    line.send(b",3,0,0,0,0]\n[2,")
+    assert port.read(LONG_S) == b",3,0,0,0,0]\n[2,"
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 1e-6, 0.00025, 0.02])
+def test_a_wait_for_nothing_ends(port: SerialPort, wait_s: float) -> None:
+    assert port.read(wait_s) == b""
+
+
+def test_a_frame_is_written_at_once(line: Line, port: SerialPort) -> None:
+    for _ in range(3):
+        port.write(ZERO)
+        assert line.heard() == ZERO
+
+
+def test_what_was_on_the_line_before_is_not_read(line: Line) -> None:
+    line.send(b"old")
+    assert select.select([line.slave], [], [], LONG_S)[0]
+    port = SerialPort(line.path, "serial")
+    port.open()
+    assert port.read() == b""
+    port.close()
+
+
+# who may open it
+
+
+def test_it_is_not_opened_twice(port: SerialPort) -> None:
+    with pytest.raises(DeviceError, match="is open already; close it first"):
+        port.open()
+    port.close()
+    port.close()
+    port.open()
+
+
+def test_it_is_exclusive(line: Line, port: SerialPort) -> None:
+    other = SerialPort(line.path, "haply")
+    with pytest.raises(
+        DeviceError, match=rf"haply:{line.path}: cannot be opened: .*lock.*; close the program that uses it"
+    ):
+        other.open()
+    port.write(ZERO)
+    port.close()
+    other.open()
+    other.close()
+
+
+def test_a_port_that_is_not_there() -> None:
+    with pytest.raises(DeviceError) as caught:
+        SerialPort("/dev/ttyNOSUCH7", "serial").open()
+    assert str(caught.value).startswith("serial:/dev/ttyNOSUCH7: cannot be opened: ")
+    assert str(caught.value).endswith("; plug the device in, and look for its name with `cogrip devices find`")
+
+
+@pytest.mark.parametrize("kind", ["file", "folder", "fifo"])
+def test_what_is_no_serial_port(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / kind
+    {"file": path.touch, "folder": path.mkdir, "fifo": lambda: os.mkfifo(path)}[kind]()
+    port = SerialPort(str(path), "serial")
+    with pytest.raises(DeviceError, match=r"cannot be opened: .*; check its cable and power"):
+        port.open()
+    with pytest.raises(DeviceError, match="is closed"):
+        port.read()
+
+
+@pytest.mark.parametrize(
+    ("number", "cure"),
+    [
+        (13, "give yourself the right to it (configs/99-cogrip.rules, or the group dialout)"),
+        (16, "close the program that uses it"),
+        (11, "close the program that uses it"),
+        (5, "check its cable and power"),
+    ],
+)
+def test_every_reason_has_its_cure(line: Line, monkeypatch: pytest.MonkeyPatch, number: int, cure: str) -> None:
+    def refuse(*arguments: object, **keys: object) -> None:
+        assert keys["exclusive"] is True
+        raise serial.SerialException(number, f"[Errno {number}] {os.strerror(number)}")
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(DeviceError) as caught:
+        SerialPort(line.path, "serial").open()
+    assert os.strerror(number) in str(caught.value)
+    assert str(caught.value).endswith(f"; {cure}")
+
+
+# what becomes of it
+
+
+@pytest.mark.parametrize("verb", ["read", "wait", "write"])
+def test_an_unplugged_device_is_lost_until_it_is_there_again(line: Line, port: SerialPort, verb: str) -> None:
+    port.write(ZERO)
+    line.unplug()
+    do = {"read": port.read, "wait": lambda: port.read(LONG_S), "write": lambda: port.write(ZERO)}[verb]
+    for _ in range(3):
+        with pytest.raises(DeviceError, match=rf"serial:{line.path}: lost: .*; plug it in again, then re-arm"):
+            do()
+    port.close()
+    with pytest.raises(DeviceError, match="cannot be opened"):
+        port.open()
+
+
+def test_a_device_that_is_unplugged_while_it_is_waited_for(line: Line, port: SerialPort) -> None:
+
+    def hear_and_go() -> None:
+        line.heard()
+        line.unplug()
+
+    device = threading.Thread(target=hear_and_go)
+    device.start()
+    port.write(ZERO)
+    with pytest.raises(DeviceError, match="lost: "):
+        port.read(LONG_S)
+    device.join()
+
+
+def test_a_device_that_does_not_read_is_found_out_and_does_not_hold_us_up(line: Line, port: SerialPort) -> None:
+    """The line takes some kilobytes, then a part of a frame, then nothing."""
+    said = []
+    for _ in range(10_000):
+        try:
+            port.write(bytes(1000))
+        except DeviceError as error:
+            said.append(str(error))
+            if "took 0 of" in said[-1]:
+                break
+    assert all(text.endswith("of 1000 bytes: the device does not read; check it, then re-arm") for text in said)
+    assert "took 0 of 1000 bytes" in said[-1]
+    while select.select([line.master], [], [], 0.05)[0]:
+        os.read(line.master, 65536)
+    port.write(ZERO)
+    assert line.heard() == ZERO
+
+
+def test_its_stamp_names_this_terminal(line: Line, port: SerialPort, tmp_path: Path) -> None:
+    stamp = port.stamp()
+    assert stamp
+    link = tmp_path / "arm"
+    link.symlink_to(line.path)
+    assert SerialPort(str(link), "serial").stamp() == stamp
+    other = Line()
+    assert SerialPort(other.path, "serial").stamp() != stamp
+    other.unplug()
+    port.close()
+    line.unplug()
+    assert port.stamp() != stamp
