@@ -1,0 +1,93 @@
+"""The real package hidapi on a stub of the C library beneath it, in a scenario's hands; scenarios assert."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.device import Notebook
+from cogrip.devices.hid.family import drive
+from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.io.hid_port import HidPort
+from cogrip.devices.settings import parse_address
+
+NAME = "hid:woodenhaptics"
+NOTHING = bytes(15)
+LONG_S = 20.0  # a wait that ends when what it waits for is there
+# The stub's reply may be here before the thread that wrote knows that it did.
+WAITED = "report waits for the one before"
+Scenario = Callable[["Bench"], None]
+
+
+class Scenarios(dict[str, Scenario]):
+    """By name. As a decorator it takes one more."""
+
+    def __call__(self, play: Scenario) -> Scenario:
+        self[play.__name__] = play
+        return play
+
+
+class Bench:
+    """The stub's knobs, and what is driven."""
+
+    def __init__(self, stub: ctypes.CDLL, backend: str, folder: Path) -> None:
+        self._stub = stub
+        self.backend = backend
+        self.folder = folder
+        stub.stub_opened.restype = ctypes.c_char_p
+        stub.stub_reset()
+
+    def set(self, **values: int) -> None:
+        for name, value in values.items():
+            self._stub.stub_set(name.encode(), value)
+
+    def __getitem__(self, name: str) -> int:
+        return self._stub.stub_get(name.encode())
+
+    def say(self, **texts: str) -> None:
+        for name, text in texts.items():
+            self._stub.stub_text(name.encode(), text.encode())
+
+    @property
+    def opened(self) -> str:
+        return self._stub.stub_opened().decode()
+
+    @property
+    def currents(self) -> tuple[int, int, int]:
+        return self["current_a"], self["current_b"], self["current_c"]
+
+    def port(self, variant: str = "mbed14", **asked: str) -> HidPort:
+        return HidPort(NAME, VARIANTS[variant], self.backend, **asked)
+
+    def open(self, variant: str = "mbed14", **asked: str) -> HidPort:
+        port = self.port(variant, **asked)
+        port.open()
+        return port
+
+    def device(self, keys: str = "pose=home", notebook: Notebook | None = None) -> ArmDevice:
+        address = parse_address(f"{NAME}?backend={self.backend}&{keys}")
+        return drive(self.port(), NAME, notebook or Notebook(), address, 3)
+
+    def stand_at(self, counts) -> None:
+        self.set(**dict(zip("abc", map(round, counts), strict=True)))
+
+
+def fails(verb: Callable[[], object], *says: str) -> None:
+    with pytest.raises(DeviceError) as caught:
+        verb()
+    assert [part for part in says if part not in str(caught.value)] == [], caught.value
+
+
+def fails_at_last(port: HidPort, *says: str) -> None:
+    """What goes wrong in the thread that writes is told by a later verb."""
+
+    def read_on() -> None:
+        for _ in range(100):
+            port.read(0.05)
+
+    fails(read_on, *says)

@@ -1,0 +1,33 @@
+"""Plays all scenarios on one backend of hidapi and prints, as JSON, what went wrong. It runs below `LD_PRELOAD`."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import sys
+import traceback
+from pathlib import Path
+
+from tests.devices import hid_arm_scenarios, hid_port_scenarios
+from tests.devices.hid_bench import Bench
+
+SCENARIOS = {**hid_port_scenarios.scenario, **hid_arm_scenarios.scenario}
+
+
+def main(stub: str, backend: str, folder: str) -> None:
+    library = ctypes.CDLL(stub)
+    outcomes = {}
+    for name, play in SCENARIOS.items():
+        own = Path(folder) / name
+        own.mkdir()
+        try:
+            play(Bench(library, backend, own))
+        except Exception:  # noqa: BLE001 - the test shows it
+            outcomes[name] = traceback.format_exc()
+        else:
+            outcomes[name] = ""
+    print(json.dumps(outcomes))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,59 @@
+"""The package hidapi: which of its modules is loaded, and what is said of one that is not there."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+
+import pytest
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.io.hid_port import HidPort, load_hidapi
+
+from tests.devices.hid_bench import NAME
+
+
+@pytest.mark.parametrize("backend", ["auto", "hidraw", "libusb"])
+def test_the_other_package_of_the_same_name_is_told_apart(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("hid", "hidraw"):
+        other = ModuleType(name)
+        other.Device = object  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, name, other)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(DeviceError, match=r"not of `hidapi`.*pip uninstall hid"):
+        HidPort(NAME, VARIANTS["mbed14"], backend).open()
+
+
+def test_without_the_package_its_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("hid", "hidraw"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(
+        DeviceError, match=r"hid:woodenhaptics: needs module .* of the package hidapi.*pip install hidapi"
+    ):
+        HidPort(NAME, VARIANTS["mbed14"]).open()
+
+
+@pytest.mark.parametrize(
+    ("platform", "backend", "module"),
+    [
+        ("linux", "auto", "hidraw"),
+        ("linux", "hidraw", "hidraw"),
+        ("linux", "libusb", "hid"),
+        ("darwin", "auto", "hid"),
+        ("win32", "libusb", "hid"),
+    ],
+)
+def test_each_system_has_its_module(platform: str, backend: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("hid", "hidraw"):
+        hidapi = ModuleType(name)
+        hidapi.device = object  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, name, hidapi)
+    monkeypatch.setattr(sys, "platform", platform)
+    assert load_hidapi(backend, NAME).__name__ == module
+
+
+def test_hidraw_is_linux_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(DeviceError, match="backend=hidraw is Linux's"):
+        load_hidapi("hidraw", NAME)
