@@ -65,6 +65,7 @@ def test_a_teensy_is_named_by_the_link_that_stays():
 def test_a_haply_board_may_be_another_arduino(pid):
     (found,) = serial_ports([port("/dev/ttyACM3", ARDUINO_VID, pid, "Arduino Due")], {})
     assert found.address == "haply:/dev/ttyACM3"
+    make(f"{found.address}?model=2diy", axes=2)
     assert f"2341:{pid:04x}" in found.text
     assert "does not say which arm" in found.text
 
@@ -263,6 +264,10 @@ BAD = [
     (["check", f"serial:{GONE}", "--yes", "--current-ma", "0"], "--current-ma 0: give more than 0"),
     (["check", f"serial:{GONE}", "--yes", "--current-ma", "nan"], "--current-ma nan"),
     (["check", f"serial:{GONE}", "--yes", "--moving-s", "-1"], "--moving-s -1: give 0 to 600"),
+    (
+        ["check", "haply:/dev/ttyACM0?model=2diy", "--yes"],
+        "takes torques and has no watchdog, so it is not pushed here",
+    ),
     (["conform", "sim:phantom", "--axes", "4"], "axes=4 is out of 1 to 3"),
     (["conform", "sim:phantom", "--axes", "0"], "axes=0 is out of 1 to 3"),
     (["conform", "sim:phantom", "--rate-hz", "0"], "--rate-hz 0 is outside 1 to "),
@@ -319,6 +324,13 @@ def test_ctrl_c_at_the_prompt(cogrip, monkeypatch, command):
     except SystemExit as end:
         code = end.code
     assert code == 130
+
+
+@pytest.mark.parametrize("seconds", ["2.9", "3601", "nan"])
+def test_the_benchmark_needs_a_sensible_time(cogrip, seconds):
+    code, _, err = cogrip("bench", "devices", "--seconds", seconds)
+    assert code == 2
+    assert f"--seconds {seconds} is outside 3 to 3600" in err
 
 
 def test_a_link_replaces_no_file(cogrip, tmp_path):

@@ -64,7 +64,8 @@ def device_emulate(
     except DeviceError as error:
         raise BadInput(str(error)) from None
     terminal = PseudoTerminal(firmware, link, lambda text: console.print(text, markup=False))
-    pose = "its counters are zero in the home pose: join it with ?pose=home"
+    keys = "?pose=home" if kind == "serial" else f"?model={name}&pose=home"  # a Haply board does not say what it is
+    pose = f"its counters are zero in the home pose: join it with {keys}"
     if powered_at_m is not None:
         pose = "it was powered up elsewhere than in its home pose, so its pose is not known"
     stop = Stop()
@@ -73,7 +74,7 @@ def device_emulate(
             terminal.plug()
         except OSError as error:
             raise Problem(f"no pseudo-terminal: {error}") from None
-        measures = engage(["fifo"]) if fast else []
+        measures = engage(["gc-frozen", "fifo"]) if fast else []
         try:
             console.print(f"{name} behind {kind}:{link or terminal.path}; {pose}", markup=False)
             terminal.run(_verbs(), lambda: bool(stop.reason))

@@ -3,6 +3,7 @@
 A tick: read the device, let the core sense it, send what it leaves, drain what has come, let it act, write the force.
 """
 
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -12,9 +13,9 @@ from typing import Protocol
 
 from cogrip.client.handle import Handle
 from cogrip.client.recorded import RecordedClient, client_topics
-from cogrip.devices.device import Device
+from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.first_axes import first_axes
-from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
@@ -25,6 +26,7 @@ from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.settings import LinkProfile, SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
+REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"
 
 
 class Link(Protocol):
@@ -119,7 +121,7 @@ class LiveClient:
         handle = Handle(device, core, seat.rates.device_hz)
         recorder = None
         try:
-            handle.open()
+            self._open(handle)
             self._keep_seat()
             recorder = self._record(seat)
             self._keep_seat()
@@ -147,6 +149,14 @@ class LiveClient:
         if recorder is not None and recorder.lost:
             counts["not recorded"] = recorder.lost
         return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures)
+
+    def _open(self, handle: Handle) -> None:
+        """Give the seat back where the device cannot be had. Raises DeviceError."""
+        try:
+            handle.open()
+        except DeviceError as error:
+            self._leave(f"device: {error}", self._core.account(TickCount()))
+            raise
 
     def _record(self, seat: SeatSettings) -> Recorder | None:
         """Begin to record, from the first hello on."""
@@ -188,14 +198,15 @@ class LiveClient:
             if safety.state != said:
                 self._tell(said, safety.state)
                 said = safety.state
-            if safety.state == "fault" and self.rearms and not ending and self.stop.take_rearm():
-                refused = handle.rearm()
-                self.say(f"not re-armed: {refused}" if refused else "re-armed: force ramps in")
+            if safety.state == "fault" and self.rearms and not ending:
+                self._rearm(handle)
             if not ending:
                 failed = core.session.failed or (safety.reason if safety.state == "fault" and not self.rearms else "")
                 over = last_tick is not None and tick >= last_tick
                 if failed or self.stop.reason or over or core.session.state == "closed":
                     ending = True
+                    if safety.state == "fault":
+                        failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
                         core.stop()
             elif safety.quiet:
@@ -203,14 +214,28 @@ class LiveClient:
             work_us = (clock() - now_ns) // 1000
             pacer.done()
 
+    def _rearm(self, handle: Handle) -> None:
+        """In a fault: open the device anew and leave it, when the person says so; say what came of it."""
+        if self.stop.take_rearm():
+            self._keep_seat()  # opening may take a while
+            refused = handle.rearm()
+            self._drain(time.monotonic_ns())  # what waited meanwhile, before the server is taken for silent
+            self.say(f"not re-armed: {refused}" if refused else "re-arming")
+        if handle.refusal:
+            self.say(f"not re-armed: {handle.refusal}")
+            handle.refusal = ""
+
     def _tell(self, before: str, after: str) -> None:
         reason = self._core.safety.reason
         if after == "degraded":
             self.say(f"force released: {reason}")
         elif after == "fault":
             self.say(f"fault, force released: {reason}")
+            self.stop.take_rearm()  # what was asked before the fault was not asked of it
             if self.rearms:
-                self.say("see to its cause, then press r and Enter to re-arm (or send SIGUSR1); Ctrl-C leaves")
+                self.say(f"see to its cause; then {REARM_HOW.format(os.getpid())} re-arms; Ctrl-C leaves")
+        elif before == "fault" and after == "live":
+            self.say("re-armed: force ramps in")
         elif before == "degraded" and after == "live":
             self.say("the server is heard again: force ramps in")
 

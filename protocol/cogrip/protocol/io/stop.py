@@ -53,7 +53,20 @@ def _typed_r() -> bool:
     """Whether a line `r` stands in the terminal that is ours; nothing is waited for."""
     if sys.platform == "win32" or not sys.stdin or sys.stdin.closed or not sys.stdin.isatty():
         return False
-    descriptor = sys.stdin.fileno()
-    if os.tcgetpgrp(descriptor) != os.getpgrp() or not select.select([descriptor], [], [], 0.0)[0]:
+    try:
+        descriptor = sys.stdin.fileno()
+        if not _foreground(descriptor) or not select.select([descriptor], [], [], 0.0)[0]:
+            return False
+        return os.read(descriptor, 256).strip().lower() == b"r"
+    except OSError:  # the terminal was closed
         return False
-    return os.read(descriptor, 256).strip().lower() == b"r"
+
+
+def _foreground(descriptor: int) -> bool:
+    """Whether we may read the terminal: a job in the background would be stopped for it."""
+    if sys.platform == "win32":
+        return True
+    try:
+        return os.tcgetpgrp(descriptor) == os.getpgrp()
+    except OSError:  # it is not the terminal of our session, where there are no jobs
+        return True
