@@ -164,13 +164,19 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
     assert code == 0
     assert "anna: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 Ns/m" in out
     assert "b T_c / m = 0.20" in out
-    assert "most helpful: --set coupling.impedance_nspm=" in out
+    assert (
+        "b = 20 of at most 25.6 Ns/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg"
+        in out
+    )
+    assert "most helpful: --set coupling.impedance_nspm=25.6: felt stiffness would miss" in out
     assert "20.48 device ticks" in err
     found = answer(capsys, "advise", DEMO, "--set", "coupling.kind=coupling")
     assert not found["stable"]
     assert found["warnings"][0].startswith("NOT stable: spectral radius 1.13")
     assert found["change"]["set"] == 'coupling.kind="wave"'
     assert found["users"][0]["delay_ms"]["up link"] == pytest.approx(20.0)
+    assert found["users"][0]["largest_impedance_nspm"] == pytest.approx(25.6)
+    assert found["users"][0]["impedance_bound"] == "lag"
 
 
 def test_serve_warns_in_the_words_of_advise(capsys, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, sqrt
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -94,6 +95,66 @@ def test_what_was_before_a_reset_does_not_count() -> None:
     estimator.reset()
     assert estimator.update((5.0,)) == [0.0]
     assert estimator.update((5.0,)) == [0.0]
+
+
+# Its numbers ---------------------------------------------------------------------------------------------------------
+
+COUNT_M = 0.055e-3  # one count of the encoder [m]
+ALPHA, BETA = 1.0 - 0.6**2, (1.0 - 0.6) ** 2
+
+
+def test_one_encoder_count_moves_the_estimate_by_9_mm_per_second() -> None:
+    """beta q / T = 0.16 x 0.055 mm x 1024 Hz, 0.18 N at b = 20; the plain difference would jump by 56 mm/s, 1.1 N."""
+    estimator = AlphaBeta(1, T_C)
+    estimator.update((0.0,))
+    assert estimator.update((COUNT_M,))[0] == pytest.approx(BETA * COUNT_M / T_C, rel=1e-12)
+    assert pytest.approx(9.0e-3, rel=0.01) == BETA * COUNT_M / T_C
+    assert pytest.approx(0.056, rel=0.01) == COUNT_M / T_C
+
+
+def test_noise_of_the_estimate_is_what_the_filter_promises() -> None:
+    """var = 2 beta^2 / (alpha (4 - 2 alpha - beta)) of the noise's over T^2, for white noise of a count's width."""
+    random, estimator = np.random.default_rng(1), AlphaBeta(1, T_C)
+    noise = random.uniform(-COUNT_M / 2, COUNT_M / 2, 200_000)
+    found = np.array([estimator.update((value,))[0] for value in noise.tolist()])[1000:]
+    expected = COUNT_M / sqrt(12) / T_C * sqrt(2 * BETA**2 / (ALPHA * (4 - 2 * ALPHA - BETA)))
+    assert found.std() == pytest.approx(expected, rel=0.03)
+    assert expected == pytest.approx(2.9e-3, rel=0.01), "2.9 mm/s: 0.06 N at b = 20"
+
+
+def test_a_steady_speed_is_found_exactly_and_with_skipped_ticks_too() -> None:
+    estimator, tick = AlphaBeta(2, T_C), 0
+    velocity: list[float] = []
+    random = np.random.default_rng(2)
+    for _ in range(300):
+        gap = int(random.integers(1, 5))
+        tick += gap
+        velocity = list(estimator.update((0.2 * tick * T_C, -0.1 * tick * T_C), gap))
+    assert velocity == pytest.approx([0.2, -0.1], rel=1e-9)
+
+
+def test_an_accelerating_hand_is_followed_three_and_a_half_ticks_late() -> None:
+    """Lag = (alpha / beta - 1/2) T_c = 3.4 ms."""
+    estimator, velocity = AlphaBeta(1, T_C), 0.0
+    for tick in range(500):
+        (velocity,) = estimator.update((0.5 * 3.0 * (tick * T_C) ** 2,))
+    lag_s = 499 * T_C - velocity / 3.0
+    assert lag_s == pytest.approx(3.5 * T_C, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("memory", "mass_kg", "holds"), [(0.6, 0.020, False), (0.6, 0.022, True), (0.8, 0.043, False), (0.8, 0.048, True)]
+)
+def test_a_damper_that_lags_too_much_shakes_the_arm(memory: float, mass_kg: float, holds: bool) -> None:
+    """F = b y_est on a bare arm, b = 20: it holds from 20.8 g with memory 0.6, from 44.5 g with 0.8."""
+    plant, estimator = IdealPlant(IdealSettings(mass_kg=mass_kg), 1), AlphaBeta(1, T_C, memory)
+    plant.open(HZ, 0.0, 0.0, (0.0,))
+    plant.velocity_mps = [0.1]
+    for _ in range(4096):
+        (speed,) = estimator.update(plant.position_m)
+        plant.step((0.0,), (20.0 * speed,))
+    assert (abs(plant.velocity_mps[0]) < 1e-6) is holds
+    assert holds or abs(plant.velocity_mps[0]) > 1.0
 
 
 # How late a damper may be --------------------------------------------------------------------------------------------

@@ -300,7 +300,7 @@ def test_a_device_that_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_device_that_cannot_be_met_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     check, port = checked(monkeypatch)
     port.arm.fault("silence")
-    with pytest.raises(DeviceError, match="no reply to 20 requests"):
+    with pytest.raises(DeviceError, match="no reply to 10 requests"):
         check.begin()
     port.open()
 

@@ -143,7 +143,9 @@ def test_gravity_of_the_parallel_drive_is_the_gradient_of_its_potential_energy(a
 
     (_, _, b_by_c), (_, c_by_b, _) = difference(source, angles)
     assert c_by_b == pytest.approx(0.0, abs=1e-9)
-    assert b_by_c == pytest.approx(9.82 * w.c_kg * (w.b_m + w.c_m) * cos(angles[2]), abs=1e-6)  # of a gradient both are equal
+    assert b_by_c == pytest.approx(
+        9.82 * w.c_kg * (w.b_m + w.c_m) * cos(angles[2]), abs=1e-6
+    )  # of a gradient both are equal
 
 
 # ---- the Polhem's linkage

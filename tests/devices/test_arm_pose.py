@@ -92,7 +92,7 @@ def test_pose_home_is_said_of_one_plugging_in() -> None:
     assert "it was unplugged" in bench.fails(NO_FORCE, 2)[0]
     bench.close()
     with pytest.raises(
-        DeviceError, match=r"was plugged in again, so its pose is not known any more: .* power it up anew"
+        DeviceError, match=r"was plugged in again, so its pose is not known any more: .* run `cogrip devices calibrate"
     ):
         bench.open(RATE_HZ)
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices import DeviceError, describe, families, make
+from cogrip.devices.registry import FAMILIES, axes_of
 from cogrip.devices.settings import parse_address
 
 
@@ -90,9 +91,13 @@ def test_start_outside_the_workspace_is_refused() -> None:
 
 
 def test_listing_names_every_device_unopened() -> None:
-    assert [listing.address for listing in describe(axes=3)] == ["sim:ideal", "sim:phantom"]
-    assert all(listing.capability.axes == 3 for listing in describe(axes=3))
-    assert list(families()) == ["replay", "sim"]
+    listings = describe(axes=3)
+    assert {"sim:ideal", "sim:phantom", "emulated:vintage", "serial:/dev/ttyACM0?model=vintage"} <= {
+        listing.address for listing in listings
+    }
+    assert {listing.address.partition(":")[0] for listing in listings} == set(FAMILIES) - {"replay"}
+    assert all(listing.capability.axes == min(3, axes_of(listing.address)) for listing in listings)
+    assert list(families()) == sorted(FAMILIES)
 
 
 def test_families_are_imported_when_asked_for() -> None:

@@ -453,7 +453,7 @@ def test_confirm_on_both_sides() -> None:
         ("forcedimension:-1", 3, "'-1' is no number"),
         ("forcedimension:²", 3, "is no number"),
         ("forcedimension:0?modle=omega3", 3, "unknown key 'modle'; did you mean 'model'"),
-        ("forcedimension:0?model=touch", 3, "model='touch' is not accepted: expected one of , falcon, omega3"),
+        ("forcedimension:0?model=touch", 3, "model='touch' is not accepted: expected one of falcon, omega3"),
         ("forcedimension:0?peak_force_n=-1", 3, "peak_force_n='-1' is not accepted"),
         ("forcedimension:0", 0, "axes=0 is out of 1 to 3"),
         ("forcedimension:0", 4, "axes=4 is out of 1 to 3"),

@@ -43,6 +43,7 @@ import os, signal, sys
 from contextlib import suppress
 from itertools import count
 from cogrip.devices import DeviceError
+from cogrip.devices.emulated.device import Notebook
 from cogrip.devices.haply.family import drive, goodbye, make
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.models import MODELS
@@ -55,7 +56,7 @@ address = parse_address(f"haply:{path}?model=2diy&pose=home")
 if stall_ns:
     codec = HaplyCodec(MODELS["2diy"].wiring, 1)
     port = GuardedPort(path, "haply", lambda: replace(goodbye(codec), stall_ns=stall_ns))
-    device = drive(port, "haply:test", None, address, 2, codec)
+    device = drive(port, "haply:test", Notebook(), address, 2, codec)
 else:
     device = make(address, 2, {})
 ticks = count(1)

@@ -314,7 +314,7 @@ def test_two_reports_at_once_do_not_leave_the_driver_a_report_behind() -> None:
 
 
 @pytest.mark.parametrize(
-    ("verb", "count"), [("model", "bytes skipped"), ("short", "bytes skipped"), ("deaf", "reply missed")]
+    ("verb", "count"), [("model", "bytes skipped"), ("short", "bytes skipped"), ("deaf", "reply late")]
 )
 def test_reports_that_are_none_are_counted_and_take_the_force_off(verb: str, count: str) -> None:
     arm = firmware()
@@ -375,7 +375,12 @@ def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> 
         device.open(RATE_HZ)
     calibration = device.driver.calibrate("today")
     assert calibration == Calibration(
-        device="hid:woodenhaptics", model="woodenhaptics", offset_counts=(0, 0, 0), stamp="plugging 1", made="today"
+        device="hid:woodenhaptics",
+        model="woodenhaptics",
+        offset_counts=(0, 0, 0),
+        stamp="plugging 1",
+        made="today",
+        home_counts=MODEL.home_counts,
     )
     assert arm.mechanics.counters == MODEL.home_counts
     notebook.keep(calibration)

@@ -352,6 +352,6 @@ def test_every_fault_of_the_wire_leaves_a_driver_that_goes_on_when_it_is_over(
                 break
         assert sample is not None, verb
     assert emulator.status()["peak_n"][0] < 0.25
-    assert {"bytes skipped", "reply in parts", "reply missed", "request repeated"} <= set(device.counts)
+    assert {"bytes skipped", "reply in parts", "reply late", "reply missed"} <= set(device.counts)
     device.close()
     assert emulator.status()["force_n"] == [0.0] * 3

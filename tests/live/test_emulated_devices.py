@@ -257,9 +257,9 @@ def test_a_silent_arm_is_without_force_until_its_person_re_arms_it(start, sessio
     assert anna.said.count("re-armed:") == 1
     assert session.summary("anna")["users"][0]["force_n"] == [0.0]
     counted = session.summary("anna")["server"]["dropped"]
-    assert counted["reply missed"] >= 10
+    assert counted["reply late"] >= 10
     assert counted["fault"] == 1
-    assert f"reply missed {counted['reply missed']}" in anna.said
+    assert f"reply late {counted['reply late']}" in anna.said
     assert "fault, " not in ben.said
     assert annas.force_n() == bens.force_n() == 0.0
 
@@ -427,7 +427,7 @@ def test_an_emulated_arm_without_a_wire_is_held_live_too(start, session):
     person.popen.send_signal(signal.SIGUSR1)
     person.hear("re-armed: force ramps in")
     session.close(person)
-    assert session.summary("anna")["server"]["dropped"]["reply missed"] >= 10
+    assert session.summary("anna")["server"]["dropped"]["reply late"] >= 10
 
 
 # --- arms made ready --------------------------------------------------------------------------------------------------

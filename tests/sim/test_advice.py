@@ -111,6 +111,30 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
     assert len(after.warnings) <= len(before.warnings)
 
 
+@pytest.mark.parametrize(("b", "key"), [(20.0, "coupling.impedance_nspm"), (25.6, "playout.frames")])
+def test_slack_against_jitter_is_given_up_last(b: float, key: str) -> None:
+    """As much felt stiffness comes of the largest b that the device carries: 25.6 Ns/m."""
+    people = [{"name": name, "device": "sim:phantom?hand=hold"} for name in ("a", "b")]
+    table = {"coupling": {"impedance_nspm": b}, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": people}
+    change = best_change(resolve(table), advise(resolve(table)))
+    assert change is not None
+    assert change.setting == {"coupling.impedance_nspm": "coupling.impedance_nspm=25.6"}.get(key, "playout.frames=0")
+
+
+@pytest.mark.parametrize(
+    ("device", "b", "bound"),
+    [
+        ("sim:phantom?hand=hold", 20.0, "its lag bound, where the 4 ticks"),
+        ("sim:phantom?hand=hold&resolution_m=0.0001", 20.0, "its noise bound, one count of 0.1 mm"),
+        ("sim:ideal", 20.0, "its record bound, where the damping"),
+    ],
+)
+def test_words_name_the_bound(device: str, b: float, bound: str) -> None:
+    advice = advise(settings_of(users__0__device=device, users__1__device=device, coupling__impedance_nspm=b))
+    assert bound in words(advice, "device")
+    assert advice.users[0].impedance_bound == bound.split()[1]
+
+
 def test_where_nothing_would_be_better_nothing_is_said() -> None:
     settings = settings_of(coupling__compensate=True)
     assert best_change(settings, advise(settings)) is None

@@ -106,7 +106,7 @@ class CoresFrame:
     ) -> list[float]:
         """M ticks in the order of `ClientCore`: law, plant, estimator, books. The estimator's error and estimate after them."""
         hz = self.session.rates.device_hz
-        estimator = AlphaBeta(1, 1.0 / hz)
+        estimator = AlphaBeta(1, 1.0 / hz, person.memory)
         estimator._position, estimator._velocity = [plant.position_m[0] + error], [estimate]
         held = self.push(person, client)
         for _ in range(self.ticks):
@@ -286,7 +286,9 @@ def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
 
 def _tame(person: Person, tick_s: float) -> bool:
     stiff = (person.stiffness_npm + person.hand_stiffness_npm) * tick_s**2
-    return person.damping_nspm * tick_s + stiff < 0.5 * person.device_mass_kg
+    jump = person.damping_nspm * 0.25 * NUDGE / tick_s  # of the damper, by an estimated position that is off by a nudge
+    touches = not person.estimated or jump < 0.5 * person.stiffness_npm * TOUCH_M
+    return touches and person.damping_nspm * tick_s + stiff < 0.5 * person.device_mass_kg
 
 
 @given(sessions())

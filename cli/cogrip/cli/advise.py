@@ -6,8 +6,8 @@ from typing import Any
 from rich.console import Console
 
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Json, Overrides, Question, write_json
-from cogrip.cli.settings_file import load
+from cogrip.cli.question import Devices, Json, Overrides, Question, write_json
+from cogrip.cli.settings_file import load, with_people
 from cogrip.devices.device import DeviceError
 from cogrip.sim.analysis.advice import Advice, advise
 from cogrip.sim.analysis.advice_change import Change, best_change
@@ -15,7 +15,7 @@ from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
 
 
-def advise_command(config: Path, /, *, overrides: Overrides = (), json: Json = None) -> int:
+def advise_command(config: Path, /, *, overrides: Overrides = (), device: Devices = (), json: Json = None) -> int:
     """Say before anyone holds a device: stable or not, by what margin; passive or not; what hands feel; what would help.
 
     Computed from the lifted model, with free hands, each device's own velocity estimate, and the link's constant
@@ -25,8 +25,10 @@ def advise_command(config: Path, /, *, overrides: Overrides = (), json: Json = N
     ----------
     config
         Settings file.
+    device
+        Device address of the first, second ... person in place of the settings'. Repeatable.
     """
-    settings = load(config, overrides)
+    settings = with_people(load(config, overrides), (), device)
     try:
         advice = advise(settings)
         session = linear_session(settings, estimated=True)
@@ -71,6 +73,8 @@ def _record(advice: Advice, session: LinearSession, change: Change | None) -> di
                 "enough_impedance_nspm": user.enough_impedance_nspm,
                 "b_tc_over_m": user.b_tc_over_m,
                 "advised_damping_nspm": user.advised_damping_nspm,
+                "largest_impedance_nspm": user.largest_impedance_nspm,
+                "impedance_bound": user.impedance_bound,
                 "delay_ms": {f"{stage.way} {stage.name}": 1e3 * stage.delay_s for stage in budget(session, number)},
             }
             for number, user in enumerate(advice.users)

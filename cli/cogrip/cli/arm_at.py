@@ -1,6 +1,7 @@
 """The arm at an address, for the commands that make arms ready, and what they have in common: asking, and ending well."""
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -38,13 +39,15 @@ def wait_for_enter(console: Console, text: str) -> None:
 
 @contextmanager
 def termination_raised() -> Iterator[None]:
-    """While inside, SIGTERM is what Ctrl-C is: whoever pushes an arm lets go of it before it ends."""
+    """While inside, SIGTERM and a closed terminal are what Ctrl-C is: whoever pushes an arm lets go before it ends."""
 
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, end)
+    numbers = [signal.SIGTERM, *([signal.SIGHUP] if sys.platform != "win32" else [])]
+    before = [(number, signal.signal(number, end)) for number in numbers]
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before:
+            signal.signal(number, handler)

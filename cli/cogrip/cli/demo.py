@@ -24,6 +24,7 @@ from cogrip.protocol.settings import Settings
 from cogrip.sim.report import write_report
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
 from cogrip.sim.summary import of_accounts
+from cogrip.sim.verdict import in_fault
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
 START_LIMIT_S = 30.0
@@ -147,6 +148,12 @@ def _port(server: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
     raise Problem(f"the server did not start:\n{log.read_text().strip()}")
 
 
+def _words(folder: Path, name: str) -> list[str]:
+    """What a client said, line by line."""
+    log = folder / client_log(name)
+    return log.read_text().splitlines() if log.exists() else []
+
+
 def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, console: Console) -> int:
     summary_file = folder / SUMMARY
     if summary_file.exists():
@@ -157,9 +164,13 @@ def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, c
     with console.status("writing the report"):
         report = write_report(folder)
     console.print(terminal_summary(summary))
+    for user in settings.users:
+        for line in _words(folder, user.name):
+            if ": dealt with: " in line or line.startswith("warning: "):
+                console.print(line, markup=False)
     for name in failed:
         log = folder / ("server.log" if name == "server" else client_log(name))
-        words = log.read_text().strip().splitlines()
+        words = [line for line in log.read_text().strip().splitlines() if ": dealt with: " not in line]
         console.print(f"{name} failed: {words[-1] if words else 'it said nothing'} (see {log})")
     travel = summary["object"]["travel_m"] or 0.0
     moved = travel > MOVED_M or settings.object.kind == "wall"
@@ -168,4 +179,4 @@ def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, c
     console.print(f"report: {report}")
     if stop.reason:
         return 130
-    return 0 if summary["passive"] and not summary["diverged"] and moved and not failed else 1
+    return 0 if summary["passive"] and not summary["diverged"] and moved and not failed and not in_fault(summary) else 1

@@ -4,6 +4,7 @@ import time
 
 from rich.console import Console
 
+from cogrip.cli.arm_at import wait_for_enter
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.device import Device, DeviceError
@@ -16,7 +17,7 @@ PLANT_PUSH_N = (
 )
 
 
-def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024) -> int:
+def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024, yes: bool = False) -> int:
     """Try every promise of `cogrip.devices.conformance` on the device at ADDRESS. A real one is only pushed gently.
 
     Exit code 0 when all are kept.
@@ -29,6 +30,8 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
         On how many axes; all it has if not given.
     rate_hz
         Rate of the loop.
+    yes
+        Do not ask whether a real device is free.
     """
     console = Console(highlight=False, soft_wrap=True)
     try:
@@ -44,6 +47,10 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
         (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
         PUSH_N if real else PLANT_PUSH_N if address.startswith("sim:") else float("inf"),
     )  # fmt: skip
+    if real and not yes:
+        wait_for_enter(
+            console, f"Nobody holds the device, it is in mid-range; it will be pushed with at most {PUSH_N:g} N."
+        )
     broken = 0
     for check in CHECKS:
         try:

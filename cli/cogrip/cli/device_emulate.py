@@ -73,7 +73,8 @@ def device_emulate(
         try:
             terminal.plug()
         except OSError as error:
-            raise Problem(f"no pseudo-terminal: {error}") from None
+            where = f"--link {link}: cannot be made: " if link is not None else "no pseudo-terminal: "
+            raise Problem(f"{where}{error.strerror}; name another place") from None
         measures = engage(["gc-frozen", "fifo"]) if fast else []
         try:
             console.print(f"{name} behind {kind}:{link or terminal.path}; {pose}", markup=False)

@@ -12,7 +12,7 @@ from rich.table import Table
 from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Json, write_json
 from cogrip.devices.device import Capability, DeviceError
-from cogrip.devices.registry import FAMILIES, MOST_AXES, Listing, describe, families, is_real
+from cogrip.devices.registry import FAMILIES, MOST_AXES, Listing, broken, describe, families, is_real
 from cogrip.devices.settings import parse_address
 
 NOT_RUN = "not yet run on hardware"
@@ -59,6 +59,8 @@ def device_list(*, axes: int = MOST_AXES, json: Json = None) -> int:
         console.print(f"{scheme}: {summary}{mark}", markup=False, soft_wrap=True)
         rows = [listing for listing in listings if parse_address(listing.address).scheme == scheme]
         console.print(_table(rows) if rows else "")
+    for text in broken().values():
+        console.print(f"left out: {text}", markup=False, soft_wrap=True)
     console.print(
         f"{_NONE}: no limit is named. `--json -` gives the records as they are.", markup=False, soft_wrap=True
     )

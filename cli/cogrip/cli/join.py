@@ -15,6 +15,7 @@ from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.serve import DEFAULT_PORT
 from cogrip.cli.settings_file import load
 from cogrip.client.loop import Ended, JoinError, LiveClient
+from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make
@@ -191,6 +192,10 @@ def _device(settings: Settings | None, name: str, address: str | None, axes: int
 
 
 def _ready(device: Device) -> Device:
-    """`device` once its record is known to be there. Raises DeviceError."""
+    """`device` once its record is known to be there, and that it may give force. Raises DeviceError."""
     _ = device.capability
+    if isinstance(device, ArmDevice) and device.reads_only:
+        raise DeviceError(
+            "pose=none opens an arm to read only, so nobody would feel anything: calibrate it, and leave the key out"
+        )
     return device

@@ -13,6 +13,7 @@ from cogrip.cli.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
+from cogrip.sim.verdict import in_fault
 
 
 def lab(
@@ -74,4 +75,4 @@ def lab(
     if outcome.interrupted:
         console.print("interrupted: the summary covers what was run", highlight=False)
         return 130
-    return 0 if summary["passive"] and not summary["diverged"] else 1
+    return 0 if summary["passive"] and not summary["diverged"] and not in_fault(summary) else 1

@@ -43,6 +43,7 @@ app = App(
     name="cogrip",
     version=VERSION,
     help="Several people hold one virtual object together over a network, and feel it and each other.",
+    suppress_keyboard_interrupt=False,
 )
 for _name, (_target, _help) in COMMANDS.items():
     app.command(_target, name=_name, help=_help)
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted.
     """
-    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    errors = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     try:
         code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
     except CycloptsError:

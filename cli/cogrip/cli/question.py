@@ -24,6 +24,7 @@ from cogrip.sim.analysis.linear_session import (
     scheme_overrides,
 )
 
+Devices = Annotated[tuple[str, ...], Parameter(name="--device", negative="")]
 Overrides = Annotated[
     tuple[str, ...],
     Parameter(

@@ -13,7 +13,7 @@ from math import dist, hypot
 from cogrip.client.coupling import COUPLINGS, Coupling
 from cogrip.client.rest import RestStiffness
 from cogrip.client.safety import Safety
-from cogrip.client.velocity import AlphaBeta
+from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
@@ -21,7 +21,7 @@ from cogrip.protocol.messages import Hello, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
-RECKON_TICKS = 4  # without a sample, for which the hand is taken to go on as it did
+RECKON_TICKS = 12  # without a sample, for which the hand is taken to go on as it did
 
 
 class ClientCore:
@@ -82,27 +82,32 @@ class ClientCore:
         self.coupling: Coupling = COUPLINGS[seat.coupling.kind](seat)
         self.safety = Safety(self.capability, rates.tick_s)
         self._session_id = session
-        self._estimator = None if self.capability.gives_velocity else AlphaBeta(axes, rates.tick_s)
         self._ticks_per_frame = rates.ticks_per_frame
         self._rate = float(rates.device_hz)
         self._rest = RestStiffness(self.capability.resolution_m) if seat.object.kind == "wall" else None
         self._origin: tuple[float, ...] | None = None
         self._sampled = 0  # the tick at which the newest position was taken
-        self._booked = 0  # the tick up to which the hand's work is booked
-        self._latency = self.capability.latency_ticks
-        self._written: deque[tuple[int, tuple[float, ...]]] = (
-            deque()
-        )  # where samples are old: tick and force, back to the sample's
+        self._forces: deque[tuple[float, ...]] = deque()  # of the last ticks, oldest first, where samples are old
         self._frame_position: tuple[float, ...] = ()
         self.force_n = self.velocity_mps = self.position_m = (0.0,) * axes
+        self._fit()
         self.safety.event("open")
         self.safety.event("calibrated")
         self.safety.event("go")
+
+    def _fit(self) -> None:
+        """Fit to the record's estimator, and to the age of its samples."""
+        assert self.seat is not None
+        self._estimator = estimator_for(self.capability, self.seat.rates.tick_s)
+        self._latency = ticks = self.capability.latency_ticks
+        self._forces = deque([*[(0.0,) * len(self.force_n)] * ticks, *self._forces], maxlen=ticks)
+        self.coupling.set_latency(ticks)
 
     def equip(self, capability: Capability) -> None:
         """The device says of itself what it can do, now that it is open."""
         self.capability = capability.first(len(self.force_n))
         self.safety.keep_to(self.capability)
+        self._fit()
 
     def stop(self) -> None:
         """Let the force go; `safety.quiet` tells when it has."""
@@ -160,18 +165,19 @@ class ClientCore:
                 if self._estimator is not None:
                     self._estimator.reset()
         if self._origin is None:
+            self._forces.extend((self.force_n,) * elapsed)
             if position is None:
                 self.session.heartbeat(now_ns)  # no hand yet, so no waves: the seat is kept all the same
                 return
             self._origin = self._frame_position = self.position_m = position
             self.velocity_mps = velocity
             assert sample is not None
-            self._sampled = self._booked = tick - sample.age_ticks
+            self._sampled = tick - sample.age_ticks
             return
         reckoned = position
-        if position is None and self.safety.state != "fault" and tick - self._sampled <= self._latency + RECKON_TICKS:
-            reckoned = self._reckon(elapsed)
-        border = self._book(elapsed, reckoned, tick - (sample.age_ticks if sample is not None else self._latency))
+        if sample is None or position is None or sample.age_ticks != self._latency:
+            reckoned = self._where(elapsed, sample, position, velocity)
+        border = self._book(elapsed, reckoned)
         if reckoned is not None:
             self.position_m = reckoned
         if position is not None:
@@ -181,34 +187,42 @@ class ClientCore:
         if border:
             self._send(now_ns)
 
-    def _reckon(self, elapsed: int) -> tuple[float, ...]:
-        """Where the hand is if it went on as it did: no sample came. The next one puts right what is wrong with it.
+    def _where(
+        self, elapsed: int, sample: Sample | None, position: tuple[float, ...] | None, velocity: Sequence[float]
+    ) -> tuple[float, ...] | None:
+        """Where the hand was `latency` ticks ago, which the books are kept by, if it went on as it did; None: nobody knows.
 
-        To stand still and catch up in one tick would be a jump that never was, and the damper's energy goes with its square.
+        No sample came for a while, or it is older than usual: asked for before ticks that were skipped, or answered late. The
+        next one puts right what is wrong. To stand still and catch up in one tick would be a jump that never was, and the
+        damper's energy goes with its square.
         """
-        step_s = elapsed / self._rate
-        return tuple([place + step_s * speed for place, speed in zip(self.position_m, self.velocity_mps, strict=True)])
+        if self.safety.state == "fault":
+            return position
+        if sample is not None and position is not None:
+            return self._go_on(position, velocity, sample.age_ticks - self._latency)
+        if self.tick - self._sampled > self._latency + RECKON_TICKS:
+            return None
+        return self._go_on(self.position_m, self.velocity_mps, elapsed)
 
-    def _acting(self, since: int, until: int) -> Sequence[float]:
-        """The mean force that acted from tick `since` to tick `until` of a device whose samples are old."""
-        written = self._written
-        while len(written) > 1 and written[1][0] <= since:
-            written.popleft()
-        if not written:
-            return self.force_n
-        if len(written) == 1 or written[1][0] >= until or until <= since:
-            return written[0][1]
-        mean = [0.0] * len(self.force_n)
-        ends = [*[tick for tick, _ in written][1:], until]
-        for (begin, force), end in zip(written, ends, strict=True):
-            share = (min(end, until) - max(begin, since)) / (until - since)
-            if share > 0.0:
-                mean = [old + share * part for old, part in zip(mean, force, strict=True)]
-        return mean
+    def _go_on(self, position_m: tuple[float, ...], velocity_mps: Sequence[float], ticks: int) -> tuple[float, ...]:
+        step_s = ticks / self._rate
+        return tuple([place + step_s * speed for place, speed in zip(position_m, velocity_mps, strict=True)])
 
-    def _book(self, elapsed: int, position: tuple[float, ...] | None, sampled: int) -> bool:
-        """Book `elapsed` ticks with a position taken at tick `sampled`; true if there is a frame to send."""
+    def _acting(self, elapsed: int) -> Sequence[float]:
+        """The mean force over the ticks that are booked where samples are old: `elapsed` of them, up to `latency` ago."""
+        forces, force = self._forces, self.force_n
+        if elapsed == 1:
+            acting = forces[0]
+            forces.append(force)  # drops the oldest
+            return acting
+        acted = [*forces, *[force] * elapsed][:elapsed]
+        forces.extend([force] * elapsed)
+        return [sum(parts) / elapsed for parts in zip(*acted, strict=True)]
+
+    def _book(self, elapsed: int, position: tuple[float, ...] | None) -> bool:
+        """Book `elapsed` ticks; the hand was at `position` `latency` ticks ago. True if there is a frame to send."""
         coupling = self.coupling
+        force = self._acting(elapsed) if self._latency and elapsed else self.force_n
         before_j = coupling.port_j
         if position is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(self.position_m)
@@ -217,14 +231,12 @@ class ClientCore:
             work = 0.0
             mean = []
             before = self.position_m
-            force = self._acting(self._booked, sampled) if self._latency else self.force_n
             for axis, place in enumerate(position):
                 step = place - before[axis]
                 work += force[axis] * step
                 mean.append(step * rate)
             self.work_j += work
             self.leak_j += work
-            self._booked = sampled
         first = self.tick - elapsed + 1
         border = False
         faulty = self.safety.state == "fault"
@@ -275,8 +287,6 @@ class ClientCore:
         wish = self.coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
         force = self.safety.limit(wish)
         self.force_n = force
-        if self._latency:
-            self._written.append((self.tick, force))
         size = abs(force[0]) if len(force) == 1 else hypot(*force)
         if size > self.peak_force_n:
             self.peak_force_n = size
@@ -286,8 +296,6 @@ class ClientCore:
         """The device gives this force, not the one that `act` asked for: the books are to hold what the hand feels."""
         self.safety.note("force limited by the device")
         self.force_n = force_n
-        if self._latency:
-            self._written[-1] = (self.tick, force_n)
 
     @property
     def diverged(self) -> str:

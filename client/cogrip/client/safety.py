@@ -15,9 +15,9 @@ from cogrip.devices.device import Capability
 
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
-FAULT_OUT_S = 0.02
-STALL_S = 0.016  # so much longer without samples than with them, of which each is worth FORGIVEN: the device has stalled
-FORGIVEN = 0.5
+FAULT_OUT_S = 0.015
+STALL_S = 0.02  # so much time without samples, less what was forgiven: the device has stalled
+FORGIVEN = 0.5  # of a tick without a sample, by each that comes
 WATCHDOG_S = 0.1  # the loop was away for so long: the hand held an old force
 AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
 

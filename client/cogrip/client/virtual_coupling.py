@@ -3,6 +3,7 @@
 F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object state received.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 from cogrip.protocol.accounts import LinkCount
@@ -22,20 +23,35 @@ class VirtualCoupling:
         self._tick_s = seat.rates.tick_s
         self._receiver = StateReceiver()
         self._last_force: Sequence[float] = (0.0,) * axes
+        self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
         self._number = -1
         self.forward = self.returning = self.sent = (0.0,) * axes
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
         self.made_j = self.used_j = self.port_j = 0.0
         self.down_margin_j: float | None = None
 
+    def set_latency(self, ticks: int) -> None:
+        """Samples are `ticks` ticks old from now on: a displacement is booked with the force that it was made against."""
+        self._late = deque([*[(0.0,) * len(self.forward)] * ticks, *self._late], maxlen=ticks)
+
+    def _booked(self) -> Sequence[float]:
+        """The force that belongs to the tick that is booked."""
+        late = self._late
+        if not late:
+            return self._last_force
+        force = late[0]
+        late.append(self._last_force)  # drops the oldest
+        return force
+
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float]) -> None:
         power = 0.0
-        for force, speed in zip(self._last_force, mean_velocity_mps, strict=True):
+        for force, speed in zip(self._booked(), mean_velocity_mps, strict=True):
             power += force * speed
         self.port_j += power * self._tick_s
 
     def elapse_absent(self) -> None:
         """One tick has passed without a hand."""
+        self._booked()
 
     def end_frame(self) -> None:
         self._number += 1

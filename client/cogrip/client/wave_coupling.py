@@ -1,9 +1,14 @@
 """The client's end of the wave scheme (theory sections 1, 3.2, 3.6).
 
 Symbols, per axis: b impedance [N s/m], y mean velocity of a tick [m/s], v returning wave held over a frame [sqrt(W)],
-u = sqrt(2b) y - v forward wave of a tick [sqrt(W)], T_c tick [s]. Energies in J.
+u = sqrt(2b) y - v forward wave of a tick [sqrt(W)], T_c tick [s], L age of a sample [ticks]. Energies in J.
+
+Where samples are old, what a tick shows of the hand is the displacement of L ticks before, which was made against the wave
+of then: u_k = sqrt(2b) y_{k-L} - v_{k-L}. With the wave of now, displacement and force would not make up the hand's work at
+frame borders, and the line would give the difference. Each wave is booked for its own M ticks all the same, L ticks late.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from math import sqrt
 
@@ -22,12 +27,14 @@ class WaveCoupling:
         self._b = coupling.impedance_nspm
         self._root = sqrt(2.0 * self._b)
         self._half_tick_s = 0.5 * rates.tick_s
+        self._ticks_per_frame = rates.ticks_per_frame
         self._from_displacement = coupling.encoder == "displacement"
         self._decimator = make_decimator(
             coupling.decimator, axes, rates.ticks_per_frame, rates.tick_s, coupling.lowpass_rad_s
         )
         self._sender = LineSender(axes, seat.playout.redundancy)
         self._receiver = LineReceiver(axes, seat.playout.frames, rates.frame_s, seat.playout.tank_mj * 1e-3)
+        self._late: deque[tuple[float, ...]] = deque(maxlen=0)  # waves of the last L ticks, oldest first
         self._loops: dict[int, int] = {}
         self._frame = 0
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
@@ -43,13 +50,27 @@ class WaveCoupling:
         """Energy that went into the line here."""
         return self.made_j - self.used_j
 
+    def set_latency(self, ticks: int) -> None:
+        """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
+        keep = ticks if self._from_displacement else 0
+        self._late = deque([*[(0.0,) * len(self.returning)] * keep, *self._late], maxlen=keep)
+
+    def _booked(self) -> tuple[float, ...]:
+        """The returning wave that belongs to the tick that is booked."""
+        late = self._late
+        if not late:
+            return self.returning
+        wave = late[0]
+        late.append(self.returning)  # drops the oldest
+        return wave
+
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float]) -> None:
-        """One tick has passed, with its displacement / T_c and the velocity sample it began with."""
+        """One tick has passed, with the displacement it shows / T_c and the velocity sample it began with."""
         root = self._root
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        for axis, v in enumerate(self.returning):
+        for axis, v in enumerate(self._booked() if self._late else self.returning):
             u = root * velocity[axis] - v
             forward.append(u)
             made += u * u
@@ -63,7 +84,7 @@ class WaveCoupling:
         """One tick has passed without a hand: send 0, absorb what comes (a matched termination)."""
         self.forward = (0.0,) * len(self.returning)
         self._decimator.push(self.forward)
-        for v in self.returning:
+        for v in self._booked():
             self.used_j += v * v * self._half_tick_s
 
     def end_frame(self) -> None:
@@ -116,10 +137,13 @@ class WaveCoupling:
         return self._receiver.count()
 
     def loop_frames(self) -> float | None:
-        """Median of the measured loop: frames from a forward wave to the frame its answer is applied in."""
+        """Median of the measured loop: frames from a forward wave to the frame its answer is applied in.
+
+        With the ticks that it waits to be booked: they make the line softer (exactly so with the boxcar).
+        """
         half = sum(self._loops.values()) / 2
         for loop in sorted(self._loops):
             half -= self._loops[loop]
             if half <= 0:
-                return float(loop)
+                return loop + len(self._late) / self._ticks_per_frame
         return None

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import cast
 
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.settings import Address, Setting, parse_address, unknown
@@ -75,12 +74,12 @@ def axes_of(address: str) -> int:
 
 def families() -> dict[str, str]:
     """scheme -> what it is, for every scheme there is."""
-    return {scheme: _family(scheme, scheme).summary for scheme in sorted(schemes())}
+    return {scheme: _family(scheme, scheme).summary for scheme in _whole()}
 
 
 def stand_ins() -> dict[str, tuple[str, ...]]:
     """scheme -> addresses that can be opened anywhere: its own examples, or its drivers on emulated devices."""
-    found = {scheme: _family(scheme, scheme) for scheme in sorted(schemes())}
+    found = {scheme: _family(scheme, scheme) for scheme in _whole()}
     return {scheme: family.stand_ins if family.real else family.examples for scheme, family in found.items()}
 
 
@@ -88,7 +87,7 @@ def describe(*, axes: int = 1) -> tuple[Listing, ...]:
     """Every address worth listing with its capability, made with `axes` axes and not opened."""
     return tuple(
         Listing(address, family.summary, make(address, axes=min(axes, axes_of(address))).capability)
-        for family in (_family(scheme, scheme) for scheme in sorted(schemes()))
+        for family in (_family(scheme, scheme) for scheme in _whole())
         for address in family.examples
     )
 
@@ -111,7 +110,33 @@ def _family(scheme: str, where: str) -> Family:
         raise unknown("device scheme", scheme, sorted(schemes()), repr(where))
     module, _, function = target.partition(":")
     try:
-        loaded = import_module(module)
+        family = getattr(import_module(module), function)()
     except ModuleNotFoundError as error:
         raise DeviceError(f"{where!r}: {scheme}: needs the package {error.name!r}, which is not installed") from error
-    return cast("Callable[[], Family]", getattr(loaded, function))()
+    except Exception as error:
+        if scheme in FAMILIES:
+            raise
+        raise DeviceError(
+            f"{where!r}: the driver {target} fails as it is loaded: {error!r}; mend or remove its package"
+        ) from error
+    if not isinstance(family, Family):
+        raise DeviceError(
+            f"{where!r}: the driver {target} gives {type(family).__name__}, not a Family; mend or remove its package"
+        )
+    return family
+
+
+def broken() -> dict[str, str]:
+    """scheme -> what is wrong with the driver that another package brings under it."""
+    found = {}
+    for scheme in set(schemes()) - set(FAMILIES):
+        try:
+            _family(scheme, scheme)
+        except DeviceError as error:
+            found[scheme] = str(error)
+    return found
+
+
+def _whole() -> list[str]:
+    """The schemes whose drivers can be had."""
+    return sorted(set(schemes()) - set(broken()))

@@ -92,7 +92,7 @@ def read_settings(settings: type[_Settings], query: Mapping[str, Setting], where
     key = path.rstrip("`").partition("[")[0]
     if key in query:
         if get_origin(hints[key]) is Literal:
-            text = f"Expected one of {', '.join(map(str, get_args(hints[key])))}"
+            text = f"Expected one of {', '.join(str(choice) for choice in get_args(hints[key]) if choice)}"
         raise DeviceError(f"{where}: {key}={query[key]!r} is not accepted: {text[0].lower()}{text[1:]}")
     needed = message.rpartition("field `")[2].rstrip("`")
     raise DeviceError(f"{where}: needs the key {needed!r}; add {needed}=...")

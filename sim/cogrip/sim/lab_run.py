@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.client.recorded import RecordedClient, client_topics
+from cogrip.devices.device import DeviceError
+from cogrip.devices.registry import is_real
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Sink
@@ -40,6 +42,11 @@ def run_laboratory(
     kept. begins: see Laboratory.
     Raises DeviceError for a device or hand that cannot be had.
     """
+    for user in settings.users:
+        if is_real(user.device):
+            raise DeviceError(
+                f"{user.name}: {user.device}: is hardware, which no virtual time can hold; take emulated: or sim:"
+            )
     with ExitStack() as files:
         record = _recording(settings, folder, files) if folder else unrecorded
         laboratory = Laboratory(settings, record, begins)

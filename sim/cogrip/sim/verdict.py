@@ -125,6 +125,11 @@ def _balance(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "warn", f"The object's step does not keep its books: one step made or lost up to {energy(error_j)}."
 
 
+def in_fault(summary: Summary) -> bool:
+    """Whether anybody's device ended in a fault."""
+    return any(user.get("state") == "fault" for user in summary["users"])
+
+
 def _states(summary: Summary) -> Iterator[tuple[str, str]]:
     for user in people(summary):
         state, reason = user.get("state"), user.get("reason")

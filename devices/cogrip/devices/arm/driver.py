@@ -7,7 +7,8 @@ open --lost, jumped, stuck, out of the workspace--> every verb raises until it i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import isfinite
+from contextlib import suppress
+from math import hypot, isfinite
 
 from cogrip.devices.arm.encoder_watch import EncoderWatch
 from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
@@ -16,6 +17,8 @@ from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.pose import Calibration, KnownPose
 from cogrip.devices.device import Capability, DeviceError, Sample
 
+LEAST_RATE_HZ = 250
+HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
 SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
 ZERO: Vector = (0.0, 0.0, 0.0)
 TREMBLE_COUNTS = 20  # of a hand that holds the arm while its counters are loaded
@@ -46,7 +49,8 @@ class ArmDevice:
         self._stamp = ""
         self._silent_ticks = 0
         self._tick = 0
-        self._read_at = 0
+        self._read_at = 0  # when the newest reading was taken
+        self._heard_at = 0  # and when it came
         self._angles: Vector | None = None
         self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
@@ -79,6 +83,11 @@ class ArmDevice:
         return {**self._exchange.port.counts, **self._exchange.counts, **self._counts}
 
     @property
+    def reads_only(self) -> bool:
+        """Whether its address says that it is never to give force."""
+        return self._pose is not None and self._pose.kind == "none"
+
+    @property
     def angles(self) -> Vector | None:
         """Joint angles of the last reading [rad]."""
         return self._angles
@@ -87,8 +96,11 @@ class ArmDevice:
         if self._open:
             raise DeviceError(f"{self._name}: is open already; close it first")
         port = self._exchange.port
-        if not 1 <= rate_hz <= self.capability.rate_hz:
-            raise DeviceError(f"{self._name}: rate_hz={rate_hz} is out of 1 to {self.capability.rate_hz}")
+        if not LEAST_RATE_HZ <= rate_hz <= self.capability.rate_hz:
+            raise DeviceError(
+                f"{self._name}: rate_hz={rate_hz} is out of {LEAST_RATE_HZ} to {self.capability.rate_hz}: below, nobody would "
+                "notice a count that jumps"
+            )
         port.open()
         try:
             reading = meet(self._exchange, ZERO)
@@ -103,8 +115,8 @@ class ArmDevice:
         self._exchange.start(rate_hz)
         self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz, self._tip)
         # a request may have to wait for RETRY_S, and it is to say zero
-        self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz))
-        self._tick = self._read_at = 0
+        self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz) - 1)
+        self._tick = self._read_at = self._heard_at = 0
         self._acting = (0.0,) * self._axes
         self._broken = ""
         self._open = True
@@ -138,6 +150,7 @@ class ArmDevice:
             home = self.model.home_counts
             load = codec.load(home)
             if load is not None:
+                self._forget(port.stamp())
                 port.write(load)
                 codec.feed(port.read(0.1))
                 reading = meet(self._exchange, ZERO)
@@ -148,10 +161,19 @@ class ArmDevice:
                 reading = Reading(home)
             a, b, c = (there - count for there, count in zip(home, reading.raw, strict=True))
             return Calibration(
-                device=self._name, model=self.model.record.model, offset_counts=(a, b, c), stamp=port.stamp(), made=made
-            )
+                device=self._name, model=self.model.record.model, offset_counts=(a, b, c), home_counts=home,
+                stamp=port.stamp(), made=made,
+            )  # fmt: skip
         finally:
             port.close()
+
+    def _forget(self, stamp: str) -> None:
+        """Whatever was known of the counters does not hold for those that are loaded now, should the rest go wrong."""
+        assert self._pose is not None
+        with suppress(DeviceError):  # there was nothing to forget
+            self._pose.offset_counts(stamp)
+            self._pose.lose("other counters were loaded")
+            self._pose.settle()
 
     def _joints(self, raw: Sequence[float]) -> Vector:
         """Joint angles [rad] of raw counts."""
@@ -210,7 +232,7 @@ class ArmDevice:
         if wrong:
             raise self._lost(wrong)
         position = self._place(reading)
-        self._read_at = taken
+        self._read_at, self._heard_at = taken, self._tick
         return Sample(tuple(position[: self._axes]), None, age)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
@@ -237,19 +259,23 @@ class ArmDevice:
         None at all where there may be no force: the pose is not known, or the arm was not heard of lately.
         """
         assert self._pose is not None
-        silent = self._tick - self._read_at > self._silent_ticks
+        silent = self._tick - self._heard_at > self._silent_ticks
         if self._pose.kind == "none" or self._angles is None or silent or not any(force_n):
             return ZERO, 0.0 if any(force_n) else 1.0
         x, y, z = (*force_n, 0.0, 0.0)[:3]
+        size, most = hypot(x, y, z), HEADROOM * self.model.record.peak_force_n
+        share = -1.0 if size <= most else -most / size  # the arm pushes the hand with -F
+        push = (share * x, share * y, share * z)
         try:
-            currents, limited = self.model.currents(self._angles, (-x, -y, -z))  # the arm pushes the hand with -F
+            currents, limited = self.model.currents(self._angles, push)
         except DeviceError as error:
             self._broken = self._broken or str(error)
             return ZERO, 0.0
-        if not limited:
-            return currents, 1.0
-        self._count("force limited to the motors")
-        return currents, self.model.share_given(self._angles, (-x, -y, -z), currents)
+        if limited:
+            share *= self.model.share_given(self._angles, push, currents)
+        if share != -1.0:
+            self._count("force limited to the motors")
+        return currents, -share
 
     def close(self) -> None:
         """Zero current is asked for more than once: a request may be lost, or one may still be under way."""

@@ -81,7 +81,7 @@ class EncoderWatch:
         last, self._last = self._last, counts
         if last is None or not 0 < ticks <= GAP_TICKS:
             self._joints = [_Joint(joint.most_speed) for joint in self._joints]
-            return ""
+            return "" if last is None else self._after_gap(last, counts, max(ticks, 1))
         # a t^2 / 2 for the motion itself, and the smoothed speed is about a tick behind
         most = SLACK_COUNTS + self._jump * ticks * (0.5 * ticks + 1.5)
         odd, worst, stuck = -1, most, ""
@@ -96,6 +96,18 @@ class EncoderWatch:
         if odd >= 0 and self._astray(last, counts, most):
             return f"encoder {_NAMES[odd]} jumped by {counts[odd] - last[odd]:g} counts"
         return stuck
+
+    def _after_gap(self, last: Sequence[float], counts: Sequence[float], ticks: int) -> str:
+        """Whatever the arm did meanwhile, it did not go much faster than MOST_SPEED_MPS; longer gaps leave room for more."""
+        most = SLACK_COUNTS + 1.5 * self._joints[0].most_speed * ticks
+        steps = [new - old for new, old in zip(counts, last, strict=True)]
+        worst = max(steps, key=abs)
+        if abs(worst) <= most:
+            return ""
+        before, found = (None, None) if self._tip is None else (self._tip(last), self._tip(counts))
+        if before is not None and found is not None and dist(before, found) <= most * self._resolution_m:
+            return ""
+        return f"encoder {_NAMES[steps.index(worst)]} jumped by {worst:g} counts"
 
     def _astray(self, last: Sequence[float], counts: Sequence[float], most: float) -> bool:
         """Whether the tip is further from where it may be than `most` counts make."""

@@ -152,12 +152,12 @@ class Exchange:
             self._given_up -= came
             self._kept, self._since = readings[-1], tick
             return None
-        self._count("reply missed")
+        self._count("reply late")
         if tick - self._since >= self._retry_ticks:
             self.codec.reset()
             if self._kept is not None:
                 return self._answered(self._kept, tick - asked)
-            self._count("request repeated")
+            self._count("reply missed")
             self._given_up += 1
             self._asked = None
         return None
@@ -182,7 +182,7 @@ class Exchange:
         self.counts[name] = self.counts.get(name, 0) + by
 
 
-def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tries: int = 20) -> Reading:
+def meet(exchange: Exchange, zero: Sequence[float], patience_s: float = 0.1, tries: int = 10) -> Reading:
     """The first good reply to requests for no force, and nothing left on the wire. Raises DeviceError after `tries` of them."""
     port, codec = exchange.port, exchange.codec
     _drain(port)  # what was on its way before we came

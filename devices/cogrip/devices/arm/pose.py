@@ -26,6 +26,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     stamp: str
     made: str  # local time, for people
     lost: str = ""
+    home_counts: tuple[float, ...] = ()  # those it was made with
 
 
 class Store(Protocol):
@@ -46,44 +47,62 @@ class KnownPose:
         self._store = store
         self._confirmed_for = ""  # the plugging-in that pose=home was said of
         self._lost = ""
+        self._stamp = ""
         self._stored: Calibration | None = None
 
     def offset_counts(self, stamp: str) -> Vector:
         """To be added to the counters. Raises DeviceError where the pose is not known."""
         if self.kind == "none":
             return self._home_counts
-        cure = (
-            f"put the arm in its home pose and run `cogrip devices calibrate {self._device}`"
-            if self.kind == "stored"
-            else "put the arm in its home pose, power it up anew, and start again"
-        )
-        if self.kind == "home":
-            self._confirmed_for = self._confirmed_for or stamp
-            if self._lost:
-                raise DeviceError(f"{self._device}: {self._lost}, so its pose is not known any more: {cure}")
-            if stamp != self._confirmed_for:
-                raise DeviceError(f"{self._device}: was plugged in again, so its pose is not known any more: {cure}")
-            return self._home_counts
+        self._stamp = stamp
         stored = self._store.find(self._device)
+        if stored is not None and (not stamp or stored.stamp != stamp) and self.kind == "home":
+            stored = None  # of a plugging-in before
+        lost = stored.lost if stored is not None else ""
+        if stored == self._stored:  # nobody has calibrated since
+            lost = lost or self._lost
+        if lost:
+            raise self._refused(f"{lost}, so its pose is not known any more")
         if stored is None:
-            raise DeviceError(
-                f"{self._device}: its pose is not known, so there would be no force: {cure}, or add the key pose=home if it was"
-                " powered up in its home pose"
+            return self._confirmed(stamp)
+        self._check(stored, stamp)
+        self._stored, self._lost = stored, ""
+        return stored.offset_counts
+
+    def _confirmed(self, stamp: str) -> Vector:
+        """Without a calibration: only if it was said that it was powered up in its home pose."""
+        if self.kind != "home":
+            raise self._refused(
+                "its pose is not known, so there would be no force",
+                ", or add the key pose=home if it was powered up in its home pose",
             )
+        self._confirmed_for = self._confirmed_for or stamp
+        if stamp != self._confirmed_for:
+            raise self._refused("was plugged in again, so its pose is not known any more")
+        return self._home_counts
+
+    def _check(self, stored: Calibration, stamp: str) -> None:
         if stored.model != self._model:
-            raise DeviceError(f"{self._device}: was calibrated as {stored.model}, but is {self._model} now: {cure}")
+            raise self._refused(f"was calibrated as {stored.model}, but is {self._model} now")
         if not stamp:
             raise DeviceError(
                 f"{self._device}: this system cannot tell one plugging-in from another, so no calibration is kept: "
                 "start with the arm in its home pose, and add the key pose=home"
             )
         if stored.stamp != stamp:
-            raise DeviceError(f"{self._device}: was plugged in again since it was calibrated on {stored.made}: {cure}")
-        lost = stored.lost or (self._lost if stored == self._stored else "")
-        if lost:
-            raise DeviceError(f"{self._device}: {lost}, so its pose is not known any more: {cure}")
-        self._stored, self._lost = stored, ""
-        return stored.offset_counts
+            raise self._refused(f"was plugged in again since it was calibrated on {stored.made}")
+        if stored.home_counts and stored.home_counts != self._home_counts:
+            raise self._refused(
+                f"was calibrated with the home counts {stored.home_counts}, but has {self._home_counts} now"
+            )
+
+    def _refused(self, why: str, more: str = "") -> DeviceError:
+        if self.kind == "home" and not self._stamp:
+            return DeviceError(
+                f"{self._device}: {why}: put the arm in its home pose, power it up anew, and start again"
+            )
+        cure = f"put the arm in its home pose and run `cogrip devices calibrate {self._device}`"
+        return DeviceError(f"{self._device}: {why}: {cure}{more}")
 
     def lose(self, why: str) -> None:
         """The counters can not be trusted any more."""
@@ -92,6 +111,14 @@ class KnownPose:
     def settle(self) -> None:
         """Tell the store what was lost, so that the next program knows. It may write a file. Raises DeviceError."""
         stored = self._stored
-        if self._lost and stored is not None and not stored.lost and self._store.find(self._device) == stored:
-            self._stored = msgspec.structs.replace(stored, device=self._device, lost=self._lost)
-            self._store.keep(self._stored)
+        if not self._lost or not self._stamp or (stored is not None and stored.lost):
+            return
+        if stored is None:  # pose=home
+            stored = Calibration(
+                device=self._device, model=self._model, offset_counts=self._home_counts, home_counts=self._home_counts,
+                stamp=self._stamp, made="never",
+            )  # fmt: skip
+        elif self._store.find(self._device) != stored:
+            return
+        self._stored = msgspec.structs.replace(stored, device=self._device, lost=self._lost)
+        self._store.keep(self._stored)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from pathlib import Path
 
 SYSFS, USBFS = Path("/sys/bus/usb/devices"), Path("/dev/bus/usb")
@@ -27,6 +29,9 @@ def stamp_of(path: str, sysfs: Path = SYSFS, usbfs: Path = USBFS) -> str:
         suspended = SUSPENDED.read_text().strip()
     except OSError:
         suspended = ""
+    if sys.platform == "linux":  # hibernation is not counted above
+        asleep_s = time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
+        suspended = f"{suspended}.{round(asleep_s)}"
     when = f":{made.st_ctime_ns}" if use_time else ""
     return f"{boot}:{suspended}:{made.st_ino}:{made.st_rdev}{when}"
 

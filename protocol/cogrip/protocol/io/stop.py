@@ -27,7 +27,10 @@ class Stop:
 
 @contextmanager
 def on_signals(stop: Stop) -> Iterator[Stop]:
-    """While inside, Ctrl-C and SIGTERM set `stop`, and a third one breaks whatever hangs; SIGUSR1 asks to re-arm."""
+    """While inside, Ctrl-C, SIGTERM and a terminal that closes set `stop`, and SIGUSR1 asks to re-arm.
+
+    A third one breaks whatever hangs.
+    """
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.signals += 1
@@ -41,6 +44,8 @@ def on_signals(stop: Stop) -> Iterator[Stop]:
     handlers = {signal.SIGINT: handle, signal.SIGTERM: handle}
     if sys.platform != "win32":
         handlers[signal.SIGUSR1] = rearm
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
+            handlers[signal.SIGHUP] = handle
     before = [(number, signal.signal(number, handler)) for number, handler in handlers.items()]
     try:
         yield stop

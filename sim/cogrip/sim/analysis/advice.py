@@ -168,14 +168,15 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[
         yield Finding(
             "device",
             f"{user.name}: {name} = {value:g} Ns/m is more than device {record.family}:{record.model} carries: "
-            f"{name} T_c / m = {user.b_tc_over_m:.2f}; at {most:.3g} Ns/m {why}; "
-            f"set coupling.{key} to {_rounded_down(most):g} or less",
+            f"{name} T_c / m = {user.b_tc_over_m:.2f}; at {most:.3g} Ns/m, its {carried.bound} bound, {why}; "
+            f"set coupling.{key} to {rounded_down(most):g} or less",
             level="warning",
         )
     else:
         yield Finding(
             "device",
-            f"{user.name}: {name} T_c / m = {user.b_tc_over_m:.2f}; {name} = {value:g} of at most {most:.3g} Ns/m, where {why}",
+            f"{user.name}: {name} T_c / m = {user.b_tc_over_m:.2f}; {name} = {value:g} of at most {most:.3g} Ns/m, its "
+            f"{carried.bound} bound, where {why}",
         )
     if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
         yield Finding(
@@ -197,7 +198,7 @@ def _why(carried: Carried, record: Capability) -> str:
     return "the damping that its record advises ends"
 
 
-def _rounded_down(value: float) -> float:
+def rounded_down(value: float) -> float:
     """To three digits, and not above the value."""
     step = 10.0 ** (floor(log10(value)) - 2)
     return float(f"{floor(value / step * (1.0 + _TINY)) * step:.3g}")

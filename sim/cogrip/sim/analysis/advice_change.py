@@ -11,7 +11,7 @@ import msgspec
 
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings, SettingsError, resolve
-from cogrip.sim.analysis.advice import AMPLE, Advice, advise
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise, rounded_down
 from cogrip.sim.analysis.linear_session import ModelError
 
 
@@ -38,7 +38,7 @@ class _Score:
     missed: float  # largest |felt / asked - 1|, of what was asked before any change
 
     def key(self) -> tuple[float, ...]:
-        return self.warnings, -round(self.reach, 6), round(self.missed, 3)
+        return self.warnings, -round(self.reach, 6), round(self.missed, 2)
 
 
 def best_change(settings: Settings, now: Advice) -> Change | None:
@@ -47,7 +47,7 @@ def best_change(settings: Settings, now: Advice) -> Change | None:
     before = _score(now, asked)
     table = msgspec.to_builtins(settings)
     best, best_key = None, before.key()
-    for key, value in _candidates(settings):
+    for key, value in _candidates(settings, now):
         try:
             after = _score(advise(resolve(table, {key: value})), asked)
         except (SettingsError, ModelError, DeviceError):
@@ -65,7 +65,7 @@ def _score(advice: Advice, asked_npm: Sequence[float]) -> _Score:
     return _Score(len(advice.warnings), min(reach, log(AMPLE)), missed)
 
 
-def _candidates(settings: Settings) -> Iterator[tuple[str, Any]]:
+def _candidates(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
     """Changes worth trying, those that cost least first."""
     coupling = settings.coupling
     if coupling.kind == "coupling":
@@ -76,19 +76,20 @@ def _candidates(settings: Settings) -> Iterator[tuple[str, Any]]:
         yield "coupling.decimator", "boxcar"
     if not coupling.compensate:
         yield "coupling.compensate", True
-    if settings.playout.frames:
-        yield "playout.frames", settings.playout.frames - 1
+    yield "coupling.impedance_nspm", rounded_down(min(user.largest_impedance_nspm for user in now.users))
     for share in (1.25, 1.5, 2.0, 3.0, 0.75, 0.5, 0.25, 0.1):
         yield "coupling.impedance_nspm", float(f"{share * coupling.impedance_nspm:.3g}")
     for share in (0.75, 0.5, 0.25, 0.1):
         yield "coupling.stiffness_npm", float(f"{share * coupling.stiffness_npm:.3g}")
+    if settings.playout.frames:  # the slack against jitter, which the model does not know: for what nothing else does
+        yield "playout.frames", settings.playout.frames - 1
 
 
 def _effect(before: _Score, after: _Score) -> str:
     parts = []
     if after.warnings < before.warnings:
         parts.append(f"{before.warnings - after.warnings} of {before.warnings} warnings would go")
-    if round(after.missed, 3) < round(before.missed, 3):
+    if round(after.missed, 2) < round(before.missed, 2):
         parts.append(
             f"felt stiffness would miss what is asked by {100.0 * after.missed:.0f} % in place of {100.0 * before.missed:.0f} %"
         )

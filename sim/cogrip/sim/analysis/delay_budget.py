@@ -2,8 +2,9 @@
 
 For waves: from the hand's motion through the forward wave, the server and the returning wave to the force, as the delay of slow
 motion (the group delay at w -> 0). Ages are counted to the frame's end, when a frame is sent. The stages of a boxcar with the
-displacement encoder make T_forward + T_back + T_n, the time of theory section 4. For a lowpass the compliance of theory 4 is a
-little more than the time that motion takes, as the wave that a client sends back passes the filter too.
+displacement encoder make T_forward + T_back + T_n, the time of theory section 4, and L T_c where samples are L ticks old. For a
+lowpass the compliance of theory 4 is a little more than the time that motion takes, as the wave that a client sends back passes
+the filter too.
 
 For virtual coupling: from a device's position as sent, through the object, to its position as held by a client.
 """

@@ -24,6 +24,7 @@ from math import exp, pi, sqrt
 import numpy as np
 
 from cogrip.protocol.rates import Rates
+from cogrip.sim.analysis.client_blocks import booked_late, decimator_row
 from cogrip.sim.analysis.lifted_model import KINDS
 from cogrip.sim.analysis.linear_session import LinearSession, Person
 from cogrip.sim.analysis.state_space import Array, Complex
@@ -193,11 +194,14 @@ def decimated(person: Person, rates: Rates, w: Array) -> Complex:
 
 
 def _mirror(person: Person, rates: Rates, z: Complex) -> Complex:
-    """R: what a client whose device is held still sends back, shape (W, 1, 1)."""
-    if person.decimator != "lowpass":
-        return -np.ones((len(z), 1, 1), dtype=np.complex128)
-    pole = exp(-person.lowpass_rad_s * rates.frame_s)
-    return np.asarray((-(1.0 - pole) / (1.0 - pole / z))[:, None, None], dtype=np.complex128)
+    """R: what a client whose device is held still sends back, shape (W, 1, 1): each tick, the wave that is booked then."""
+    ticks = np.arange(rates.ticks_per_frame)
+    held = z[:, None] ** ((ticks - booked_late(person)) // rates.ticks_per_frame)  # by the frame that it came in
+    row: Array | Complex = decimator_row(person, rates.ticks_per_frame)
+    if person.decimator == "lowpass":
+        pole = exp(-person.lowpass_rad_s * rates.tick_s)
+        row = (1.0 - pole) * pole ** ticks[::-1] / (1.0 - pole**rates.ticks_per_frame / z[:, None])
+    return np.asarray(-(held * row).sum(axis=1)[:, None, None], dtype=np.complex128)
 
 
 Law = Callable[[Complex], Complex]

@@ -15,8 +15,9 @@ is without delay: with G all users' chains and S the server, D_G = 0 and P eq. 3
     A = [ A_G + B_G D_S C_G    B_G C_S ]
         [ B_S C_G              A_S     ]
 
-States: for each user the frames on the way down, the client's (position x, velocity y, velocity estimator, filter),
-the frames on the way up; then the server's (stretches e, object x_o and v_o, forces of the step before for `paper`).
+States: for each user the frames on the way down, the client's (position x, velocity y, velocity estimator, what is kept
+where samples are old, filter), the frames on the way up; then the server's (stretches e, object x_o and v_o, forces of the
+step before for `paper`).
 """
 
 from __future__ import annotations

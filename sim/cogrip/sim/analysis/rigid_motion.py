@@ -30,7 +30,7 @@ from math import sqrt
 
 import numpy as np
 
-from cogrip.sim.analysis.client_blocks import gliding
+from cogrip.sim.analysis.client_blocks import gliding, kept_waves
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import Person
 from cogrip.sim.analysis.state_space import Array
@@ -135,6 +135,7 @@ def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector:
     vector[..., own.start] = -force / person.hand_stiffness_npm
     if person.decimator == "lowpass":
         vector[..., own.stop - 1] = wave[..., 0]
+    vector[..., own][..., kept_waves(person)] = -wave
     vector[..., layout.ups[user]], vector[..., layout.downs[user]] = wave, -wave
     vector[..., layout.server.start + user] = force / stiffness
     if model.session.scheme == "paper":
@@ -167,6 +168,7 @@ def _glide(model: LiftedModel, user: int, vector: Array) -> None:
     own = vector[layout.clients[user]]
     for part in gliding(person):
         own[part] = 1.0
+    own[kept_waves(person)] = wave
     if person.decimator == "lowpass":
         own[-1] = wave
     vector[layout.ups[user]] = vector[layout.downs[user]] = wave

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import inf, sqrt
 
 from cogrip.client.velocity import NOISE_N
@@ -75,6 +76,7 @@ def comes_to_rest(
         plant = EstimatingPlant(person.device.plant, make(), record.latency_ticks)
         plant.velocity_mps[0] = sign * _PUSH_MPS
         person.device.plant = plant
+        person.core.equip(replace(person.core.capability, latency_ticks=record.latency_ticks))
     last = round((_SECONDS - _LAST_S) * settings.rates.device_hz)
     forces: list[list[float]] = [[], []]
 
