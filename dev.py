@@ -67,7 +67,7 @@ def demo(*args: str) -> int:
 
 def test(*args: str) -> int:
     os.chdir(ROOT)
-    return setup() or _become("pytest", *(args or ("-n", "2")))
+    return setup() or _become("pytest", *(args or ("-n", "2", "--dist", "worksteal")))
 
 
 def lint(*args: str) -> int:

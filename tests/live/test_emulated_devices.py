@@ -524,7 +524,7 @@ def test_the_prompt_of_calibrate(start, number, code):
 @fairly
 def test_conform_tries_an_arm_on_its_wire(start):
     arm = start.arm("arm", FREE)
-    conform = start("devices", "conform", arm.address)
+    conform = start("devices", "conform", arm.address, "--yes")
     assert conform.end() == 0, conform.said
     assert re.search(r"(\d+) of \1 promises kept", conform.said)
 
