@@ -13,6 +13,8 @@ settings.load_profile("cogrip")
 pytest.register_assert_rewrite(
     "tests.recorded_end",
     "tests.client.recorded_person",
+    "tests.client.seated_client",
     "tests.devices.replayed_hands",
+    "tests.live.held_arms",
     "tests.server.recorded_rooms",
 )

@@ -1,103 +1,21 @@
 """One person's client without I/O: exact books, no drift, skipped ticks, a stale link."""
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.core import RECKON_TICKS, ClientCore
+from cogrip.client.core import RECKON_TICKS
 from cogrip.client.rest import SAMPLES, RestStiffness
-from cogrip.client.velocity import AlphaBeta, memory_for
-from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
-from cogrip.protocol.line import REPAY_LIMIT, LineSender
-from cogrip.protocol.messages import PROTOCOL_VERSION, Stamp, State, Waves, Welcome
+from cogrip.protocol.line import REPAY_LIMIT
+from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
-from cogrip.protocol.session import STALE_NS, make_hello
-from cogrip.protocol.settings import digest, resolve, seat_settings
+from cogrip.protocol.session import STALE_NS
+from cogrip.protocol.settings import resolve
 from cogrip.sim.laboratory import Laboratory
 
-DEVICE_HZ, M = 1024, 8
-T_C, T_N = 1 / DEVICE_HZ, 1 / 128
-ROOT = math.sqrt(2.0 * 20.0)
-
-
-def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0) -> Capability:
-    return Capability(
-        family="test", model="arm", axes=axes, workspace_m=((-1.0, 1.0),) * axes, peak_force_n=100.0,
-        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=10.0, slew_nps=math.inf, speed_mps=math.inf,
-        resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=gives_velocity,
-        latency_ticks=latency,
-    )  # fmt: skip
-
-
-class Client:
-    """A seated core with a server of our own: what it sends is read back, waves are handed to it frame by frame."""
-
-    def __init__(self, axes: int = 1, gives_velocity: bool = True, latency: int = 0, **coupling: object) -> None:
-        settings = resolve({"object": {"axes": axes}, "coupling": coupling, "users": [{"name": "anna"}]})
-        hello = make_hello(
-            software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
-        )  # fmt: skip
-        self.core = ClientCore(hello, capability(axes, gives_velocity, latency))
-        self.core.call(0)
-        welcome = Welcome(PROTOCOL_VERSION, 1, 7, digest(settings), "test", seat_settings(settings, 0))
-        self.core.receive(messages.encode(welcome), 0)
-        assert self.core.seated
-        self.core.outbox.clear()
-        self.line = LineSender(axes, 8)
-        self.axes = axes
-
-    @property
-    def waves(self) -> WaveCoupling:
-        assert isinstance(self.core.coupling, WaveCoupling)
-        return self.core.coupling
-
-    def hear(self, now_ns: int, *wave: float, lost: bool = False) -> None:
-        """A datagram with the server's next wave."""
-        self.line.push(wave or (0.0,) * self.axes)
-        if lost:
-            return
-        first, waves, total, squares = self.line.contents()
-        state = (0.0,) * (2 * self.axes)
-        message = Waves(7, first, waves, total, squares, 0.0, 0.0, 0, Stamp(now_ns + 1), state)
-        self.core.receive(messages.encode(message), now_ns)
-
-    def tick(self, number: int, *position_m: float, velocity: Sequence[float] = (), age: int = 0) -> tuple[float, ...]:
-        now_ns = due_ns(0, number, DEVICE_HZ)
-        speed = tuple(velocity) or (0.0,) * self.axes
-        self.core.sense(number, Sample(position_m, speed, age), now_ns)
-        return self.core.act(now_ns)
-
-    def total(self) -> float:
-        """sum u T_c of all ticks so far, as it went into frames; one axis, boxcar."""
-        sender, unsent = self.waves._sender, sum(self.waves._decimator._sum)  # type: ignore[attr-defined]
-        return (sum(sender._total) + sum(wave for (wave,) in sender._recent)) * T_N + unsent * T_C
-
-    def sent(self) -> list[messages.AnyMessage]:
-        found = [messages.decode(datagram) for datagram in self.core.outbox]
-        self.core.outbox.clear()
-        return found
-
-    def frames(self) -> list[tuple[float, ...]]:
-        """All frames sent since the last call, each once, in order."""
-        found: dict[int, tuple[float, ...]] = {}
-        for message in self.sent():
-            assert isinstance(message, Waves)
-            for at in range(len(message.waves) // self.axes):
-                found[message.first + at] = message.waves[at * self.axes : (at + 1) * self.axes]
-        assert sorted(found) == list(range(min(found), max(found) + 1))
-        return [found[number] for number in sorted(found)]
-
-
-def walk(seed: int, steps: int, axes: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    random = np.random.default_rng(seed)
-    return np.cumsum(random.uniform(-1e-4, 1e-4, (steps, axes)), axis=0)
+from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, walk
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
@@ -311,175 +229,6 @@ def test_what_does_not_fit_the_seat_is_counted(message: messages.AnyMessage) -> 
 
 
 # Old samples ---------------------------------------------------------------------------------------------------------
-
-LATENCIES = st.integers(0, 2)
-GAPS = st.lists(st.integers(1, 12) | st.just(1), min_size=20, max_size=80)
-
-
-class OldHand:
-    """A hand whose samples are `latency` ticks old, and what each tick of its own time was: place, force, wave."""
-
-    def __init__(self, latency: int, seed: int, **coupling: object) -> None:
-        self.client, self.latency = Client(latency=latency, **coupling), latency
-        self.random = np.random.default_rng(seed)
-        self.now = 0
-        self.place = [0.01] * (latency + 1)  # at ticks -latency to now
-        self.force = [0.0] * latency  # over the tick that begins at each of them
-        self.wave = [0.0] * latency
-        self.estimate = [0.0] * latency
-        self.mean: list[float] = []  # displacement over each tick, as far as samples tell
-        self._frame = 0.0
-        self.run(0)
-
-    def run(self, gap: int, speed: float | None = None) -> None:
-        """The next tick that is run, `gap` ticks on, with what is true of those between."""
-        client, random, L = self.client, self.random, self.latency
-        before, self.now = self.now, self.now + gap
-        for tick in range(before + 1, self.now + 1):
-            self.place.append(self.place[-1] + (float(random.uniform(-1e-4, 1e-4)) if speed is None else speed * T_C))
-            self.force.append(client.core.force_n[0])
-            self.estimate.append(client.core.velocity_mps[0])
-            self.wave.append(self._frame)
-            if tick % M == 0:
-                self._frame = float(random.uniform(-0.3, 0.3))
-                client.hear(due_ns(0, tick, DEVICE_HZ), self._frame)
-        estimate = float(random.uniform(-0.1, 0.1)) if speed is None else speed
-        client.tick(self.now, self.place[-1 - L], velocity=[estimate], age=L)
-        self.mean += [(self.place[-1 - L] - self.place[-1 - L - gap]) / gap] * gap if gap else []
-
-    def leak(self, since: int = 0) -> float:
-        """sum (F - b y + sqrt(2b) v) y T_c of the ticks booked after tick `since`, each with the force and wave of its time."""
-        rows = zip(self.mean, self.force, self.wave, strict=False)
-        return sum((force - 20.0 * step / T_C + ROOT * wave) * step for step, force, wave in list(rows)[since:])
-
-
-@given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
-def test_displacement_force_and_wave_of_one_tick_are_booked_together(latency: int, gaps: list[int], seed: int) -> None:
-    """Of any age, with ticks skipped and forces limited: leak = sum (F - b y + sqrt(2b) v) y T_c, force and wave of then."""
-    hand = OldHand(latency, seed)
-    for gap in [M, *gaps]:
-        hand.run(gap)
-        if hand.random.random() < 0.2:
-            hand.client.core.acted((0.5 * hand.client.core.force_n[0],))
-    core, waves = hand.client.core, hand.client.waves
-    work = sum(force * step for step, force in zip(hand.mean, hand.force, strict=False))
-    assert core.work_j == pytest.approx(work, rel=1e-9, abs=1e-14)
-    assert core.work_j - (waves.made_j - waves.used_j) == pytest.approx(core.leak_j, rel=1e-9, abs=1e-13)
-    assert core.leak_j == pytest.approx(hand.leak(), rel=1e-9, abs=1e-13)
-    used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0  # from `latency` ticks before the first one on
-    assert waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15), "each wave for all its ticks, and no other"
-
-
-@given(LATENCIES, st.integers(0, 2**32 - 1))
-def test_with_the_force_let_through_only_the_dampers_error_leaks(latency: int, seed: int) -> None:
-    """leak = sum b (y_est - y) y T_c (theory section 3.6), y_est what the force of that tick was made of: at any age."""
-    hand, start = OldHand(latency, seed), 400  # the ramp is behind us
-    for _ in range(start):
-        hand.run(1)
-    before = hand.client.core.leak_j
-    for _ in range(200):
-        hand.run(1)
-    rows = list(zip(hand.mean, hand.estimate, strict=False))[start:]
-    leak = sum(20.0 * (estimate - step / T_C) * step for step, estimate in rows)
-    assert hand.client.core.leak_j - before == pytest.approx(leak, rel=1e-9, abs=1e-13)
-
-
-@given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
-def test_virtual_coupling_books_a_displacement_with_the_force_it_was_made_against(
-    latency: int, gaps: list[int], seed: int
-) -> None:
-    """Once the force is let through, nothing leaks."""
-    client, random = Client(latency=latency, kind="coupling"), np.random.default_rng(seed)
-    places, now, before = [0.0] * (latency + 1), 0, 0.0
-    for gap in [1] * 400 + gaps:
-        now += gap
-        for _ in range(gap):
-            places.append(places[-1] + float(random.uniform(-1e-5, 1e-5)))
-        state = State(7, now, (float(random.uniform(-0.01, 0.01)),), (0.0,), 0.0, 0, Stamp(now))
-        client.core.receive(messages.encode(state), due_ns(0, now, DEVICE_HZ))
-        client.tick(now, places[-1 - latency], velocity=[0.01], age=latency)
-        if now == 400:
-            before = client.core.leak_j
-    assert client.core.coupling.port_j != 0.0
-    assert client.core.leak_j == pytest.approx(before, abs=1e-12)
-
-
-@given(LATENCIES, st.integers(1, 60), st.integers(1, 60))
-def test_a_fault_absorbs_each_wave_for_its_own_ticks_too(latency: int, well: int, ill: int) -> None:
-    hand = OldHand(latency, 5)
-    for number in range(well + ill + 40):
-        if number == well:
-            hand.client.core.fail("a test")
-        if number == well + ill:
-            hand.client.core.rearm()
-        hand.run(1)
-        used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0
-        assert hand.client.waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15)
-
-
-@given(LATENCIES, st.lists(st.integers(1, 12), min_size=10, max_size=60), st.integers(0, 2**32 - 1))
-def test_whatever_is_reckoned_the_sum_of_displacement_is_exact(latency: int, gaps: list[int], seed: int) -> None:
-    """No sample, an older one, ticks skipped: sum u T_c = sqrt(2b) (x - x_0) - sum v T_c once a sample is as old as usual."""
-    client, random = Client(latency=latency), np.random.default_rng(seed)
-    gaps = [M, *gaps, 1]  # the first frame alone: it sets the playout
-    path = np.cumsum(random.uniform(-1e-4, 1e-4, sum(gaps) + latency + 2)).tolist()
-    client.tick(0, path[0], age=latency)
-    wave, now, returned = 0.0, 0, [0.0] * latency
-    for number, gap in enumerate(gaps):
-        last, now = now, now + gap
-        for tick in range(last + 1, now + 1):
-            returned.append(wave)
-            if tick % M == 0:
-                wave = float(random.uniform(-0.3, 0.3))
-                client.hear(due_ns(0, tick, DEVICE_HZ), wave)
-        if gap < 3 and 0 < number < len(gaps) - 1 and random.random() < 0.2:
-            now_ns = due_ns(0, now, DEVICE_HZ)
-            client.core.sense(now, None, now_ns)
-            client.core.act(now_ns)
-            continue
-        age = latency if number == len(gaps) - 1 else latency + min(now - latency, int(random.integers(0, gap + 1)), 8)
-        client.tick(now, path[now - age], velocity=[float(random.uniform(-0.2, 0.2))], age=age)
-    assert client.core.safety.state == "live"
-    expected = ROOT * (path[now - latency] - path[0]) - sum(returned[:now]) * T_C
-    assert client.total() == pytest.approx(expected, abs=1e-12)
-
-
-@given(st.lists(st.integers(1, 60), min_size=1, max_size=12))
-def test_a_loop_that_was_late_makes_no_jump_of_a_hand_that_went_on(gaps: list[int]) -> None:
-    """A device that answers what it was asked at the last tick that was run: its sample is as old as the gap."""
-    client, now, speed = Client(latency=1), 0, 1e-4 / T_C
-    for gap in [1] * 400 + gaps + [1] * 3:
-        last, now = now, now + gap
-        if now == 400:
-            start = client.core.leak_j
-        for tick in range(last // M, now // M):
-            client.hear(due_ns(0, tick * M, DEVICE_HZ), 0.0)
-        client.tick(now, 1e-4 * last, velocity=[speed], age=gap)
-    assert client.total() == pytest.approx(ROOT * 1e-4 * (now - 1), rel=1e-9), (
-        "the first tick shows what was before the hand"
-    )
-    assert client.waves.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), "the least that it may be"
-    assert client.core.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
-
-
-def test_the_record_says_what_the_core_estimates_with() -> None:
-    """A device may say only once it is open that it gives no velocity, how light it is, and how old its samples are."""
-    light = replace(capability(gives_velocity=False, latency=1), apparent_mass_kg=0.03)
-    client = Client()
-    client.core.equip(light)
-    estimator = AlphaBeta(1, T_C, memory_for(light, T_C))
-    random = np.random.default_rng(8)
-    expected: Sequence[float] = ()
-    for number, place in enumerate(random.uniform(-1e-4, 1e-4, 50).tolist()):
-        client.core.sense(number, Sample((place,), None, 1), due_ns(0, number, DEVICE_HZ))
-        client.core.act(due_ns(0, number, DEVICE_HZ))
-        expected = estimator.update((place,))
-    assert list(client.core.velocity_mps) == expected
-    assert memory_for(light, T_C) == 0.5
-    assert len(client.waves._late) == 1
-
-
-# Stiffness felt at rest ----------------------------------------------------------------------------------------------
 
 
 def test_rest_stiffness_needs_a_hand_at_rest_that_presses() -> None:

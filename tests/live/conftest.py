@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.live.held_arms import Arm, Session, Spoken
+
 LIMIT_S = 25.0  # for anything a process is waited for; a hang then fails with what was said
 
 
@@ -91,3 +93,29 @@ def serve(run: Callable[..., Process], tmp_path: Path) -> Callable[..., tuple[Pr
         return server, int(server.hear(r"listening on \S+:(\d+)")[1])
 
     return start
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch) -> Iterator[Callable[..., Spoken]]:
+    """Start `cogrip ARGUMENTS`; whatever still runs at the end of the test is ended."""
+    monkeypatch.setenv("COGRIP_CALIBRATION", str(tmp_path / "calibration"))
+    started: list[Spoken] = []
+
+    def run(*arguments: object, stdin: int = subprocess.DEVNULL, code: str = "") -> Spoken:
+        started.append(Spoken(*map(str, arguments), stdin=stdin, code=code))
+        return started[-1]
+
+    def arm(name: str, hand: str, *arguments: str, wire: str = "serial") -> Arm:
+        started.append(Arm(tmp_path / name, hand, *arguments, wire=wire))
+        return started[-1]
+
+    run.arm = arm
+    run.all = started
+    yield run
+    for process in reversed(started):
+        process.stop()
+
+
+@pytest.fixture
+def session(start, tmp_path) -> Session:
+    return Session(start, tmp_path)

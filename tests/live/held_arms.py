@@ -1,0 +1,202 @@
+"""Commands of cogrip and emulated arms as processes, heard and asked."""
+
+import functools
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from math import hypot
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cogrip.protocol.recording.reader import Follower, RecordingError
+from cogrip.protocol.recording.records import Tick
+
+LIMIT_S = 25.0
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+DEMO = CONFIGS / "demo.toml"
+WITHIN = ("--set", "coupling.impedance_nspm=8")  # what the vintage Phantom's record advises
+STALLED = ("watchdog: the loop was away", "device stall")
+FREE = "push&force_n=0"  # nobody holds it
+
+
+OWN_TERMINAL = (
+    "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+    "from cogrip.cli.main import main; sys.exit(main(sys.argv[1:]))"
+)
+BROKEN_LAW = """
+import sys
+from cogrip.client.core import ClientCore
+whole = ClientCore.act
+def act(self, now_ns):
+    if self.tick > 1024 and abs(self.force_n[0]) > 0.05:
+        raise ZeroDivisionError("a bug in the law, as it pushes")
+    return whole(self, now_ns)
+ClientCore.act = act
+from cogrip.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+class Spoken:
+    """A `cogrip` command that can be told something, and whose words are read as they come."""
+
+    def __init__(self, *arguments: str, stdin: int = subprocess.PIPE, code: str = "") -> None:
+        start = ["-c", code] if code else ["-m", "cogrip.cli"]
+        self.popen = subprocess.Popen(
+            [sys.executable, *start, *arguments],
+            stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
+        )  # fmt: skip
+        self.said = ""
+        self.expected_stalls = 0
+        self._heard = 0
+        self._news = threading.Condition()
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
+
+    def _listen(self) -> None:
+        assert self.popen.stdout is not None
+        for line in self.popen.stdout:
+            with self._news:
+                self.said += line
+                self._news.notify_all()
+        with self._news:
+            self._news.notify_all()
+
+    def tell(self, line: str) -> None:
+        assert self.popen.stdin is not None
+        self.popen.stdin.write(f"{line}\n")
+        self.popen.stdin.flush()
+
+    def hear(self, pattern: str) -> re.Match[str]:
+        """Wait until it says something that matches, after what was heard before."""
+        with self._news:
+            self._news.wait_for(
+                lambda: re.search(pattern, self.said[self._heard :]) or not self._listener.is_alive(), LIMIT_S
+            )
+            found = re.search(pattern, self.said[self._heard :])
+            assert found, f"never said {pattern!r} any more, but:\n{self.said}"
+            self._heard += found.end()
+        return found
+
+    def end(self) -> int:
+        try:
+            code = self.popen.wait(LIMIT_S)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"did not end in {LIMIT_S:g} s, but said:\n{self.said}")
+        self._listener.join(LIMIT_S)
+        return code
+
+    def stop(self) -> None:
+        """Whatever it does."""
+        if self.popen.poll() is None:
+            self.popen.terminate()
+            try:
+                self.popen.wait(LIMIT_S)
+            except subprocess.TimeoutExpired:
+                self.popen.kill()
+                self.popen.wait()
+        self._listener.join(LIMIT_S)
+        for stream in (self.popen.stdin, self.popen.stdout):
+            if stream is not None:
+                stream.close()
+
+
+class Arm(Spoken):
+    """An emulated arm, a vintage Phantom or a Haply 2DIY. Its address with the keys it needs, and what it truly does."""
+
+    def __init__(self, link: Path, hand: str, *arguments: str, wire: str = "serial") -> None:
+        super().__init__("devices", "emulate", wire, "--link", str(link), "--hand", hand, *arguments)
+        self.link = link
+        self.hear(f"behind {wire}:")
+        self.port = f"{wire}:{link}"
+        self.address = self.port + ("?pose=home" if wire == "serial" else "?model=2diy&pose=home")
+
+    def force_n(self) -> float:
+        """What it pushes with now."""
+        self.tell("status")
+        return hypot(*map(float, self.hear(r"pushes with \(([^)]*)\) N")[1].split(", ")))
+
+    def fault(self, verb: str) -> None:
+        self.tell(verb)
+        self.hear(f"fault {verb}")
+
+    def pushes(self, wanted: bool) -> None:
+        """Wait until it pushes, or until it does not."""
+        until(lambda: (self.force_n() > 0.02) is wanted, f"{self.port} pushes: {wanted}")
+
+
+def until(good: Callable[[], bool], what: str) -> None:
+    """Looks fifty times a second: an emulator that is asked without a pause has no time for its wire."""
+    deadline = time.monotonic() + LIMIT_S
+    while not good():
+        assert time.monotonic() < deadline, f"never: {what}"
+        select.select([], [], [], 0.02)
+
+
+def fairly(test: Callable[..., None]) -> Callable[..., None]:
+    """A test is skipped where the machine itself stalled: then a watchdog is right to let go."""
+
+    @functools.wraps(test)
+    def judged(start, **fixtures) -> None:
+        try:
+            test(start=start, **fixtures)
+        except (AssertionError, pytest.fail.Exception):
+            for process in start.all:
+                if sum(process.said.count(words) for words in STALLED) > process.expected_stalls:
+                    pytest.skip(f"this machine took the processor away for too long: {process.said}")
+            raise
+
+    return judged
+
+
+class Session:
+    """A server, and people who join it with their arms."""
+
+    def __init__(self, start, folder: Path) -> None:
+        self._start = start
+        self._folder = folder
+        self.server = start(
+            "serve", DEMO, "--port", "0", "--seconds", "120", "--runs", folder / "server", "--no-report", *WITHIN
+        )
+        self.port = self.server.hear(r"listening on \S+:(\d+)")[1]
+
+    def join(self, name: str, device: str, *arguments: str, **how) -> Spoken:
+        person = self._start(
+            "join", f"127.0.0.1:{self.port}", "--name", name, "--device", device, "--runs", self._folder / name,
+            "--no-report", *arguments, **how,
+        )  # fmt: skip
+        person.hear(f"{name} holds cube")
+        return person
+
+    def state(self, name: str) -> str:
+        """The newest one in the recording of a person."""
+        try:
+            (path,) = (self._folder / name).glob(f"*/client-{name}.mcap")
+            newest = Follower(path).look().get(f"/{name}/tick")
+        except (ValueError, OSError, RecordingError):
+            return ""
+        return msgspec.json.decode(newest.payload, type=Tick).state if newest else ""
+
+    def summary(self, name: str) -> dict:
+        (path,) = (self._folder / name).glob("*/summary.json")
+        return json.loads(path.read_text())
+
+    def close(self, *people: Spoken) -> None:
+        """Everyone leaves as they should; the whole was passive."""
+        for person in people:
+            person.popen.send_signal(signal.SIGINT)
+        for person in people:
+            assert person.end() == 0, person.said
+        self.server.popen.send_signal(signal.SIGINT)
+        assert self.server.end() == 0, self.server.said
+        assert self.summary("server")["passive"]

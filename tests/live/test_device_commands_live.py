@@ -1,0 +1,123 @@
+"""What makes an arm ready, on emulated arms behind pseudo-terminals: check, calibrate, conform, emulate.
+
+See held_arms: nothing sleeps.
+"""
+
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from tests.live.held_arms import FREE, fairly
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
+
+
+def signs(said: str) -> list[str]:
+    return re.findall(r"([✓✗]) │ sign, axis ([abc])", said)
+
+
+@fairly
+def test_check_finds_the_signs_of_a_free_arm(start):
+    """How fast this machine is decides the rest of the verdict, and so the exit code."""
+    arm = start.arm("arm", FREE)
+    check = start("devices", "check", arm.port, "--yes", "--moving-s", "0")
+    code = check.end()
+    assert signs(check.said) == [("✓", "a"), ("✓", "b"), ("✓", "c")], check.said
+    assert code == (0 if "✗" not in check.said else 1)
+    assert ("NOT fit to be held" in check.said) == (code == 1)
+    assert "vintage" in check.said
+    assert arm.force_n() == 0.0
+
+
+@fairly
+def test_check_finds_an_encoder_that_is_stuck(start):
+    arm = start.arm("arm", FREE)
+    arm.fault("stuck")
+    check = start("devices", "check", arm.port, "--yes", "--moving-s", "0")
+    assert check.end() == 1
+    assert [mark for mark, _ in signs(check.said)].count("✗") == 1, check.said
+    assert "NOT fit to be held" in check.said
+    assert "is the amplifier enabled, the arm free, the motor plugged in?" in check.said
+
+
+@fairly
+def test_check_keeps_to_the_limit_of_a_motor(start):
+    arm = start.arm("arm", FREE)
+    check = start("devices", "check", f"{arm.port}?model=vintage&limit_ma=90,80,100", "--yes", "--moving-s", "0")
+    check.end()
+    assert "up, down under +-80 mA" in check.said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@fairly
+def test_check_lets_go_when_it_is_interrupted(start, number):
+    arm = start.arm("arm", "hold")
+    check = start("devices", "check", arm.port, "--yes", "--moving-s", "0")
+    check.hear("axis a under")
+    check.popen.send_signal(number)
+    assert check.end() == 130, check.said
+    assert "Traceback" not in check.said
+    assert arm.force_n() == 0.0
+    again = start("devices", "calibrate", arm.port, "--yes")
+    assert again.end() == 0, again.said
+
+
+@fairly
+def test_check_and_join_refuse_another_model(start, session):
+    arm = start.arm("arm", "hold")
+    for command in (
+        ["devices", "check", "--yes"],
+        ["devices", "calibrate", "--yes"],
+        ["join", f"127.0.0.1:{session.port}", "--device"],
+    ):
+        refused = start(*command, f"{arm.port}?model=polhem")
+        assert refused.end() == 1, refused.said
+        assert "it says that it is vintage, not polhem; correct the key model, or the port" in refused.said
+
+
+@fairly
+def test_one_arm_has_one_owner(start, session):
+    arm = start.arm("arm", "hold")
+    person = session.join("anna", arm.address)
+    refused = start("devices", "calibrate", arm.port, "--yes")
+    assert refused.end() == 1
+    assert "close the program that uses it" in refused.said
+    session.close(person)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (None, 0)])
+@fairly
+def test_the_prompt_of_calibrate(start, number, code):
+    arm = start.arm("arm", "hold")
+    asked = start("devices", "calibrate", arm.port, stdin=subprocess.PIPE)
+    asked.hear("Enter when it is so")
+    if number is None:
+        asked.tell("")
+    else:
+        asked.popen.send_signal(number)
+    assert asked.end() == code, asked.said
+    assert ("is calibrated" in asked.said) == (code == 0)
+    assert "Traceback" not in asked.said
+
+
+@fairly
+def test_conform_tries_an_arm_on_its_wire(start):
+    arm = start.arm("arm", FREE)
+    conform = start("devices", "conform", arm.address, "--yes")
+    assert conform.end() == 0, conform.said
+    assert re.search(r"(\d+) of \1 promises kept", conform.said)
+
+
+@fairly
+def test_the_emulator_says_what_it_is_and_leaves_no_link(start):
+    arm = start.arm("arm", "hold")
+    assert "its counters are zero in the home pose: join it with ?pose=home" in arm.said
+    arm.popen.send_signal(signal.SIGINT)
+    assert arm.end() == 0
+    assert not arm.link.is_symlink()
+    other = start.arm("other", "hold", "--powered-at-m", "0.01", "0", "0")
+    assert "its pose is not known" in other.said
+    assert "pose=home" not in other.said
