@@ -76,6 +76,7 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
     if not 3.0 <= seconds <= 3600.0:
         raise BadInput(f"--seconds {seconds:g} is outside 3 to 3600")
     console = Console(highlight=False, stderr=json == "-")
+    console.width = max(console.width, WIDTH)
     cube = load(shipped("demo.toml"))
     wall = load(shipped("demo.toml"), ["object.kind=wall"])
     found: list[Person] = []
