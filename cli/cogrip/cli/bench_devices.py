@@ -27,6 +27,7 @@ PULL = ("reach&amplitude_m=0.012", "reach&amplitude_m=0.012&delay_s=0.25")  # wi
 PRESS = ("reach&amplitude_m=0.008&delay_s=4&stroke_s=1&stop_s=5",) * 2
 _KINDS = ("serial", "sim")
 _END_LIMIT_S = 30.0
+WIDTH = 120  # of the table; a narrower terminal wraps it, and nothing is left out
 _PROCESSES = 2  # none of the five needs half a processor
 
 
