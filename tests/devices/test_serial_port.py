@@ -13,7 +13,7 @@ import pytest
 import serial
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.io.serial_port import SerialPort
+from cogrip.devices.io.serial_port import SerialPort, _awaited
 from cogrip.devices.serial.frames import BracketCodec
 
 ZERO = BracketCodec().encode((0, 0, 0))
@@ -199,6 +199,19 @@ def test_a_device_that_is_unplugged_while_it_is_waited_for(line: Line, port: Ser
     with pytest.raises(DeviceError, match="lost: "):
         port.read(LONG_S)
     device.join()
+
+
+def test_an_end_that_has_gone_is_no_silence() -> None:
+    """Readable, yet nothing to read: a closing terminal is so for a moment, a pipe without a writer for ever."""
+    reader, writer = os.pipe()
+    os.set_blocking(reader, False)
+    assert _awaited(reader, 0.0) == b""
+    os.write(writer, b"[2]")
+    assert _awaited(reader, LONG_S) == b"[2]"
+    os.close(writer)
+    with pytest.raises(OSError, match="hung up"):
+        _awaited(reader, LONG_S)
+    os.close(reader)
 
 
 def test_a_device_that_does_not_read_is_found_out_and_does_not_hold_us_up(line: Line, port: SerialPort) -> None:

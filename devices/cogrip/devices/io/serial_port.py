@@ -22,6 +22,7 @@ else:
     NOT_A_LINE = (OSError, ValueError, termios.error)
 
 BAUD = 115200  # the devices ignore it, but 0 would mean hang-up
+MOST_BYTES = 1 << 16  # taken in at once
 _Answer = TypeVar("_Answer")
 
 
@@ -78,14 +79,26 @@ def _read(line: serial.Serial, wait_s: float) -> bytes:
     waiting = line.in_waiting
     if not waiting and wait_s > 0.0:
         if os.name == "posix":  # a new timeout would set the whole line up anew
-            select.select([line.fileno()], [], [], wait_s)
-            waiting = line.in_waiting
+            return _awaited(line.fileno(), wait_s)
         else:
             if line.timeout != wait_s:
                 line.timeout = wait_s
             first: bytes = line.read(1)
             return first + line.read(line.in_waiting) if first else b""
     data: bytes = line.read(waiting) if waiting else b""
+    return data
+
+
+def _awaited(descriptor: int, wait_s: float) -> bytes:
+    """What comes within `wait_s`. Raises OSError where the other end has gone: readable, and nothing there to read.
+
+    A terminal whose other end closes says so before an ioctl on it fails: to ask it how much waits would find nothing amiss.
+    """
+    if not select.select([descriptor], [], [], wait_s)[0]:
+        return b""
+    data = os.read(descriptor, MOST_BYTES)
+    if not data:
+        raise OSError("the other end has hung up")
     return data
 
 
