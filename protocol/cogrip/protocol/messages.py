@@ -10,11 +10,13 @@ from typing import Annotated, Literal
 import msgspec
 
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings import SeatNumber, SeatSettings
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
+SEAL_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GCM nonce 8 and tag 16
+MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - SEAL_BYTES
 HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
 TEXT_BYTES = 300  # senders cut a text to this
 
@@ -25,9 +27,15 @@ WaveValue = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]  # sqrt(W)
 Total = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+Newtons = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=3)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
 ShortText = Annotated[str, msgspec.Meta(max_length=40)]
+Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]  # 128 bits in base64url take 22
+Role = Literal["player", "observer"]
+NO_BOUND = 1e6  # a record's bound that is infinite, on the wire
+Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
 
 
 class MalformedError(ValueError):
@@ -59,6 +67,11 @@ class Hello(Message, frozen=True, tag=1):
     device: ShortText
     device_axes: Annotated[int, msgspec.Meta(ge=1, le=6)]
     device_rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e6)]
+    device_force_n: Bound  # the record's peak force
+    device_speed_mps: Bound  # the record's over-speed limit
+    role: Role = "player"
+    token: Secret = ""  # the right to come in; "" none
+    ticket: Secret = ""  # the right to a seat that was had before, from its welcome; "" none
     padding: Annotated[bytes, msgspec.Meta(max_length=HELLO_BYTES)] = b""
 
 
@@ -68,7 +81,9 @@ class Welcome(Message, frozen=True, tag=2):
     session: Session
     digest: ShortText
     software: ShortText
-    settings: SeatSettings
+    settings: SeatSettings  # an observer's: those of the room's first seat, with the observer's own name
+    ticket: Secret = ""
+    role: Role = "player"
 
 
 class Refuse(Message, frozen=True, tag=3):
@@ -128,7 +143,19 @@ class Farewell(Message, frozen=True, tag=8):
     room: RoomAccount | None = None
 
 
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell
+class View(Message, frozen=True, tag=9):
+    """What an observer sees: the object, and the hands of those who hold it, each in its own frame."""
+
+    session: Session
+    number: Counter  # of the room's step
+    object: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]  # position [m], velocity [m/s]
+    seats: Annotated[tuple[SeatNumber, ...], msgspec.Meta(max_length=VIEWED_SEATS)]  # who holds it
+    proxies_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]  # seat by seat, axis by axis
+    forces_n: Annotated[tuple[Newtons, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]
+    stamp: Stamp
+
+
+AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])
@@ -138,8 +165,8 @@ encode = _encoder.encode
 
 def decode(datagram: bytes) -> AnyMessage:
     """The message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
-    if len(datagram) > MAX_DATAGRAM_BYTES:
-        raise MalformedError(f"{len(datagram)} bytes, more than {MAX_DATAGRAM_BYTES}")
+    if len(datagram) > MAX_MESSAGE_BYTES:
+        raise MalformedError(f"{len(datagram)} bytes, more than {MAX_MESSAGE_BYTES}")
     try:
         message: AnyMessage = _decoder.decode(datagram)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -150,7 +177,7 @@ def decode(datagram: bytes) -> AnyMessage:
 def foreign_version(datagram: bytes) -> int | None:
     """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one."""
     try:
-        elements = _raw_decoder.decode(datagram[:MAX_DATAGRAM_BYTES])
+        elements = _raw_decoder.decode(datagram[:MAX_MESSAGE_BYTES])
         if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
             return None
         if msgspec.msgpack.decode(elements[1], type=str) != MAGIC:

@@ -17,12 +17,14 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.messages import (
     MAGIC,
+    NO_BOUND,
     PROTOCOL_VERSION,
     Farewell,
     Heartbeat,
     Hello,
     Leave,
     Refuse,
+    Role,
     Stamp,
     Welcome,
 )
@@ -192,9 +194,14 @@ class ClientSession:
 
 
 def make_hello(
-    *, software: str, nonce: int, room: str, name: str, digest: str, device: str, axes: int, rate_hz: float
-) -> Hello:
-    return Hello(MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, device[:40], axes, rate_hz)
+    *, software: str, nonce: int, room: str, name: str, digest: str, device: str, axes: int, rate_hz: float,
+    force_n: float = NO_BOUND, speed_mps: float = NO_BOUND, role: Role = "player", token: str = "",
+) -> Hello:  # fmt: skip
+    """A hello. force_n, speed_mps: the device record's; what is infinite there is said as NO_BOUND."""
+    return Hello(
+        MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, device[:40], axes, rate_hz,
+        min(force_n, NO_BOUND), min(speed_mps, NO_BOUND), role, token,
+    )  # fmt: skip
 
 
 def unfit(hello: Hello, *, digest: str, axes: int, device_hz: int) -> tuple[str, str] | None:

@@ -115,6 +115,16 @@ class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
 
 
+class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Who may come in, and what they may do. The server's own: no client needs to know."""
+
+    observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # at once, in this room
+    devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
+    force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 1e6  # records that claim more are refused
+    speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 1e6
+    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = 0.0  # a seat may bring in on average; 0: its device's own
+
+
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One seat. The fields that are None are [coupling]'s."""
 
@@ -130,6 +140,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     decimator: Decimator | None = None
     encoder: Encoder | None = None
     compensate: bool | None = None
+    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] | None = None  # None: [admission]'s
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -141,6 +152,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     object: Object = Object()
     link: Link = Link()
     playout: Playout = Playout()
+    admission: Admission = Admission()
     users: Annotated[tuple[User, ...], msgspec.Meta(min_length=1, max_length=256)] = (User(name=ONLY_USER),)
 
 

@@ -1,0 +1,1 @@
+"""What of the server touches files, sockets, clocks and processes."""
