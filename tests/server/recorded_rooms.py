@@ -88,7 +88,7 @@ class Server(RecordedEnd):
             "other settings": lambda: self.hello(who, digest="other"),
             "too few axes": lambda: self.hello(who, axes=1),
             "too slow": lambda: self.hello(who, rate_hz=100.0),
-            "newer": lambda: self.hello(who).replace(b"cogrip\x01", b"cogrip\x63", 1),
+            "newer": lambda: self.hello(who).replace(b"cogrip\x02", b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
         }
 

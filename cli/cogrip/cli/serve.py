@@ -13,6 +13,7 @@ from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.channel import PlainChannel
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.server.loop import LiveServer, ServeError
@@ -62,7 +63,10 @@ def serve(
     rooms = _rooms(config, overrides, port, into)
     names = [room.name for room in rooms]
     stop = Stop()
-    server = LiveServer(rooms, host, port, stop, console.print, None, seconds)
+    server = LiveServer(
+        rooms, host, port, stop, lambda happening: console.print(happening.text, markup=False),
+        lambda core: PlainChannel(), seconds=seconds,
+    )  # fmt: skip
     try:
         bound = server.listen()
     except ServeError as error:
@@ -89,7 +93,7 @@ def serve(
         console.print(f"stopped: {stop.reason}")
         passive = True
         for room in server.core.rooms:
-            summary = of_room(room, server.elapsed_s, {**server.core.dropped, **server.losses()})
+            summary = of_room(room, server.elapsed_s, {**server.drops(), **server.losses()})
             passive = passive and bool(summary["passive"]) and not summary["diverged"]
             leave_files(folders.get(room.name), summary, console, shown=into is None, report=into is None and report)
     return 0 if passive else 1

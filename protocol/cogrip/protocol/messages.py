@@ -148,7 +148,9 @@ class View(Message, frozen=True, tag=9):
 
     session: Session
     number: Counter  # of the room's step
-    object: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]  # position [m], velocity [m/s]
+    object: Annotated[
+        tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)
+    ]  # position [m], velocity [m/s]
     seats: Annotated[tuple[SeatNumber, ...], msgspec.Meta(max_length=VIEWED_SEATS)]  # who holds it
     proxies_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]  # seat by seat, axis by axis
     forces_n: Annotated[tuple[Newtons, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]

@@ -56,6 +56,8 @@ SEAT: Table = {
     ("seated", "leave"): "free",
     ("seated", "silence"): "free",
     ("seated", "stop"): "free",
+    ("seated", "kick"): "free",
+    ("seated", "resume"): "seated",
 }
 
 

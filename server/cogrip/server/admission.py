@@ -7,7 +7,7 @@ import msgspec
 from cogrip.protocol.messages import Hello, Role
 
 
-class Grant(msgspec.Struct, frozen=True):
+class Grant(msgspec.Struct, frozen=True, tag="grant", omit_defaults=True):
     """A hello may come in, as `role`. The texts narrow it; "" leaves open."""
 
     role: Role
@@ -17,7 +17,7 @@ class Grant(msgspec.Struct, frozen=True):
     device: str = ""  # beginning of the device address that may be claimed, such as hid:woodenhaptics
 
 
-class Denied(msgspec.Struct, frozen=True):
+class Denied(msgspec.Struct, frozen=True, tag="denied"):
     """It may not. The words are what both sides print."""
 
     code: str

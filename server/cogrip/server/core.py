@@ -1,28 +1,52 @@
-"""The server without I/O: datagrams in, datagrams out; many rooms, no socket, no clock."""
+"""The server without I/O: messages in, messages out; many rooms, no socket, no clock."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+
+import msgspec
 
 from cogrip.protocol import messages
+from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Heartbeat, Hello, Leave, State, Waves
-from cogrip.protocol.session import nonce_of, refusal, unfit, version_mismatch
+from cogrip.protocol.session import nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
-from cogrip.server.room import Address, Room
+from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
+from cogrip.server.checkpoint import RoomCheckpoint
+from cogrip.server.gallery import Observer
+from cogrip.server.greeting import find_again, find_observer, find_seat, find_view
+from cogrip.server.happenings import Happening
+from cogrip.server.limits import record_of
+from cogrip.server.room import Room, Seat
 
 
 class ServerCore:
-    """`outbox` holds (address, datagram) to send, `events` what people should hear of, `dropped` counts by reason.
+    """`outbox` holds (address, message) to send, `events` what people should hear of, `dropped` counts by reason.
 
     new_session: gives a random session number from 1 to 2^63 - 1 (its source is the caller's: no chance in here).
+    new_ticket: gives a secret that opens the seat again; without it nobody can come back.
+    mark: what is kept of a ticket in its place.
     """
 
-    def __init__(self, rooms: Sequence[Settings], software: str, new_session: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        rooms: Sequence[Settings],
+        software: str,
+        new_session: Callable[[], int],
+        doorkeeper: Doorkeeper | None = None,
+        new_ticket: Callable[[], str] = str,
+        mark: Callable[[str], str] = str,
+    ) -> None:
         self.rooms = [Room(settings) for settings in rooms]
         self._software = software
         self._new_session = new_session
+        self._door = doorkeeper or OpenDoor()
+        self._new_ticket = new_ticket
+        self._mark = mark
         self._seated: dict[Address, tuple[Room, int]] = {}
+        self._observing: dict[Address, tuple[Room, int]] = {}
+        self._tickets: dict[int, str] = {}  # by session, for a welcome that has to be said again
         self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.events: deque[str] = deque()
+        self.events: deque[Happening] = deque()
         self.dropped: dict[str, int] = {}
 
     def drop(self, reason: str) -> None:
@@ -32,8 +56,13 @@ class ServerCore:
         """The socket refused to send or receive: counted as a drop."""
         self.drop(f"socket: {reason}")
 
+    def knows(self, address: Address) -> bool:
+        """Whether somebody who sits or looks on here is at this address."""
+        place = self._seated.get(address)
+        return address in self._observing or (place is not None and place[0].seats[place[1]].state == "seated")
+
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram. Whatever does not belong is dropped and counted by name."""
+        """Take in one message. Whatever does not belong is dropped and counted by name."""
         try:
             message = messages.decode(datagram)
         except messages.MalformedError:
@@ -43,128 +72,297 @@ class ServerCore:
             elif len(datagram) < messages.HELLO_BYTES:
                 self.drop("short hello")
             else:
-                self._refuse(nonce_of(datagram), address, *version_mismatch(theirs))
+                self._refuse(nonce_of(datagram), address, Denied(*version_mismatch(theirs)))
             return
         if isinstance(message, Hello):
             self._greet(message, len(datagram), address, now_ns)
             return
         place = self._seated.get(address)
-        if place is None:
+        if place is not None:
+            self._hear(place, message, now_ns)
+        elif address in self._observing:
+            self._hear_observer(self._observing[address], message, now_ns)
+        else:
             self.drop("not seated")
-            return
+
+    def _hear(self, place: tuple[Room, int], message: messages.AnyMessage, now_ns: int) -> None:
         room, number = place
         seat = room.seats[number]
-        if isinstance(message, Waves | State | Heartbeat | Leave):
-            if message.session != seat.session:
-                self.drop("other session")
-                return
-            seat.last_heard_ns = now_ns
-            if isinstance(message, Leave):
-                self._bid_farewell(room, number, message, now_ns)
-                return
-            seat.clock.read(message.stamp, now_ns)
-            if isinstance(message, Heartbeat):
-                return
-            if seat.port is None or not seat.port.receive(message):
-                self.drop("unfit")
+        if not isinstance(message, Waves | State | Heartbeat | Leave):
+            self.drop("unexpected")
             return
-        self.drop("unexpected")
+        if message.session != seat.session:
+            self.drop("other session")
+            return
+        seat.last_heard_ns = now_ns
+        if isinstance(message, Leave):
+            self._bid_farewell(room, number, message)
+            return
+        seat.clock.read(message.stamp, now_ns)
+        if isinstance(message, Heartbeat):
+            return
+        if seat.port is None or not seat.port.receive(message):
+            self.drop("unfit")
+
+    def _hear_observer(self, place: tuple[Room, int], message: messages.AnyMessage, now_ns: int) -> None:
+        """An observer may say that it is there, and goodbye. Whoever sends more is shown out."""
+        room, number = place
+        observer = room.gallery.observers[number]
+        if isinstance(message, Heartbeat | Leave | Waves | State) and message.session != observer.session:
+            self.drop("other session")
+        elif isinstance(message, Heartbeat):
+            observer.last_heard_ns = now_ns
+            observer.clock.read(message.stamp, now_ns)
+        elif isinstance(message, Leave):
+            self._show_out(room, number, "goodbye", "left", f"left: {message.reason}")
+        elif isinstance(message, Waves | State):
+            self.drop("observer's waves")
+            reason = "an observer may not send waves: they were not applied; join with a player's link"
+            self._show_out(room, number, reason, "kicked", f"was shown out: {reason}")
+        else:
+            self.drop("unexpected")
+
+    def _show_out(self, room: Room, number: int, reason: str, event: str, words: str) -> None:
+        observer = room.gallery.observers[number]
+        room.gallery.leave(number)
+        self._observing.pop(observer.address, None)
+        self._tickets.pop(observer.session, None)
+        self._tell(event, room, observer, words)
+        farewell = Farewell(observer.session, messages.clipped(reason), None, room.account())
+        self.outbox.append((observer.address, messages.encode(farewell)))
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
-        """One step of one room; its datagrams go to the outbox."""
+        """One step of one room; its messages go to the outbox."""
         for number in room.silent(now_ns):
             seat = room.seats[number]
             self._seated.pop(seat.address, None)
             room.rise(number, "silence")
             self.drop("seat timed out")
-            self.events.append(f"{room.name}: {seat.settings.user} has been silent for too long and lost the seat")
+            self._tell("lost", room, seat, "has been silent for too long and lost the seat")
+        for number in room.gallery.silent(now_ns):
+            observer = room.gallery.observers[number]
+            self._observing.pop(observer.address, None)
+            self._tickets.pop(observer.session, None)
+            room.gallery.leave(number)
+            self._tell("lost", room, observer, "has been silent for too long")
         self.outbox.extend(room.tick(now_ns, frames))
 
     def stop(self, reason: str) -> None:
         """Tell everyone goodbye; their accounts may still come (`awaits_accounts`)."""
         for room in self.rooms:
+            for number in range(len(room.seats)):
+                self._end_seat(room, number, "stop", reason)
+            for number in list(room.gallery.observers):
+                self._show_out(room, number, reason, "left", "was told that the server stops")
+
+    def kick(self, user: str, room: str = "", reason: str = "") -> int:
+        """End the seats (or observers) of that name. Returns how many there were."""
+        words = f"shown out by the server's keeper{': ' if reason else ''}{reason}"
+        return self._end(lambda here, who: who.name == user and room in ("", here.name), words)
+
+    def revoke(self, tokens: Iterable[str]) -> int:
+        """End whatever was taken with one of these tokens (public ids). Returns how many there were."""
+        gone = set(tokens)
+        return self._end(lambda here, who: bool(who.token) and who.token in gone, "the token was revoked")
+
+    def _end(self, chosen: "Callable[[Room, Seat | Observer], bool]", reason: str) -> int:
+        count = 0
+        for room in self.rooms:
             for number, seat in enumerate(room.seats):
-                account = room.rise(number, "stop")
-                if account is not None:
-                    farewell = Farewell(seat.session, reason, account, room.account())
-                    self.outbox.append((seat.address, messages.encode(farewell)))
+                if seat.state == "seated" and chosen(room, seat):
+                    count += 1
+                    self._end_seat(room, number, "kick", reason)
+                    self._tell("kicked", room, seat, f"was shown out: {reason}")
+                elif seat.state == "free" and seat.ticket and chosen(room, seat):
+                    seat.ticket, seat.reserved_until_ns = "", None
+            for number, observer in list(room.gallery.observers.items()):
+                if chosen(room, observer):
+                    count += 1
+                    self._show_out(room, number, reason, "kicked", f"was shown out: {reason}")
+        return count
+
+    def _end_seat(self, room: Room, number: int, event: str, reason: str) -> None:
+        seat = room.seats[number]
+        account = room.rise(number, event)
+        if account is not None:
+            self._tickets.pop(seat.session, None)
+            farewell = Farewell(seat.session, messages.clipped(reason), account, room.account())
+            self.outbox.append((seat.address, messages.encode(farewell)))
 
     @property
     def awaits_accounts(self) -> bool:
         """True while someone whose seat was ended by `stop` has not said what they know."""
         return any(seat.last is not None and seat.account is None for room in self.rooms for seat in room.seats)
 
-    def _refuse(self, nonce: int, address: Address, code: str, reason: str) -> None:
-        self.drop(f"refused: {code}")
-        self.events.append(f"refused {_place(address)}: {reason} [{code}]")
-        self.outbox.append((address, refusal(nonce, code, reason)))
+    def checkpoint(self) -> list[RoomCheckpoint]:
+        """What a next server would have to know."""
+        return [room.checkpoint() for room in self.rooms]
+
+    def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
+        """Before anybody comes: go on from what the server before left. Raises CheckpointError, and nothing has changed."""
+        room = next((room for room in self.rooms if room.name == checkpoint.room), self.rooms[0])
+        room.restore(checkpoint, now_ns)
+        kept = [seat.settings.user for seat in room.seats if seat.ticket]
+        place = ", ".join(f"{value * 1e3:.1f}" for value in checkpoint.position_m)
+        words = (
+            f"{room.name}: restored: the object is at ({place}) mm, seats are kept for {', '.join(kept) or 'nobody'}"
+        )
+        self.events.append(Happening("restored", words, room.name))
+
+    def _refuse(self, nonce: int, address: Address, denied: Denied) -> None:
+        self.drop(f"refused: {denied.code}")
+        where = place_text(address)
+        words = f"refused {where}: {denied.reason} [{denied.code}]"
+        self.events.append(Happening("refused", words, address=where, code=denied.code))
+        self.outbox.append((address, refusal(nonce, denied.code, denied.reason)))
 
     def _greet(self, hello: Hello, size: int, address: Address, now_ns: int) -> None:
         if size < messages.HELLO_BYTES:
             self.drop("short hello")  # an answer may not be longer than the question
             return
+        if self._greeted(hello, address):
+            return
+        if hello.version != PROTOCOL_VERSION:
+            self._refuse(hello.nonce, address, Denied(*version_mismatch(hello.version)))
+            return
+        if hello.ticket and self._come_back(hello, address, now_ns):
+            return
+        grant = self._door.admit(hello)
+        if isinstance(grant, Denied):
+            self._refuse(hello.nonce, address, grant)
+        elif grant.role == "observer" or hello.role == "observer":
+            self._give_view(hello, grant, address, now_ns)
+        else:
+            self._give_seat(hello, grant, address, now_ns)
+
+    def _greeted(self, hello: Hello, address: Address) -> bool:
+        """Whether this is a hello that was answered, and the answer lost; it is said again."""
         place = self._seated.get(address)
         if place is not None:
             room, number = place
-            if room.seats[number].nonce == hello.nonce:  # our welcome was lost: say it again
-                self._welcome(room, number, address)
-                return
+            seat = room.seats[number]
+            if seat.nonce == hello.nonce and seat.state == "seated":
+                self._welcome(room, seat)
+                return True
             self._seated.pop(address)
             room.rise(number, "silence")
-        found = self._find(hello)
-        if isinstance(found[0], str):
-            self._refuse(hello.nonce, address, found[0], found[1])
+        looked = self._observing.get(address)
+        if looked is not None:
+            room, number = looked
+            observer = room.gallery.observers[number]
+            if observer.nonce == hello.nonce:
+                self._welcome_observer(room, observer)
+                return True
+            self._observing.pop(address)
+            room.gallery.leave(number)
+        return False
+
+    def _come_back(self, hello: Hello, address: Address, now_ns: int) -> bool:
+        """To the seat that the ticket opens. False where it opens none."""
+        mark = self._mark(hello.ticket)
+        found = find_again(self.rooms, mark)
+        if found is None:
+            looked = find_observer(self.rooms, mark)
+            if looked is None:
+                return False
+            room, number = looked
+            observer = room.gallery.observers[number]
+            self._observing.pop(observer.address, None)
+            observer.address, observer.last_heard_ns = address, now_ns
+            self._observing[address] = room, number
+            self._tell("resumed", room, observer, f"goes on from {place_text(address)}", address)
+            self._welcome_observer(room, observer)
+            return True
+        room, number = found
+        seat = room.seats[number]
+        if seat.record != record_of(hello):
+            had = seat.record.device if seat.record else "another device"
+            self._refuse(hello.nonce, address, Denied(
+                "device", f"the seat was taken with {had}, and {hello.device} with another record is claimed; join anew",
+            ))  # fmt: skip
+            return True
+        self._seated.pop(seat.address, None)
+        if seat.state == "seated":
+            room.move(number, address, now_ns)
+            seat.nonce = hello.nonce
+        else:
+            self._tickets.pop(seat.session, None)
+            room.sit(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
+        self._tickets[seat.session] = hello.ticket
+        self._seated[address] = (room, number)
+        self._tell("resumed", room, seat, f"goes on from {place_text(address)}", address)
+        self._welcome(room, seat)
+        return True
+
+    def _give_seat(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
+        found = find_seat(self.rooms, hello, grant, now_ns)
+        if isinstance(found, Denied):
+            self._refuse(hello.nonce, address, found)
             return
         room, number = found
-        misfit = unfit(hello, digest=room.digest, axes=room.world.axes, device_hz=room.settings.rates.device_hz)
-        if misfit is not None:
-            self._refuse(hello.nonce, address, *misfit)
-            return
-        self._seated.pop(room.seats[number].address, None)  # whoever sat here before
-        room.sit(number, self._new_session(), hello.nonce, address, now_ns)
-        self._seated[address] = (room, number)
-        self.events.append(
-            f"{room.name}: {room.seats[number].settings.user} joined from {_place(address)} with {hello.device}"
-        )
-        self._welcome(room, number, address)
-
-    def _find(self, hello: Hello) -> tuple[Room, int] | tuple[str, str]:
-        rooms = [room for room in self.rooms if hello.room in ("", room.name)]
-        if not rooms:
-            return (
-                "room",
-                f"there is no room {hello.room!r} here; there is: {', '.join(room.name for room in self.rooms)}",
-            )
-        for room in rooms:
-            for number, seat in enumerate(room.seats):
-                if seat.state == "free" and hello.name in ("", seat.settings.user):
-                    return room, number
-        names = [seat.settings.user for room in rooms for seat in room.seats]
-        if hello.name and hello.name not in names:
-            return "name", f"no seat is kept for {hello.name!r}; seats are: {', '.join(names)}"
-        if hello.name:
-            return "taken", f"the seat of {hello.name!r} is taken; wait until it is left or time out"
-        return "full", f"the room is full: all {len(names)} seats are taken"
-
-    def _welcome(self, room: Room, number: int, address: Address) -> None:
         seat = room.seats[number]
-        welcome = messages.Welcome(
-            PROTOCOL_VERSION, seat.nonce, seat.session, room.digest, self._software, seat.settings
-        )
-        self.outbox.append((address, messages.encode(welcome)))
+        self._seated.pop(seat.address, None)  # whoever sat here before
+        self._tickets.pop(seat.session, None)
+        room.sit(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
+        self._seated[address] = (room, number)
+        seat.ticket = self._ticket(seat.session)
+        seat.token = grant.token
+        self._door.admitted(grant)
+        self._tell("joined", room, seat, f"joined from {place_text(address)} with {hello.device}", address)
+        self._welcome(room, seat)
 
-    def _bid_farewell(self, room: Room, number: int, leave: Leave, now_ns: int) -> None:
+    def _give_view(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
+        room = find_view(self.rooms, hello, grant)
+        if isinstance(room, Denied):
+            self._refuse(hello.nonce, address, room)
+            return
+        number = room.gallery.enter(self._new_session(), hello.nonce, address, now_ns)
+        observer = room.gallery.observers[number]
+        self._observing[address] = (room, number)
+        observer.ticket = self._ticket(observer.session)
+        observer.token = grant.token
+        self._door.admitted(grant)
+        self._tell("observes", room, observer, f"looks on from {place_text(address)}", address)
+        self._welcome_observer(room, observer)
+
+    def _ticket(self, session: int) -> str:
+        """A new ticket's mark; the ticket itself is kept until its holder is gone, to be said again."""
+        ticket = self._tickets[session] = self._new_ticket()
+        return self._mark(ticket)
+
+    def _welcome(self, room: Room, seat: Seat) -> None:
+        welcome = messages.Welcome(
+            PROTOCOL_VERSION, seat.nonce, seat.session, room.digest, self._software, seat.settings,
+            self._tickets.get(seat.session, ""),
+        )  # fmt: skip
+        self.outbox.append((seat.address, messages.encode(welcome)))
+
+    def _welcome_observer(self, room: Room, observer: Observer) -> None:
+        shown = msgspec.structs.replace(room.seats[0].settings, user=observer.name)
+        welcome = messages.Welcome(
+            PROTOCOL_VERSION, observer.nonce, observer.session, room.digest, self._software, shown,
+            self._tickets.get(observer.session, ""), "observer",
+        )  # fmt: skip
+        self.outbox.append((observer.address, messages.encode(welcome)))
+
+    def _bid_farewell(self, room: Room, number: int, leave: Leave) -> None:
         seat = room.seats[number]
         account = room.rise(number, "leave")
         if seat.account is None:
             seat.account = leave.account
         if account is not None:
-            self.events.append(f"{room.name}: {seat.settings.user} left: {leave.reason}")
+            self._tell("left", room, seat, f"left: {leave.reason}")
         # the seat keeps its address until the next hello, so that a repeated leave is answered again
         farewell = Farewell(seat.session, "goodbye", account or seat.last, room.account())
         self.outbox.append((seat.address, messages.encode(farewell)))
 
+    def _tell(self, event: str, room: Room, who: Seat | Observer, words: str, address: Address = None) -> None:
+        where = place_text(address) if address is not None else ""
+        self.events.append(
+            Happening(event, f"{room.name}: {who.name} {words}", room.name, who.name, where, token=who.token)
+        )
 
-def _place(address: Address) -> str:
+
+def place_text(address: Address) -> str:
     """An address for people."""
     return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)

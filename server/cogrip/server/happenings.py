@@ -15,4 +15,16 @@ class Happening(msgspec.Struct, frozen=True, omit_defaults=True):
     token: str = ""  # public id
 
 
-EVENTS = ("joined", "observes", "resumed", "left", "lost", "kicked", "refused", "restored", "limited", "reloaded", "trouble")
+EVENTS = (
+    "joined",
+    "observes",
+    "resumed",
+    "left",
+    "lost",
+    "kicked",
+    "refused",
+    "restored",
+    "limited",
+    "reloaded",
+    "trouble",
+)

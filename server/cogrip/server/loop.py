@@ -1,15 +1,19 @@
 """The live server: one thread, one UDP socket, many rooms (design: Server process).
 
-A tick of a room: drain the socket, step, send one datagram a user. Rooms may have different rates.
+A tick of a room: drain the socket, step, send one datagram a user. Rooms may have different rates. What else a server
+does (checkpoints, metrics, its keeper's wishes) are chores: called between ticks, none of which may wait for anything.
 """
 
+import hashlib
 import secrets
 import socket
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cogrip.protocol.channel import Channel
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
@@ -19,10 +23,16 @@ from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.server.admission import Doorkeeper, OpenDoor
+from cogrip.server.happenings import Happening
 from cogrip.server.recorded import WHO, RecordedServer, server_topics
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
+MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
+SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
+
+Chore = Callable[[int], None]
 
 
 class ServeError(Exception):
@@ -31,19 +41,28 @@ class ServeError(Exception):
 
 @dataclass(slots=True)
 class LiveServer:
-    """A daemon for some rooms. `listen`, then `run` until `stop` is set."""
+    """A daemon for some rooms. `listen`, then `run` until `stop` is set.
+
+    open_channel makes the way to the clients for a core; chores are called between ticks with the time [ns].
+    """
 
     rooms: Sequence[Settings]
     host: str
     port: int
     stop: Stop
-    say: Callable[[str], None]
-    record_at: Path | None
+    say: Callable[[Happening], None]
+    open_channel: Callable[[RecordedServer], Channel]
+    record_at: Path | None = None
     seconds: float | None = None
+    doorkeeper: Doorkeeper = field(default_factory=OpenDoor)
+    chores: list[Chore] = field(default_factory=list)
     core: RecordedServer = field(init=False)
+    channel: Channel = field(init=False)
+    pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
     _socket: socket.socket = field(init=False)
     _start_ns: int = field(init=False, default=0)
+    _overran: int = field(init=False, default=0)
 
     def listen(self) -> tuple[str, int]:
         """Bind, and give the address. Raises ServeError."""
@@ -59,8 +78,16 @@ class LiveServer:
             ) from None
         self._socket.setblocking(False)
         host, port = self._socket.getsockname()[:2]
-        self.core = RecordedServer(self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1)
+        self.core = RecordedServer(
+            self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.doorkeeper,
+            lambda: secrets.token_urlsafe(16), mark,
+        )  # fmt: skip
+        self.channel = self.open_channel(self.core)
         return host, port
+
+    def close(self) -> None:
+        """Give the port back where `run` is not called."""
+        self._socket.close()
 
     @property
     def elapsed_s(self) -> float:
@@ -72,7 +99,7 @@ class LiveServer:
         self.recorder = self._record()
         measures = engage()
         self._start_ns = time.monotonic_ns()
-        pacers = {}
+        pacers = self.pacers
         for room in self.core.rooms:
             pacers[room.name] = pacer = Pacer(room.settings.rates.network_hz, self._start_ns)
             self.core.count_ticks(room, pacer.count)
@@ -97,7 +124,7 @@ class LiveServer:
             "server", WHO, self.core.start, first.rates.network_hz, first.seed, epoch_ns, False, versions_here(),
             server_topics([room.name for room in self.rooms]),
         )  # fmt: skip
-        recorder = open_recorder(self.record_at, header, self.say)
+        recorder = open_recorder(self.record_at, header, lambda text: self.say(Happening("trouble", text)))
         self.core.record(recorder or Nowhere())
         return recorder
 
@@ -107,6 +134,25 @@ class LiveServer:
             return {"recording stopped": 1} if self.record_at else {}
         stopped = {"recording stopped": 1} if self.recorder.trouble else {}
         return {**stopped, "not recorded": self.recorder.lost} if self.recorder.lost else stopped
+
+    def drops(self) -> dict[str, int]:
+        """What went no further, by reason: in the kernel, at the door, in the core."""
+        dropped = dict(self.core.dropped)
+        for name, count in self.channel.dropped.items():
+            dropped[name] = dropped.get(name, 0) + count
+        if overrun := self._overrun():
+            dropped["socket: receive buffer full"] = overrun
+        return dropped
+
+    def _overrun(self) -> int:
+        if not sys.platform.startswith("linux"):
+            return 0  # no other system says
+        try:
+            info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 4 * (DROPS + 1))
+        except OSError:  # the socket is closed: what was known last stands
+            return self._overran
+        self._overran = int.from_bytes(info[-4:], sys.byteorder) if len(info) == 4 * (DROPS + 1) else 0
+        return self._overran
 
     def _loop(self, pacers: dict[str, Pacer]) -> None:
         core, clock = self.core, time.monotonic_ns
@@ -134,8 +180,16 @@ class LiveServer:
                 self._send()
                 work_us[room.name] = (clock() - now_ns) // 1000
                 pacer.done()
-            while core.events:
-                self.say(core.events.popleft())
+            self._tell()
+            self.channel.poll(now_ns)
+            self._flush()
+            for chore in self.chores:
+                chore(now_ns)
+
+    def _tell(self) -> None:
+        events = self.core.events
+        while events:
+            self.say(events.popleft())
 
     def _farewell(self) -> None:
         self.core.stop(self.stop.reason)
@@ -145,24 +199,39 @@ class LiveServer:
             self._drain(now_ns)
             self._send()
             time.sleep(0.002)
+        self._tell()
 
     def _drain(self, now_ns: int) -> None:
-        receive, take = self._socket.recvfrom, self.core.receive
-        while True:
+        receive, unseal, take = self._socket.recvfrom, self.channel.receive, self.core.receive
+        for _ in range(MOST_AT_ONCE):
             try:
                 datagram, address = receive(MAX_DATAGRAM_BYTES + 1)
             except BlockingIOError:
-                return
+                break
             except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
                 self.core.socket_failed(str(error.strerror))
                 continue
-            take(datagram, address, now_ns)
+            for message in unseal(datagram, address, now_ns):
+                take(message, address, now_ns)
+        self._flush()
 
     def _send(self) -> None:
-        outbox, put = self.core.outbox, self._socket.sendto
+        outbox, seal = self.core.outbox, self.channel.send
+        while outbox:
+            address, message = outbox.popleft()
+            seal(message, address)
+        self._flush()
+
+    def _flush(self) -> None:
+        outbox, put = self.channel.outbox, self._socket.sendto
         while outbox:
             address, datagram = outbox.popleft()
             try:
                 put(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
                 self.core.socket_failed(str(error.strerror))
+
+
+def mark(ticket: str) -> str:
+    """What is kept of a ticket: nobody comes in by it."""
+    return hashlib.sha256(ticket.encode()).hexdigest()[:32]

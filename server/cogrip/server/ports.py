@@ -7,18 +7,20 @@ from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line import LineReceiver, LineSender
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.limits import SeatLimits, StateLimiter, WaveLimiter
 
 Row = tuple[float, ...]
 
 
 class WavePort:
-    """Plays forward waves to the world and sends its answers back."""
+    """Plays forward waves to the world, within what the seat may bring in, and sends its answers back."""
 
-    def __init__(self, seat: SeatSettings) -> None:
+    def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
         axes, playout, frame_s = seat.object.axes, seat.playout, seat.rates.frame_s
         self._half_frame_s = 0.5 * frame_s
         self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3)
         self._sender = LineSender(axes, playout.redundancy)
+        self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits)
         self._axes = axes
         self._port_j: float | None = None
         self.origin: Row | None = None  # the hand before its first frame [m]
@@ -49,15 +51,21 @@ class WavePort:
                 self.up_margin_j = margin
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
-        return wave
+        return self._limiter.limit(wave)
 
     @property
     def used_j(self) -> float:
         """Energy of the forward waves applied so far."""
-        return self._receiver.played_j
+        return self._receiver.played_j - self._limiter.taken_j
+
+    @property
+    def limited(self) -> dict[str, int]:
+        """Waves that were taken down, by reason."""
+        return self._limiter.counts
 
     def put(self, row: Row) -> None:
         self._sender.push(row)
+        self._limiter.book(row)
         for value in row:
             self.made_j += value * value * self._half_frame_s
 
@@ -77,8 +85,9 @@ class WavePort:
 class StatePort:
     """Virtual coupling: the newest device state in, the object's state out."""
 
-    def __init__(self, seat: SeatSettings) -> None:
+    def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
         self._axes = seat.object.axes
+        self._limiter = StateLimiter(seat.rates.frame_s, limits)
         self._receiver = StateReceiver()
         self._number = -1
         self._row: Row = (0.0,) * (2 * self._axes)
@@ -91,10 +100,17 @@ class StatePort:
     def receive(self, message: Waves | State) -> bool:
         if not isinstance(message, State) or len(message.position_m) != self._axes:
             return False
+        if not self._limiter.fits(message):
+            return True  # counted there
         self.hand = message.position_m
         if self.origin is None:
             self.origin = message.position_m
         return self._receiver.receive(message)
+
+    @property
+    def limited(self) -> dict[str, int]:
+        """States that were not believed."""
+        return self._limiter.counts
 
     def take(self, frames: int) -> Row:
         self._fresh = self._receiver.take()
@@ -119,4 +135,4 @@ class StatePort:
 
 Port = WavePort | StatePort
 
-PORTS: dict[str, Callable[[SeatSettings], Port]] = {"wave": WavePort, "coupling": StatePort}
+PORTS: dict[str, Callable[[SeatSettings, SeatLimits], Port]] = {"wave": WavePort, "coupling": StatePort}

@@ -5,17 +5,24 @@ where nobody sits are counted, and noted as one before anything else happens: a 
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
 from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.channel import Address
+from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.noted import Noted
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
+from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import Held, Sink, encode, topics
 from cogrip.protocol.settings import Settings
+from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
+from cogrip.server.checkpoint import RoomCheckpoint
+from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.core import ServerCore
-from cogrip.server.room import Address, Room
+from cogrip.server.happenings import Happening
+from cogrip.server.room import Room
 
 WHO = "server"
 KINDS = ("datagram_in", "datagram_out", "command", "asked", "event", "account", "gap", "clock")
@@ -33,10 +40,24 @@ def step_topic(room: str) -> str:
 
 
 class RecordedServer(ServerCore):
-    """Messages are held until `record` says where they go. `timing` of a room is the driver's: see `Step`."""
+    """Messages are held until `record` says where they go. `timing` of a room is the driver's: see `Step`.
 
-    def __init__(self, rooms: Sequence[Settings], software: str, new_session: Callable[[], int]) -> None:
-        super().__init__(rooms, software, lambda: self._session(new_session))
+    Tokens and tickets are not noted (`cogrip.protocol.recording.secrets`).
+    """
+
+    def __init__(
+        self,
+        rooms: Sequence[Settings],
+        software: str,
+        new_session: Callable[[], int],
+        doorkeeper: Doorkeeper | None = None,
+        new_ticket: Callable[[], str] = str,
+        mark: Callable[[str], str] = str,
+    ) -> None:
+        door = NotedDoor(doorkeeper or OpenDoor(), self._granted)
+        super().__init__(
+            rooms, software, lambda: self._session(new_session), door, lambda: self._new(new_ticket), mark
+        )  # fmt: skip
         self.start = start_text(rooms, software)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}  # late [us], work [us], skipped
         self._held = Held()
@@ -78,16 +99,24 @@ class RecordedServer(ServerCore):
         self._put(ASKED, Asked(session=session))
         return session
 
-    def _sent(self, entry: tuple[Address, bytes]) -> None:
-        self._put(DATAGRAM_OUT, Datagram(entry[1], address_text(entry[0])))
+    def _new(self, new_ticket: Callable[[], str]) -> str:
+        ticket = new_ticket()
+        self._put(ASKED, Asked(ticket=self._mark(ticket)))
+        return ticket
 
-    def _told(self, text: str) -> None:
-        self._put(EVENT, Event(text))
+    def _granted(self, answer: Grant | Denied) -> None:
+        self._put(ASKED, Asked(grant=msgspec.json.encode(answer).decode()))
+
+    def _sent(self, entry: tuple[Address, bytes]) -> None:
+        self._put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._mark), address_text(entry[0])))
+
+    def _told(self, happening: Happening) -> None:
+        self._put(EVENT, Event(happening.text))
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
         self.note_rest()
         self._now_ns = now_ns
-        self._put(DATAGRAM_IN, Datagram(datagram, address_text(address)))
+        self._put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._mark), address_text(address)))
         super().receive(datagram, address, now_ns)
 
     def socket_failed(self, reason: str) -> None:
@@ -99,6 +128,22 @@ class RecordedServer(ServerCore):
         self.note_rest()
         self._put(COMMAND, Command("stop", reason))
         super().stop(reason)
+
+    def kick(self, user: str, room: str = "", reason: str = "") -> int:
+        self.note_rest()
+        self._put(COMMAND, Command("kick", json.dumps([user, room, reason])))
+        return super().kick(user, room, reason)
+
+    def revoke(self, tokens: Iterable[str]) -> int:
+        gone = sorted(tokens)
+        self.note_rest()
+        self._put(COMMAND, Command("revoke", json.dumps(gone)))
+        return super().revoke(gone)
+
+    def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
+        self._now_ns = now_ns
+        self._put(COMMAND, Command("restore", encode_checkpoint(checkpoint).decode()))
+        super().restore(checkpoint, now_ns)
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
         if room.deserted:
@@ -123,8 +168,27 @@ class RecordedServer(ServerCore):
         self._put(COMMAND, Command("close_books"))
         for room in self.rooms:
             seats = [room.seat_account(number) for number in range(len(room.seats))]
-            books = {"room": room.name, "account": room.account(), "seats": seats, "dropped": self.dropped}
+            limited = [room.limited(number) for number in range(len(room.seats))]
+            books = {
+                "room": room.name, "account": room.account(), "seats": seats, "limited": limited, "dropped": self.dropped,
+            }  # fmt: skip
             self._put(ACCOUNT, Ledger(msgspec.json.encode(books).decode()))
+
+
+class NotedDoor:
+    """A doorkeeper whose every answer is noted."""
+
+    def __init__(self, door: Doorkeeper, note: Callable[[Grant | Denied], None]) -> None:
+        self._door = door
+        self._note = note
+
+    def admit(self, hello: Hello) -> Grant | Denied:
+        answer = self._door.admit(hello)
+        self._note(answer)
+        return answer
+
+    def admitted(self, grant: Grant) -> None:
+        self._door.admitted(grant)
 
 
 def _seat(room: Room, number: int) -> SeatStep:

@@ -1,19 +1,23 @@
-"""A room: one object, its seats, and one step a frame."""
+"""A room: one object, its seats, those who look on, and one step a frame."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from math import dist
 
 import numpy as np
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.session import LOST_NS, SEAT, Clock
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
+from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.gallery import Gallery
+from cogrip.server.limits import Record, SeatLimits, limits_of
 from cogrip.server.ports import PORTS, Port
 from cogrip.server.worlds.registry import make_world
 
-Address = Hashable
+RESERVED_NS = 5_000_000_000  # a restored seat is kept so long for whoever had it
 
 
 class Seat:
@@ -32,6 +36,16 @@ class Seat:
         self.line_margin_j = 0.0
         self.account: ClientAccount | None = None  # what the client said when it left
         self.last: SeatAccount | None = None  # what we knew when it left
+        self.ticket = ""  # mark of the ticket that opens this seat again, "" none
+        self.token = ""  # public id of the token it was taken with
+        self.record: Record | None = None  # of the device it was taken with
+        self.reserved_until_ns: int | None = None  # for the ticket's holder
+        self.limited: dict[str, int] = {}  # what was limited here before the present port, by reason
+
+    @property
+    def name(self) -> str:
+        """Whose seat it is."""
+        return self.settings.user
 
     def step(self, event: str) -> bool:
         after = SEAT.get((self.state, event))
@@ -52,26 +66,47 @@ class Room:
         self.world = make_world([seat.settings for seat in self.seats])
         self._idle = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
         self._port_before = np.zeros(len(self.seats))
+        self.gallery = Gallery(settings.admission.observers, settings.rates.network_hz)
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)  # the loop sets its own
         self.travel_m = 0.0
         self.diverged = ""
 
-    def sit(self, number: int, session: int, nonce: int, address: Address, now_ns: int) -> SeatSettings:
+    def sit(self, number: int, session: int, nonce: int, address: Address, now_ns: int, record: Record) -> SeatSettings:
         """Give a free seat away."""
         seat = self.seats[number]
         seat.step("hello")
         seat.session, seat.nonce, seat.address, seat.last_heard_ns = session, nonce, address, now_ns
         seat.clock = Clock()
-        seat.port = PORTS[seat.settings.coupling.kind](seat.settings)
+        seat.record, seat.reserved_until_ns = record, None
+        seat.port = PORTS[seat.settings.coupling.kind](seat.settings, self.limits(number))
         seat.on_object = False
         seat.line_margin_j = 0.0
         seat.account = seat.last = None
         self._port_before[number] = self.world.port_work[number]
         return seat.settings
 
+    def limits(self, number: int) -> SeatLimits:
+        """What a seat may bring in."""
+        record = self.seats[number].record
+        return limits_of(record, self.settings, number) if record is not None else SeatLimits()
+
+    def limited(self, number: int) -> dict[str, int]:
+        """What was limited at a seat so far, by reason."""
+        seat = self.seats[number]
+        counts = dict(seat.limited)
+        for name, count in (seat.port.limited if seat.port else {}).items():
+            counts[name] = counts.get(name, 0) + count
+        return counts
+
+    def move(self, number: int, address: Address, now_ns: int) -> None:
+        """A person goes on from another address."""
+        seat = self.seats[number]
+        seat.step("resume")
+        seat.address, seat.last_heard_ns, seat.clock = address, now_ns, Clock()
+
     def rise(self, number: int, event: str) -> SeatAccount | None:
-        """A person leaves (`leave`, `silence` or `stop`)."""
+        """A person leaves (`leave`, `silence`, `kick` or `stop`). Only who fell silent may come back by the ticket."""
         seat = self.seats[number]
         if not seat.step(event):
             return None
@@ -79,13 +114,45 @@ class Room:
         if seat.on_object:
             self.world.leave(number)
         seat.on_object = False
+        seat.limited = self.limited(number)
         seat.port = None
+        if event != "silence":
+            seat.ticket = ""
         return seat.last
+
+    def free(self, number: int, now_ns: int) -> bool:
+        """Whether whoever comes may have this seat."""
+        seat = self.seats[number]
+        return seat.state == "free" and (seat.reserved_until_ns is None or now_ns >= seat.reserved_until_ns)
+
+    def checkpoint(self) -> RoomCheckpoint:
+        """What a next server has to know of this room."""
+        seats = [
+            SeatCheckpoint(seat.settings.user, seat.session, seat.nonce, seat.ticket, seat.token, seat.record)
+            for seat in self.seats
+        ]
+        here = tuple(self.world.position.tolist())
+        return RoomCheckpoint(VERSION, self.name, self.digest, here, self.travel_m, self.steps, tuple(seats))
+
+    def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
+        """Begin where the server before ended, the object at rest. Raises CheckpointError, and nothing has changed."""
+        users = [seat.settings.user for seat in self.seats]
+        if checkpoint.room != self.name or checkpoint.digest != self.digest:
+            raise CheckpointError(f"it is of room {checkpoint.room!r} with other settings ({checkpoint.digest})")
+        if [seat.user for seat in checkpoint.seats] != users or len(checkpoint.position_m) != self.world.axes:
+            raise CheckpointError("its seats or axes are not this room's")
+        self.world.position = np.array(checkpoint.position_m)
+        self.travel_m, self.steps = checkpoint.travel_m, checkpoint.steps
+        for seat, before in zip(self.seats, checkpoint.seats, strict=True):
+            seat.session, seat.nonce, seat.ticket = before.session, before.nonce, before.ticket
+            seat.token, seat.record = before.token, before.record
+            if before.ticket:
+                seat.reserved_until_ns = now_ns + RESERVED_NS
 
     @property
     def deserted(self) -> bool:
-        """Whether nobody sits here."""
-        return not any(seat.port for seat in self.seats)
+        """Whether nobody sits here, or looks on."""
+        return not self.gallery.observers and not any(seat.port for seat in self.seats)
 
     def silent(self, now_ns: int) -> list[int]:
         """Seats that have not been heard for LOST_NS."""
@@ -135,6 +202,9 @@ class Room:
                 seat.line_margin_j = min(seat.line_margin_j, port_in_j - work[number])
             message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
             out.append((seat.address, messages.encode(message)))
+        if self.gallery.observers:
+            holding = [number for number, seat in enumerate(seats) if seat.on_object]
+            out += self.gallery.views(self.steps, world, holding, now_ns)
         return out
 
     def seat_account(self, number: int) -> SeatAccount:

@@ -59,11 +59,14 @@ class Command(Record, frozen=True, gc=False, omit_defaults=True):
 
 
 class Asked(Record, frozen=True, gc=False, omit_defaults=True):
-    """What a server core was told when it asked: a new session's number, or how a room's loop runs."""
+    """What a server core was told when it asked: a new session's number, a ticket's mark, whether somebody may come in, or
+    how a room's loop runs."""
 
     room: str = ""
     session: int = 0
     ticks: str = ""
+    ticket: str = ""
+    grant: str = ""  # or the denial, as JSON text
 
 
 class Event(Record, frozen=True, gc=False):

@@ -12,9 +12,12 @@ import msgspec
 from cogrip.client.recorded import RecordedClient, capability_of, sample_of
 from cogrip.client.recorded import start_of as client_start
 from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Step, Tick
 from cogrip.protocol.recording.sink import Sink
+from cogrip.server.admission import Denied, Grant
+from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.recorded import RecordedServer, address_of, step_topic
 from cogrip.server.recorded import start_of as server_start
 from cogrip.sim.replay.tape import Tape, UntoldError
@@ -24,6 +27,9 @@ _datagram = msgspec.json.Decoder(Datagram).decode
 _command = msgspec.json.Decoder(Command).decode
 _step = msgspec.json.Decoder(Step).decode
 _force = msgspec.json.Decoder(tuple[float, ...]).decode
+_kick = msgspec.json.Decoder(tuple[str, str, str]).decode
+_names = msgspec.json.Decoder(list[str]).decode
+_granted = msgspec.json.Decoder(Grant | Denied).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
 
 
@@ -121,7 +127,9 @@ class ServerPlay:
 
     def __init__(self, tape: Tape, sink: Sink) -> None:
         rooms, software = server_start(tape.recording.header.start)
-        self.core = RecordedServer(rooms, software, lambda: tape.asked().session)
+        self.core = RecordedServer(
+            rooms, software, lambda: _session(tape.asked()), TapeDoor(tape), lambda: _ticket(tape.asked())
+        )
         for room in self.core.rooms:
             self.core.count_ticks(room, lambda: _told(tape.asked()))
         self.core.record(sink)
@@ -145,27 +153,69 @@ class ServerPlay:
             datagram = _datagram(message.payload)
             core.receive(datagram.data, address_of(datagram.address), now_ns)
         elif kind == "command":
-            command = _command(message.payload)
-            if command.verb == "rest":
-                room = next((room for room in core.rooms if room.name == command.reason), None)
-                if room is None or not 0 <= command.count <= MOST_REST:
-                    raise ValueError(f"a rest of {command.count} steps in room {command.reason!r}")
-                for _ in range(command.count):
-                    core.tick(room, now_ns)
-                self.ticks += command.count
-            elif command.verb in ("stop", "socket_failed"):
-                getattr(core, command.verb)(command.reason)
-            elif command.verb == "close_books":
-                core.close_books()
-            else:
-                raise ValueError(f"no command {command.verb!r} is known")
+            self._command(_command(message.payload), now_ns)
+
+    def _command(self, command: Command, now_ns: int) -> None:
+        core, words = self.core, command.reason
+        act: Callable[[], object] | None = {
+            "rest": lambda: self._rest(command, now_ns),
+            "stop": lambda: core.stop(words),
+            "socket_failed": lambda: core.socket_failed(words),
+            "kick": lambda: core.kick(*_kick(words)),
+            "revoke": lambda: core.revoke(_names(words)),
+            "restore": lambda: core.restore(decode_checkpoint(words.encode()), now_ns),
+            "close_books": core.close_books,
+        }.get(command.verb)
+        if act is None:
+            raise ValueError(f"no command {command.verb!r} is known")
+        act()
+
+    def _rest(self, command: Command, now_ns: int) -> None:
+        room = next((room for room in self.core.rooms if room.name == command.reason), None)
+        if room is None or not 0 <= command.count <= MOST_REST:
+            raise ValueError(f"a rest of {command.count} steps in room {command.reason!r}")
+        for _ in range(command.count):
+            self.core.tick(room, now_ns)
+        self.ticks += command.count
 
     def finish(self) -> None:
         self.core.note_rest()
 
 
+class TapeDoor:
+    """Lets in whom the recorded doorkeeper let in."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
+
+    def admit(self, hello: Hello) -> Grant | Denied:
+        return _grant(self._tape.asked())
+
+    def admitted(self, grant: Grant) -> None:
+        """It was seen to when it happened."""
+
+
 PLAYS: dict[str, Callable[[Tape, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
 """By the role in a recording's header."""
+
+
+def _session(asked: Asked) -> int:
+    if not asked.session:
+        raise UntoldError
+    return asked.session
+
+
+def _ticket(asked: Asked) -> str:
+    """A ticket's mark, "" where the server gave none."""
+    if asked.session or asked.grant or asked.ticks:
+        raise UntoldError
+    return asked.ticket
+
+
+def _grant(asked: Asked) -> Grant | Denied:
+    if not asked.grant:
+        raise UntoldError
+    return _granted(asked.grant)
 
 
 def _told(asked: Asked) -> TickCount:

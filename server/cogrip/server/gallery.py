@@ -1,0 +1,64 @@
+"""Observers of a room: they see the object and the hands, and nothing they say reaches either."""
+
+from cogrip.protocol import messages
+from cogrip.protocol.channel import Address
+from cogrip.protocol.messages import VIEWED_SEATS, View
+from cogrip.protocol.session import LOST_NS, Clock
+from cogrip.server.worlds.world import World
+
+VIEWS_HZ = 32  # at most; a picture needs no more
+
+
+class Observer:
+    """One who looks on."""
+
+    def __init__(self, name: str, session: int, nonce: int, address: Address, now_ns: int) -> None:
+        self.name = name
+        self.session = session
+        self.nonce = nonce
+        self.address = address
+        self.last_heard_ns = now_ns
+        self.clock = Clock()
+        self.ticket = ""  # its mark
+        self.token = ""
+
+
+class Gallery:
+    """The observers of one room, by their numbers."""
+
+    def __init__(self, places: int, network_hz: int) -> None:
+        self.places = places
+        self.observers: dict[int, Observer] = {}
+        self._every = max(1, network_hz // VIEWS_HZ)
+
+    @property
+    def full(self) -> bool:
+        return len(self.observers) >= self.places
+
+    def enter(self, session: int, nonce: int, address: Address, now_ns: int) -> int:
+        """Take the first free place; gives its number."""
+        number = next(each for each in range(self.places) if each not in self.observers)
+        self.observers[number] = Observer(f"observer {number + 1}", session, nonce, address, now_ns)
+        return number
+
+    def leave(self, number: int) -> None:
+        del self.observers[number]
+
+    def silent(self, now_ns: int) -> list[int]:
+        return [number for number, each in self.observers.items() if now_ns - each.last_heard_ns > LOST_NS]
+
+    def views(self, step: int, world: World, seated: list[int], now_ns: int) -> list[tuple[Address, bytes]]:
+        """What goes out after `step`; nothing between two views, or where nobody looks on."""
+        if not self.observers or step % self._every:
+            return []
+        seats = tuple(seated[:VIEWED_SEATS])
+        state = tuple(world.position.tolist() + world.velocity.tolist())
+        proxies = tuple([value for number in seats for value in world.proxy(number).tolist()])
+        forces = tuple([value for number in seats for value in world.force[number].tolist()])
+        return [
+            (
+                each.address,
+                messages.encode(View(each.session, step, state, seats, proxies, forces, each.clock.stamp(now_ns))),
+            )
+            for each in self.observers.values()
+        ]

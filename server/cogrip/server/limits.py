@@ -1,0 +1,153 @@
+"""What a seat may bring in, whoever sits there: a hostile player can be unpleasant, never dangerous.
+
+    waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed
+    power     into the object on average over BURST_S; the device's own F V, or what the settings say
+    states    (virtual coupling) speed V, and no farther in one frame than V lets a hand go
+
+A wave that is taken down keeps its direction and loses energy, so everything stays passive.
+"""
+
+from math import inf, sqrt
+
+import msgspec
+
+from cogrip.protocol.messages import NO_BOUND, Hello, State
+from cogrip.protocol.settings import Settings
+
+BURST_S = 0.25  # of the power a seat may bring in at once
+
+Row = tuple[float, ...]
+
+
+class Record(msgspec.Struct, frozen=True):
+    """What a hello claims of its device."""
+
+    device: str
+    axes: int
+    rate_hz: float
+    force_n: float
+    speed_mps: float
+
+
+class SeatLimits(msgspec.Struct, frozen=True):
+    """Bounds of one seat; inf where there is none."""
+
+    force_n: float = inf
+    speed_mps: float = inf
+    power_w: float = inf
+
+
+def record_of(hello: Hello) -> Record:
+    return Record(
+        hello.device, hello.device_axes, hello.device_rate_hz, hello.device_force_n, hello.device_speed_mps
+    )  # fmt: skip
+
+
+def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
+    """Of seat `number` for whoever comes with this device record."""
+    force = record.force_n if record.force_n < NO_BOUND else inf
+    speed = record.speed_mps if record.speed_mps < NO_BOUND else inf
+    asked = settings.users[number].power_w
+    power = settings.admission.power_w if asked is None else asked
+    return SeatLimits(force, speed, power or force * speed)
+
+
+def misclaimed(record: Record, settings: Settings, number: int) -> str:
+    """Why this record cannot be taken at seat `number`, "" if it can."""
+    admission, user = settings.admission, settings.users[number]
+    if record.force_n < NO_BOUND and record.force_n > admission.force_n:
+        return (
+            f"{record.device} claims {record.force_n:g} N, more than admission.force_n = {admission.force_n:g}: "
+            "use a weaker device, or ask for a higher limit"
+        )
+    if record.speed_mps < NO_BOUND and record.speed_mps > admission.speed_mps:
+        return (
+            f"{record.device} claims {record.speed_mps:g} m/s, more than admission.speed_mps = {admission.speed_mps:g}: "
+            "use a slower device, or ask for a higher limit"
+        )
+    listed, claimed = kind_of_device(user.device), kind_of_device(record.device)
+    if admission.devices == "listed" and claimed != listed:
+        return f"the seat of {user.name!r} is for {listed}, and {claimed} is claimed: join with the listed device"
+    return ""
+
+
+def kind_of_device(address: str) -> str:
+    """A device address without its keys."""
+    return address.partition("?")[0].partition("#")[0]
+
+
+class WaveLimiter:
+    """`limit` a forward wave before the step, `book` it with the wave that went back after it. Waves [sqrt(W)], shape (axes,).
+
+    The bucket: no step may take in more than the last returned wave held and what the bucket holds, so that the energy that
+    came in up to any time is at most power * (time + BURST_S) and one returned wave. A hand that holds still under any
+    force returns what it brings and is never touched.
+    """
+
+    def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits) -> None:
+        b = impedance_nspm
+        largest = (b * limits.speed_mps + limits.force_n) / sqrt(2.0 * b)
+        self._largest_square = largest * largest
+        self._half_frame_s = 0.5 * frame_s
+        self._refill_j = limits.power_w * frame_s
+        self._burst_j = limits.power_w * BURST_S
+        self._level_j = self._burst_j
+        self._brought = 0.0  # |u|^2 of this step
+        self._returned = 0.0  # |v|^2 of the last step
+        self.taken_j = 0.0  # energy of the waves that was taken off
+        self.counts: dict[str, int] = {}
+
+    def limit(self, wave: Row) -> Row:
+        square = 0.0
+        for value in wave:
+            square += value * value
+        allowed, name = self._largest_square, "wave clipped"
+        if self._level_j < inf:
+            powered = self._returned + max(0.0, self._level_j) / self._half_frame_s
+            if powered < allowed:
+                allowed, name = powered, "power limited"
+        if square > allowed:
+            self.counts[name] = self.counts.get(name, 0) + 1
+            share = sqrt(allowed / square)
+            wave = tuple([share * value for value in wave])
+            self.taken_j += (square - allowed) * self._half_frame_s
+            square = allowed
+        self._brought = square
+        return wave
+
+    def book(self, returned: Row) -> None:
+        square = 0.0
+        for value in returned:
+            square += value * value
+        if self._level_j < inf:
+            level = self._level_j + self._refill_j - (self._brought - square) * self._half_frame_s
+            self._level_j = min(self._burst_j, level)
+        self._returned = square
+
+
+class StateLimiter:
+    """Judges the states of a virtually coupled hand: False for one that no hand with this record can be in."""
+
+    def __init__(self, frame_s: float, limits: SeatLimits) -> None:
+        self._frame_s = frame_s
+        self._speed_mps = limits.speed_mps
+        self._last: State | None = None
+        self.counts: dict[str, int] = {}
+
+    def fits(self, state: State) -> bool:
+        """States that come late are not judged by where they stand: they are not applied."""
+        if self._speed_mps == inf:
+            return True
+        last, speed = self._last, self._speed_mps
+        square = sum([value * value for value in state.velocity_mps])
+        moved = 0.0
+        reach = inf
+        if last is not None and state.number > last.number:
+            moved = sum([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
+            reach = speed * self._frame_s * (state.number - last.number)
+        if square > speed * speed or moved > reach * reach:
+            self.counts["state out of bounds"] = self.counts.get("state out of bounds", 0) + 1
+            return False
+        if last is None or state.number > last.number:
+            self._last = state
+        return True
