@@ -1,0 +1,334 @@
+"""Tickets, observers, being shown out, and a server that goes on from a checkpoint: the core, message by message."""
+
+from itertools import count
+
+import msgspec
+import pytest
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
+from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.settings import Settings
+from cogrip.server.admission import Denied, Grant
+from cogrip.server.checkpoint import CheckpointError, decode, encode
+from cogrip.server.core import ServerCore
+from cogrip.server.room import RESERVED_NS
+
+from tests.server.test_server_core import Desk, hello, room, waves
+
+
+class Door:
+    """Answers by the token's first letter; remembers what was used."""
+
+    def __init__(self) -> None:
+        self.used: list[str] = []
+
+    def admit(self, hello: Hello) -> Grant | Denied:
+        made = {
+            "p": Grant("player", "aaaaaaaa"),
+            "o": Grant("observer", "bbbbbbbb"),
+            "b": Grant("player", "cccccccc", user="ben"),
+            "d": Grant("player", "dddddddd", device="hid:"),
+            "r": Grant("player", "eeeeeeee", room="hall"),
+        }
+        return made.get(hello.token[:1], Denied("token", "this token is not known; ask for a new link"))
+
+    def admitted(self, grant: Grant) -> None:
+        self.used.append(grant.token)
+
+
+class Guarded(Desk):
+    def __init__(self, *rooms: Settings) -> None:
+        sessions, tickets = count(100), count(1)
+        self.door = Door()
+        self.core = ServerCore(
+            rooms or (room(),), "test", lambda: next(sessions), self.door, lambda: f"ticket-{next(tickets)}",
+            lambda ticket: f"mark of {ticket}",
+        )  # fmt: skip
+        self.now_ns = 1_000_000_000
+
+    def welcome(self, address: str, **changed: object) -> Welcome:
+        answer = self.hello(address, **{"token": "p", **changed})  # type: ignore[arg-type]
+        assert isinstance(answer, Welcome), answer
+        return answer
+
+    def again(self, address: str, ticket: str, **changed: object) -> messages.AnyMessage:
+        made = msgspec.structs.replace(hello(**changed), ticket=ticket)
+        (answer,) = self.say(messages.padded(made), address)
+        return answer
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "words"),
+    [
+        ({"token": ""}, "token", "not known"),
+        ({"token": "x"}, "token", "not known"),
+        ({"token": "b", "name": "anna"}, "name", "for the seat of 'ben', not of 'anna'"),
+        ({"token": "d"}, "device", "this token is for hid:, and sim:ideal is claimed"),
+        ({"token": "r"}, "room", "no room 'hall'"),
+        ({"token": "r", "room": "lab"}, "room", "for room 'hall', not 'lab'"),
+    ],
+)
+def test_who_has_no_right_is_refused_in_words(changed: dict[str, object], code: str, words: str) -> None:
+    desk = Guarded()
+    refuse = desk.refused("x", **changed)
+    assert refuse.code == code
+    assert words in refuse.reason
+    assert desk.core.events[-1].code == code
+    assert not desk.door.used
+    assert not desk.core.knows("x")
+
+
+def test_a_token_is_used_when_a_seat_is_given_and_only_then() -> None:
+    desk = Guarded(room(people=("anna",)))
+    desk.welcome("x")
+    assert desk.door.used == ["aaaaaaaa"]
+    desk.hello("x", token="p")  # the welcome was lost
+    assert desk.refused("y", token="p", nonce=2).code == "full"
+    assert desk.door.used == ["aaaaaaaa"]
+
+
+def test_a_token_for_one_seat_gives_that_seat() -> None:
+    desk = Guarded()
+    assert desk.welcome("x", token="b").settings.user == "ben"
+    assert desk.refused("y", token="b", nonce=2).code == "taken"
+
+
+def test_a_seat_goes_on_from_another_address_with_the_same_session() -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    desk.say(waves(first.session, 0, 0.1), "x")
+    desk.tick()
+    port = desk.core.rooms[0].seats[0].port
+    desk.core.outbox.clear()
+    again = desk.again("y", first.ticket, nonce=1)
+    assert isinstance(again, Welcome)
+    assert (again.session, again.ticket, again.settings) == (first.session, first.ticket, first.settings)
+    assert desk.core.rooms[0].seats[0].port is port  # the line goes on
+    assert desk.core.knows("y")
+    assert not desk.core.knows("x")
+    desk.core.receive(waves(first.session, 1, 0.1), "x", desk.now_ns)
+    assert desk.core.dropped["not seated"] == 1
+    desk.tick()
+    assert desk.heard("y")
+    assert not desk.heard("x")
+
+
+def test_who_was_silent_too_long_sits_down_again_with_a_new_line() -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    desk.say(waves(first.session, 0, 0.1), "x")
+    desk.now_ns += LOST_NS
+    desk.tick()
+    assert not desk.core.knows("x")
+    again = desk.again("x", first.ticket)
+    assert isinstance(again, Welcome)
+    assert again.session != first.session
+    assert again.ticket == first.ticket
+    assert desk.core.rooms[0].seats[0].port.origin is None  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("how", ["leave", "kick", "stop", "revoke"])
+def test_a_ticket_is_void_after_the_end(how: str) -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    ends = {
+        "leave": lambda: desk.say(messages.encode(Leave(first.session, "bored")), "x"),
+        "kick": lambda: desk.core.kick("anna"),
+        "stop": lambda: desk.core.stop("over"),
+        "revoke": lambda: desk.core.revoke(["aaaaaaaa"]),
+    }
+    ends[how]()
+    (farewell,) = [each for each in [*desk.heard("x"), Farewell(1, "goodbye")] if isinstance(each, Farewell)][:1]
+    assert farewell
+    assert isinstance(desk.again("y", first.ticket, token="x"), Refuse)
+
+
+def test_a_void_ticket_is_no_bar_to_a_good_token() -> None:
+    desk = Guarded()
+    assert isinstance(desk.again("x", "ticket-77", token="p"), Welcome)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"device": "sim:phantom"}, {"force_n": 9.0}, {"speed_mps": 9.0}, {"axes": 2}, {"rate_hz": 2e3}]
+)
+def test_a_ticket_does_not_open_a_seat_for_another_device_record(changed: dict[str, object]) -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    answer = desk.again("y", first.ticket, **changed)
+    assert isinstance(answer, Refuse)
+    assert answer.code == "device"
+    assert desk.core.knows("x")
+
+
+def test_kicked_by_name_and_room_with_the_reason_on_both_sides() -> None:
+    desk = Guarded(room("lab"), room("hall"))
+    here, there = desk.welcome("x", room="lab"), desk.welcome("y", room="hall", nonce=2)
+    assert desk.core.kick("zoe") == 0
+    assert desk.core.kick("anna", "hall", "too wild") == 1
+    (farewell,) = desk.heard("y")
+    assert isinstance(farewell, Farewell)
+    assert farewell.session == there.session
+    assert farewell.reason == "shown out by the server's keeper: too wild"
+    assert [each.text for each in desk.core.events if each.event == "kicked"] == [
+        "hall: anna was shown out: shown out by the server's keeper: too wild"
+    ]
+    assert desk.core.knows("x")
+    assert here.session == desk.core.rooms[0].seats[0].session
+
+
+def test_a_revoked_token_ends_what_was_taken_with_it() -> None:
+    desk = Guarded()
+    desk.welcome("x")
+    desk.welcome("y", token="b", nonce=2)
+    desk.welcome("z", token="o", nonce=3)
+    assert desk.core.revoke(["cccccccc", "bbbbbbbb", "ffffffff"]) == 2
+    assert [desk.core.knows(each) for each in "xyz"] == [True, False, False]
+    assert desk.core.revoke([""]) == 0
+
+
+def test_an_observer_sees_the_object_and_who_holds_it() -> None:
+    desk = Guarded()
+    player = desk.welcome("x")
+    seen = desk.welcome("o", token="o", nonce=2)
+    assert seen.role == "observer"
+    assert seen.settings.user == "observer 1"
+    views = []
+    for number in range(8):
+        desk.say(waves(player.session, number, 0.5), "x")
+        views += desk.say(messages.encode(Heartbeat(seen.session, Stamp(desk.now_ns))), "o")
+        desk.tick()
+    views += desk.heard("o")
+    assert all(isinstance(each, View) for each in views)
+    assert len(views) == 2  # every fourth step at 128 Hz
+    assert views[-1].seats == (0,)
+    assert views[-1].object[0] == desk.core.rooms[0].world.position[0]
+    assert views[-1].proxies_m == tuple(desk.core.rooms[0].world.proxy(0).tolist())
+
+
+def test_a_player_may_look_on_where_it_asks_to() -> None:
+    desk = Guarded()
+    assert desk.welcome("x", role="observer").role == "observer"
+    assert not any(seat.port for seat in desk.core.rooms[0].seats)
+
+
+def test_an_observer_that_sends_waves_is_shown_out_and_nothing_moves() -> None:
+    desk = Guarded()
+    player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
+    desk.say(waves(player.session, 0, 0.0), "x")
+    desk.tick()
+    desk.core.outbox.clear()
+    (farewell,) = desk.say(waves(seen.session, 0, 5.0), "o")
+    assert isinstance(farewell, Farewell)
+    assert "an observer may not send waves" in farewell.reason
+    assert desk.core.dropped["observer's waves"] == 1
+    assert desk.core.events[-1].event == "kicked"
+    desk.tick()
+    assert desk.core.rooms[0].world.position[0] == 0.0
+    assert isinstance(desk.again("o", seen.ticket, token="x"), Refuse)
+
+
+def test_places_for_observers_are_counted_per_room() -> None:
+    desk = Guarded(room(admission={"observers": 1}))
+    first = desk.welcome("o", token="o")
+    refuse = desk.refused("p", token="o", nonce=2)
+    assert refuse.code == "full"
+    assert "all 1 places for observers" in refuse.reason
+    desk.say(messages.encode(Leave(first.session, "seen enough")), "o")
+    desk.welcome("p", token="o", nonce=2)
+    desk.now_ns += LOST_NS
+    desk.tick()
+    assert not desk.core.knows("p")
+    assert isinstance(desk.again("q", "ticket-1", token="o"), Welcome)
+
+
+def test_an_observer_goes_on_from_another_address() -> None:
+    desk = Guarded()
+    first = desk.welcome("o", token="o")
+    again = desk.again("p", first.ticket)
+    assert isinstance(again, Welcome)
+    assert (again.session, again.role) == (first.session, "observer")
+    assert desk.core.knows("p")
+    assert not desk.core.knows("o")
+
+
+def moved() -> tuple[Guarded, Welcome]:
+    desk = Guarded()
+    player = desk.welcome("x", name="anna")
+    for number in range(40):
+        desk.say(waves(player.session, number, 0.4), "x")
+        desk.tick()
+    assert desk.core.rooms[0].world.position[0] > 1e-3
+    return desk, player
+
+
+def test_a_server_goes_on_where_another_ended() -> None:
+    before, player = moved()
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core.restore(decode(encode(checkpoint)), after.now_ns)
+    here, there = after.core.rooms[0], before.core.rooms[0]
+    assert here.world.position.tolist() == there.world.position.tolist()
+    assert not here.world.velocity.any()
+    assert (here.steps, here.travel_m) == (there.steps, there.travel_m)
+    assert after.core.events[-1].event == "restored"
+    # kept for whoever had it: another gets the next seat, and none by that name
+    assert after.refused("s", name="anna", nonce=9, token="p").code == "taken"
+    again = after.again("x", player.ticket)
+    assert isinstance(again, Welcome)
+    assert again.settings.user == "anna"
+    after.say(waves(again.session, 0, 0.0), "x")
+    after.tick()
+    assert here.world.force.tolist() == [[0.0], [0.0]]  # no spring, no kick
+    assert here.world.position.tolist() == there.world.position.tolist()
+
+
+def test_a_seat_is_kept_for_so_long_and_no_longer() -> None:
+    before, player = moved()
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core._new_ticket = lambda: "ticket-of-another-server"  # the two servers' own tickets differ
+    after.core.restore(checkpoint, after.now_ns)
+    after.now_ns += RESERVED_NS - 1
+    assert after.refused("s", name="anna", token="p").code == "taken"
+    after.now_ns += 1
+    assert after.welcome("s", name="anna").settings.user == "anna"
+    assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (room("hall"), "it is of room 'lab'"),
+        (room(people=("anna", "carl")), "other settings"),
+        (room(object={"axes": 2}), "other settings"),
+    ],
+)
+def test_a_checkpoint_of_something_else_changes_nothing(other: Settings, words: str) -> None:
+    before, _ = moved()
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded(other)
+    with pytest.raises(CheckpointError, match=words):
+        after.core.restore(checkpoint, 0)
+    assert not after.core.rooms[0].world.position.any()
+    assert not any(seat.ticket for seat in after.core.rooms[0].seats)
+
+
+@pytest.mark.parametrize("data", [b"", b"{}", b"[1]", b"\xff", b'{"version": 2, "room": "lab"}'])
+def test_what_is_no_checkpoint_is_refused(data: bytes) -> None:
+    with pytest.raises(CheckpointError):
+        decode(data)
+
+
+def test_a_checkpoint_of_a_later_version_is_refused() -> None:
+    before, _ = moved()
+    (checkpoint,) = before.core.checkpoint()
+    with pytest.raises(CheckpointError, match="version 2, this is 1"):
+        decode(encode(msgspec.structs.replace(checkpoint, version=2)))
+
+
+def test_secrets_are_in_no_checkpoint() -> None:
+    before, player = moved()
+    data = encode(before.core.checkpoint()[0])
+    assert b"mark of" in data
+    assert player.ticket.encode() not in data.replace(b"mark of " + player.ticket.encode(), b"")

@@ -1,0 +1,139 @@
+"""What a seat may bring in: never more than a device with its record could, whatever its player sends."""
+
+from math import hypot, inf, sqrt
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.messages import NO_BOUND, Stamp, State
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.server.limits import (
+    BURST_S,
+    Record,
+    SeatLimits,
+    StateLimiter,
+    WaveLimiter,
+    limits_of,
+    misclaimed,
+)
+
+FRAME_S = 1 / 128
+PHANTOM = Record("sim:phantom?hand=reach", 3, 1024.0, 8.5, 2.0)
+wave = st.floats(-50.0, 50.0)
+
+
+def settings(**admission: object) -> Settings:
+    return resolve(
+        {"users": [{"name": "anna", "device": "sim:phantom"}, {"name": "ben", "power_w": 3.0}], "admission": admission}
+    )
+
+
+def limiter(b: float = 20.0, **limits: float) -> WaveLimiter:
+    return WaveLimiter(b, FRAME_S, SeatLimits(**limits))
+
+
+def test_the_largest_wave_of_a_device_passes_and_nothing_beyond() -> None:
+    """(b V + F) / sqrt(2b): the velocity limit and the peak force at once."""
+    bound = limiter(force_n=8.5, speed_mps=2.0)
+    largest = (20.0 * 2.0 + 8.5) / sqrt(40.0)
+    assert bound.limit((largest * (1.0 - 1e-12),)) == (largest * (1.0 - 1e-12),)
+    assert not bound.counts
+    (clipped,) = bound.limit((-largest * 1.01,))
+    assert clipped == pytest.approx(-largest, rel=1e-12)
+    assert bound.counts == {"wave clipped": 1}
+    assert bound.taken_j == pytest.approx((1.01**2 - 1.0) * largest**2 * FRAME_S / 2)
+
+
+@given(st.lists(st.tuples(wave, wave, wave), min_size=1, max_size=30))
+def test_a_clipped_wave_keeps_its_direction_and_never_grows(waves: list[tuple[float, ...]]) -> None:
+    bound = limiter(force_n=3.0, speed_mps=0.5)
+    largest = (20.0 * 0.5 + 3.0) / sqrt(40.0)
+    for sent in waves:
+        out = bound.limit(sent)
+        assert hypot(*out) <= min(hypot(*sent), largest) * (1 + 1e-12)
+        for a, b in zip(out, sent, strict=True):
+            assert a * hypot(*sent) == pytest.approx(b * hypot(*out), abs=1e-9)
+        bound.book((0.0, 0.0, 0.0))
+
+
+@given(st.lists(st.tuples(wave, st.floats(0.0, 1.0)), min_size=1, max_size=200), st.floats(0.1, 50.0))
+def test_no_player_brings_in_more_power_than_the_limit(steps: list[tuple[float, float]], power_w: float) -> None:
+    """Against any player and any world that gives back a part of what comes: power * (time + BURST_S) and one returned wave."""
+    bound = limiter(power_w=power_w)
+    brought_j = largest_j = 0.0
+    for number, (sent, share) in enumerate(steps, start=1):
+        (u,) = bound.limit((sent,))
+        v = share * u
+        bound.book((v,))
+        brought_j += (u * u - v * v) * FRAME_S / 2
+        assert brought_j <= power_w * (number * FRAME_S + BURST_S) + largest_j + 1e-9
+        largest_j = max(largest_j, v * v * FRAME_S / 2)
+
+
+@given(st.floats(0.0, 100.0), st.floats(0.01, 5.0))
+def test_a_hand_that_holds_still_is_never_limited(force_n: float, power_w: float) -> None:
+    """At rest u = F / sqrt(2b) comes and v = -u goes, whatever the force."""
+    bound = limiter(power_w=power_w)
+    u = force_n / sqrt(40.0)
+    level = 0.0
+    for _ in range(300):  # pressed up slowly, as a hand would, then held
+        level = min(u, level + u / 150)
+        bound.book((-level,))
+        bound.limit((level,))
+    bound.book((-u,))
+    before = dict(bound.counts)
+    for _ in range(100):
+        assert bound.limit((u,)) == (u,)
+        bound.book((-u,))
+    assert bound.counts == before
+
+
+def test_without_bounds_nothing_is_touched() -> None:
+    bound = limiter()
+    for value in (0.0, 1e4, -1e4):
+        assert bound.limit((value,)) == (value,)
+        bound.book((0.0,))
+    assert not bound.counts
+    assert bound.taken_j == 0.0
+
+
+def test_limits_come_from_the_record_and_the_settings() -> None:
+    assert limits_of(PHANTOM, settings(), 0) == SeatLimits(8.5, 2.0, 17.0)
+    assert limits_of(PHANTOM, settings(power_w=5.0), 0) == SeatLimits(8.5, 2.0, 5.0)
+    assert limits_of(PHANTOM, settings(power_w=5.0), 1) == SeatLimits(8.5, 2.0, 3.0)
+    ideal = Record("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND)
+    assert limits_of(ideal, settings(), 0) == SeatLimits(inf, inf, inf)
+    assert limits_of(ideal, settings(), 1).power_w == 3.0
+
+
+@pytest.mark.parametrize(
+    ("admission", "record", "words"),
+    [
+        ({"force_n": 8.5}, PHANTOM, ""),
+        ({"force_n": 8.4}, PHANTOM, "claims 8.5 N, more than admission.force_n = 8.4"),
+        ({"speed_mps": 1.9}, PHANTOM, "claims 2 m/s, more than admission.speed_mps = 1.9"),
+        ({"force_n": 1.0, "speed_mps": 0.1}, Record("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND), ""),
+        ({"devices": "listed"}, PHANTOM, ""),
+        ({"devices": "listed"}, Record("hid:woodenhaptics", 3, 1e3, 8.5, 2.0), "the seat of 'anna' is for sim:phantom"),
+    ],
+)
+def test_a_claim_is_judged_by_the_settings(admission: dict[str, object], record: Record, words: str) -> None:
+    said = misclaimed(record, settings(**admission), 0)
+    assert (words in said) if words else not said
+
+
+def state(number: int, place: float, speed: float = 0.0) -> State:
+    return State(1, number, (place,), (speed,), 0.0, 0, Stamp(1))
+
+
+def test_states_of_a_coupled_hand_are_judged_by_its_speed() -> None:
+    bound = StateLimiter(FRAME_S, SeatLimits(speed_mps=1.28))  # 10 mm a frame
+    assert bound.fits(state(0, 0.3, 1.28))
+    assert bound.fits(state(1, 0.3099))
+    assert not bound.fits(state(2, 0.32001 + 1e-9))
+    assert bound.fits(state(3, 0.3298))  # two frames after the last that was believed
+    assert not bound.fits(state(4, 0.3298, -1.281))
+    assert bound.fits(state(2, 9.0))  # too late to be applied, so not judged by its place
+    assert bound.counts == {"state out of bounds": 2}
+    assert StateLimiter(FRAME_S, SeatLimits()).fits(state(0, 1e3, 1e4))
