@@ -1,6 +1,7 @@
 """A recorded server called as the live loop calls it, and people of all kinds who talk to it."""
 
 import math
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import count
@@ -10,10 +11,11 @@ import msgspec
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line import LineSender
-from cogrip.protocol.messages import Leave, Stamp, Welcome
+from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Command
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.server.admission import Denied, Grant
 from cogrip.server.recorded import COMMAND, KINDS, RecordedServer, server_topics
 
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
@@ -21,11 +23,25 @@ from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_forme
 FRAME_NS = 1_000_000_000 // 128
 STEP = len(KINDS)
 ADDRESSES = [("127.0.0.1", 4001), ("127.0.0.1", 4002), ("::1", 4003, 0, 0), "person 3", ("10.0.0.7", 65535)]
+TICKET = "secret-of-a-seat-"
+TOKEN = "secret-of-a-room-1234"
 Word = tuple[int, str, int, float]  # who, what, which of that kind, how large
 
 
 def a_room(name: str = "lab", people: str = "ab", **tables: object) -> Settings:
     return resolve({"name": name, "users": [{"name": person} for person in people], **tables})
+
+
+class Door:
+    """Lets a token in as what its first letter says; none as well."""
+
+    def admit(self, hello: Hello) -> Grant | Denied:
+        if hello.token.startswith("w"):
+            return Denied("token", "this token is not known")
+        return Grant("observer" if hello.token.startswith("o") else "player", hello.token[:1])
+
+    def admitted(self, grant: Grant) -> None:
+        """Nothing is used up."""
 
 
 class Server(RecordedEnd):
@@ -35,7 +51,11 @@ class Server(RecordedEnd):
     def __init__(self, *rooms: Settings) -> None:
         self.rooms = rooms or (a_room(),)
         sessions, asked = count(2**63 - 1000), count(1)
-        core = RecordedServer(self.rooms, "test", lambda: next(sessions))
+        tickets = count(1)
+        core = RecordedServer(
+            self.rooms, "test", lambda: next(sessions), Door(), lambda: f"{TICKET}{next(tickets):05}",
+            lambda ticket: f"mark{zlib.crc32(ticket.encode()):08x}",
+        )  # fmt: skip
         super().__init__(core, server_topics([room.name for room in self.rooms]))
         for room in self.core.rooms:  # the pacer of a live loop tells more every time
             self.core.count_ticks(room, lambda: TickCount(due=(number := next(asked)), run=number))
@@ -43,6 +63,7 @@ class Server(RecordedEnd):
         self.lines = [LineSender(self.rooms[0].object.axes, 4) for _ in ADDRESSES]
         self.session = [1 for _ in ADDRESSES]
         self.said: list[bytes] = [b""]
+        self.tickets = [""]
 
     def ticks_in(self, noted: Sequence[Put]) -> int:
         """Steps that were noted one by one, and those of rooms at rest."""
@@ -54,7 +75,9 @@ class Server(RecordedEnd):
             "software": "test", "nonce": who + 1, "room": "", "name": "", "digest": "", "device": "sim:ideal", "axes": 3,
             "rate_hz": 1024.0,
         }  # fmt: skip
-        return messages.padded(make_hello(**{**given, **changed}))  # type: ignore[arg-type]
+        ticket = str(changed.pop("ticket", ""))
+        made = make_hello(**{**given, **changed})  # type: ignore[arg-type]
+        return messages.padded(msgspec.structs.replace(made, ticket=ticket))
 
     def frame(self, who: int, value: float) -> bytes:
         """The next frame of this person's line up."""
@@ -90,15 +113,24 @@ class Server(RecordedEnd):
             "too slow": lambda: self.hello(who, rate_hz=100.0),
             "newer": lambda: self.hello(who).replace(b"cogrip\x02", b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
+            "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
+            "looks on": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
+            "comes back": lambda: self.hello(who, ticket=self.tickets[-1 - number % len(self.tickets)]),
+            "comes back with another device": lambda: self.hello(
+                who, ticket=self.tickets[-1 - number % len(self.tickets)], device="sim:phantom"
+            ),
         }
 
     def hear(self, *words: Word) -> None:
         for word in words:
             self.core.receive(self.word(*word), ADDRESSES[word[0]], self.now_ns)
         for address, datagram in self.core.outbox:
+            if address is None:  # its seal is another's now
+                continue
             with suppress(messages.MalformedError):  # of a room that went wild
                 answer = messages.decode(datagram)
                 if isinstance(answer, Welcome):
+                    self.tickets.append(answer.ticket)
                     self._welcomed(ADDRESSES.index(address), answer.session)  # type: ignore[arg-type]
         self.core.outbox.clear()
 
@@ -137,6 +169,16 @@ def scripted() -> Server:
     server.tick(1, later_ns=LOST_NS + 1)
     server.hear((4, "hello by name", 0, 0.0))
     server.run(10, (1, 4))
+    server.hear((2, "by token", 1, 0.0), (3, "by token", 2, 0.0))
+    server.run(8, (1, 4))
+    server.core.disown(ADDRESSES[1])
+    server.tick(0)
+    server.hear((3, "comes back with another device", 1, 0.0), (3, "comes back", 1, 0.0))
+    server.run(6, (3, 4))
+    server.core.kick("b", "lab", "too wild")
+    server.hear((0, "looks on", 0, 0.0), (2, "next", 0, 0.1))
+    server.core.revoke(["p", "q"])
+    server.tick(0)
     server.core.stop("the time is over")
     server.hear((4, "leave", 0, 0.0))
     server.core.close_books()

@@ -171,7 +171,7 @@ def test_kicked_by_name_and_room_with_the_reason_on_both_sides() -> None:
     assert farewell.session == there.session
     assert farewell.reason == "shown out by the server's keeper: too wild"
     assert [each.text for each in desk.core.events if each.event == "kicked"] == [
-        "hall: anna was shown out: shown out by the server's keeper: too wild"
+        "hall: anna was shown out by the server's keeper: too wild"
     ]
     assert desk.core.knows("x")
     assert here.session == desk.core.rooms[0].seats[0].session

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.records import Command
+from cogrip.protocol.recording.records import Command, Datagram
 from cogrip.protocol.session import LOST_NS
 from cogrip.server.recorded import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, RecordedServer, start_of
 
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
-from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, Server, a_room
+from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKET, TOKEN, Server, a_room
 
 HELLOS = ("hello", "hello", "another hello", "hello by name", "hello to a room")
 REFUSED = ("other settings", "too few axes", "too slow", "newer", "short hello")
@@ -113,9 +113,39 @@ def test_a_scripted_session_has_everything() -> None:
         DATAGRAM_IN, DATAGRAM_OUT, COMMAND, ASKED, EVENT, ACCOUNT, STEP, STEP + 1,
     }  # fmt: skip
     events = " ".join(json.loads(payload)["text"] for topic, _, payload in SCRIPT.noted if topic == EVENT)
-    for words in ("joined from", "[full]", "[version]", "left: bored", "silent for too long"):
-        assert words in events
+    for words in (
+        "joined from", "[full]", "[version]", "left: bored", "silent for too long", "looks on from", "[token]", "[device]",
+        "goes on from", "shown out by the server's keeper: too wild", "an observer may not send waves", "token was revoked",
+    ):  # fmt: skip
+        assert words in events, words
     assert SCRIPT.core.dropped["malformed"] >= 1
+
+
+def test_no_secret_stands_in_a_recording() -> None:
+    """Tickets are there by their marks, tokens by the ids of their grants."""
+    noted = b" ".join(payload for *_, payload in SCRIPT.noted)
+    datagrams = b" ".join(
+        msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data
+        for at in SCRIPT.places("datagram_in", "datagram_out")
+    )
+    for secret in (TICKET.encode(), TOKEN.encode()):
+        assert secret not in noted
+        assert secret not in datagrams
+    assert b"mark" in datagrams
+
+
+def test_a_restored_server_plays_again() -> None:
+    before = Server()
+    before.hear((0, "hello", 0, 0.0))
+    before.run(40, (0,))
+    after = Server()
+    after.core.restore(before.core.rooms[0].checkpoint(), after.now_ns)
+    after.tickets = before.tickets
+    after.hear((0, "comes back", 0, 0.0), (1, "hello", 0, 0.0))
+    assert after.core.rooms[0].seats[0].state == "seated"
+    after.run(40)
+    after.core.close_books()
+    after.exact()
 
 
 def test_a_core_starts_from_what_the_header_says() -> None:

@@ -163,7 +163,7 @@ class ServerCore:
     def revoke(self, tokens: Iterable[str]) -> int:
         """End whatever was taken with one of these tokens (public ids). Returns how many there were."""
         gone = set(tokens)
-        return self._end(lambda here, who: bool(who.token) and who.token in gone, "the token was revoked")
+        return self._end(lambda here, who: bool(who.token) and who.token in gone, "shown out: the token was revoked")
 
     def _end(self, chosen: "Callable[[Room, Seat | Observer], bool]", reason: str) -> int:
         count = 0
@@ -172,13 +172,13 @@ class ServerCore:
                 if seat.state == "seated" and chosen(room, seat):
                     count += 1
                     self._end_seat(room, number, "kick", reason)
-                    self._tell("kicked", room, seat, f"was shown out: {reason}")
+                    self._tell("kicked", room, seat, f"was {reason}")
                 elif seat.state == "free" and seat.ticket and chosen(room, seat):
                     seat.ticket, seat.reserved_until_ns = "", None
             for number, observer in list(room.gallery.observers.items()):
                 if chosen(room, observer):
                     count += 1
-                    self._show_out(room, number, reason, "kicked", f"was shown out: {reason}")
+                    self._show_out(room, number, reason, "kicked", f"was {reason}")
         return count
 
     def _end_seat(self, room: Room, number: int, event: str, reason: str) -> None:
@@ -188,6 +188,15 @@ class ServerCore:
             self._tickets.pop(seat.session, None)
             farewell = Farewell(seat.session, messages.clipped(reason), account, room.account())
             self.outbox.append((seat.address, messages.encode(farewell)))
+
+    def disown(self, address: Address) -> None:
+        """Somebody else speaks from this address now (a new seal): who sat here keeps the seat, and has to come back to it."""
+        place = self._seated.pop(address, None)
+        if place is not None:
+            place[0].seats[place[1]].address = None
+        looked = self._observing.pop(address, None)
+        if looked is not None:
+            looked[0].gallery.observers[looked[1]].address = None
 
     @property
     def awaits_accounts(self) -> bool:

@@ -140,6 +140,11 @@ class RecordedServer(ServerCore):
         self._put(COMMAND, Command("revoke", json.dumps(gone)))
         return super().revoke(gone)
 
+    def disown(self, address: Address) -> None:
+        self.note_rest()
+        self._put(COMMAND, Command("disown", address_text(address)))
+        super().disown(address)
+
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
         self._now_ns = now_ns
         self._put(COMMAND, Command("restore", encode_checkpoint(checkpoint).decode()))

@@ -164,6 +164,7 @@ class ServerPlay:
             "kick": lambda: core.kick(*_kick(words)),
             "revoke": lambda: core.revoke(_names(words)),
             "restore": lambda: core.restore(decode_checkpoint(words.encode()), now_ns),
+            "disown": lambda: core.disown(address_of(words)),
             "close_books": core.close_books,
         }.get(command.verb)
         if act is None:
