@@ -1,34 +1,66 @@
 """`cogrip serve`: the shared object, for whoever joins."""
 
-from collections.abc import Sequence
+import os
+import secrets
+import socket
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.leave_files import leave_files
+from cogrip.cli.log_lines import LogLines
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.settings_file import load
+from cogrip.cli.settings_file import load as load_settings
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.channel import PlainChannel
+from cogrip.protocol.io.certificate import CertificateError, load, secret_of
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_host
 from cogrip.protocol.settings import Settings
-from cogrip.server.loop import LiveServer, ServeError
-from cogrip.sim.analysis.advice import advise
-from cogrip.sim.analysis.linear_session import ModelError
+from cogrip.protocol.version import VERSION
+from cogrip.server.core import ServerCore
+from cogrip.server.gate import Gate
+from cogrip.server.happenings import Happening
+from cogrip.server.io.doorkeeper import TokenDoor
+from cogrip.server.io.keeper import Keeper
+from cogrip.server.io.metrics_feed import MetricsError, open_metrics
+from cogrip.server.io.sealed_channel import SealedListener
+from cogrip.server.io.state_folder import (
+    ServerRecord,
+    StateError,
+    StateFolder,
+    make_folder,
+    one_server,
+    state_path,
+    write_server,
+)
+from cogrip.server.io.token_file import TokenFile
+from cogrip.server.loop import LiveServer, ServeError, ServerChannel
+from cogrip.server.plain_channel import PlainListener
 from cogrip.sim.run_folder import SERVER_RECORDING, write_settings
 from cogrip.sim.summary import of_room
 
-DEFAULT_PORT = 47800
+Say = Callable[[Happening | str], None]
+WILDCARDS = ("0.0.0.0", "::", "")
 
 
 def serve(
     *config: Path,
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
+    seal: bool = False,
+    insecure: bool = False,
+    state: Path | None = None,
+    public: str | None = None,
+    links: bool = True,
+    log: Literal["text", "json"] = "text",
+    metrics: int | None = None,
     overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
@@ -38,14 +70,31 @@ def serve(
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
+    On loopback a session is plain, and whoever is on this machine may join. On any other address it is sealed: people come in
+    by the links that are printed, or that `cogrip token new` makes. SIGHUP reads the tokens again.
+
     Parameters
     ----------
     config
         Settings files, one for each room; a room is called by its `name`.
     host
-        Address to listen on. Anything but loopback is open to whoever can reach it: sessions are not sealed yet.
+        Address to listen on.
     port
         UDP port; 0 takes a free one.
+    seal
+        Seal on loopback as well.
+    insecure
+        Do not seal, whatever the address: anyone who can reach it may join, and may forge what moves a motor.
+    state
+        Folder for key, tokens, checkpoints; one of this user's for each port if not given (with --port 0: none).
+    public
+        HOST or HOST:PORT by which people reach this server, for its links; guessed if not given.
+    links
+        Print a join link for each role and room. They let in whoever reads them: leave them out of a journal.
+    log
+        Lines for people, or one JSON object a line.
+    metrics
+        Port on loopback for /metrics (Prometheus) and /healthz; 0 takes a free one. None if not given.
     overrides
         Override a setting in every file: section.key=value. Repeatable.
     seconds
@@ -59,43 +108,72 @@ def serve(
     record
         Record the session; every replay, report and verification needs it.
     """
-    console = Console(highlight=False, soft_wrap=True)
     rooms = _rooms(config, overrides, port, into)
+    lines = LogLines(log)
+    say = lines.say
+    sealed = not insecure and (seal or not _is_loopback(host))
+    if seal and insecure:
+        raise BadInput("--seal and --insecure exclude each other; leave one out")
     names = [room.name for room in rooms]
     stop = Stop()
-    server = LiveServer(
-        rooms, host, port, stop, lambda happening: console.print(happening.text, markup=False),
-        lambda core: PlainChannel(), seconds=seconds,
-    )  # fmt: skip
-    try:
-        bound = server.listen()
-    except ServeError as error:
-        raise Problem(str(error)) from None
-    folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", console.print)
-    folders: dict[str, Path] = {}
-    if folder is not None:
-        server.record_at = folder / SERVER_RECORDING if record else None
-        folders = {name: folder if len(names) == 1 else folder / name for name in names}
+    with ExitStack() as stack:
+        folder = _state_folder(state, port, sealed, say, stack)
+        door = TokenDoor(TokenFile(folder), say) if sealed and folder else None
+        server = LiveServer(
+            rooms, host, port, stop, say, lambda core: _channel(core, folder if sealed else None), seconds=seconds
+        )
+        if door is not None:
+            server.doorkeeper = door
         try:
+            bound = server.listen()
+        except (ServeError, CertificateError) as error:
+            raise Problem(str(error)) from None
+        run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
+        folders: dict[str, Path] = {}
+        if run_folder is not None:
+            server.record_at = run_folder / SERVER_RECORDING if record else None
+            folders = {name: run_folder if len(names) == 1 else run_folder / name for name in names}
+            _write_settings(rooms, folders, run_folder, say)
+        try:
+            feed = None if metrics is None else open_metrics(metrics, say)
+            keeper = Keeper(server, say, folder=folder, door=door, metrics=feed, software=VERSION)
+        except (MetricsError, StateError) as error:
+            server.close()
+            raise Problem(str(error)) from None
+        with on_signals(stop, hangup="reload"):
+            if not sealed and not ip_address(bound[0]).is_loopback:
+                say(
+                    f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed (--insecure): "
+                    "anyone may join, listen, and forge what moves a motor"
+                )
             for settings in rooms:
-                write_settings(folders[settings.name], settings)
-        except OSError as error:  # the session goes on; whether it can be recorded is said on its own
-            console.print(f"warning: {folder}: {error.strerror}; no settings are left there")
-    with on_signals(stop):
-        if not ip_address(bound[0]).is_loopback:
-            console.print(
-                f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed: anyone may join"
+                _warn(settings, say)
+            if folder is not None:
+                _tell_commands(folder, public, bound, rooms, sealed, links, say)
+            if feed is not None:
+                say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
+            keeper.begin()
+            how = "sealed" if sealed else "plain"
+            say(f"listening on {bound[0]}:{bound[1]}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
+            try:
+                server.run()
+            finally:
+                keeper.end()
+            say(f"stopped: {stop.reason}")
+            return _conclude(
+                server, folders, lines, shown=into is None and log == "text", report=into is None and report
             )
-        for settings in rooms:
-            _warn(settings, console)
-        console.print(f"listening on {bound[0]}:{bound[1]}; rooms: {', '.join(names)}; Ctrl-C ends")
-        server.run()
-        console.print(f"stopped: {stop.reason}")
-        passive = True
-        for room in server.core.rooms:
-            summary = of_room(room, server.elapsed_s, {**server.drops(), **server.losses()})
-            passive = passive and bool(summary["passive"]) and not summary["diverged"]
-            leave_files(folders.get(room.name), summary, console, shown=into is None, report=into is None and report)
+
+
+def _conclude(server: LiveServer, folders: dict[str, Path], lines: LogLines, *, shown: bool, report: bool) -> int:
+    """Leave a summary for each room. Returns the exit code."""
+    console = Console(highlight=False, soft_wrap=True)
+    losses = {**server.drops(), **server.losses(), **({"log line": lines.lost} if lines.lost else {})}
+    passive = True
+    for room in server.core.rooms:
+        summary = of_room(room, server.elapsed_s, losses)
+        passive = passive and bool(summary["passive"]) and not summary["diverged"]
+        leave_files(folders.get(room.name), summary, console, shown=shown, report=report)
     return 0 if passive else 1
 
 
@@ -104,7 +182,7 @@ def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Pa
         raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
     if not 0 <= port <= 65535:
         raise BadInput(f"--port {port} is outside 0 to 65535")
-    rooms = [load(path, overrides) for path in config]
+    rooms = [load_settings(path, overrides) for path in config]
     names = [room.name for room in rooms]
     for name in names:
         if names.count(name) > 1:
@@ -114,11 +192,106 @@ def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Pa
     return rooms
 
 
-def _warn(settings: Settings, console: Console) -> None:
+def _is_loopback(host: str) -> bool:
+    """Whether nobody beyond this machine can reach `host`; a name that cannot be resolved is told of by `listen`."""
+    try:
+        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        return False
+    return all(ip_address(str(each[4][0]).partition("%")[0]).is_loopback for each in found)
+
+
+def _state_folder(state: Path | None, port: int, sealed: bool, say: Say, stack: ExitStack) -> StateFolder | None:
+    """The folder, held until `stack` is left. A plain server goes on without one where it is not asked for."""
+    path = state_path(state, port)
+    if path is None:
+        if sealed:
+            raise BadInput("serve: a sealed server on --port 0 needs a folder for its key; name one with --state")
+        return None
+    try:
+        folder = make_folder(path)
+        stack.enter_context(one_server(folder))
+    except StateError as error:
+        if sealed or state is not None:
+            raise Problem(str(error)) from None
+        say(f"warning: nothing can be restored, and nobody shown out: {error}")
+        return None
+    return folder
+
+
+def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
+    """Sealed where there is a folder for the key."""
+    gate = Gate(secrets.token_bytes(16))
+    if folder is None:
+        return PlainListener(gate, core.knows)
+    return SealedListener(folder.path, gate, core.knows)
+
+
+def _write_settings(rooms: Sequence[Settings], folders: dict[str, Path], run_folder: Path, say: Say) -> None:
+    try:
+        for settings in rooms:
+            write_settings(folders[settings.name], settings)
+    except OSError as error:  # the session goes on; whether it can be recorded is said on its own
+        say(f"warning: {run_folder}: {error.strerror}; no settings are left there")
+
+
+def _tell_commands(
+    folder: StateFolder, public: str | None, bound: tuple[str, int], rooms: Sequence[Settings], sealed: bool, links: bool,
+    say: Say,
+) -> None:  # fmt: skip
+    """Leave for `cogrip token` and `cogrip kick` what they need to know; print the links."""
+    host, port = _public(public, bound)
+    fingerprint = load(folder.path).fingerprint if sealed else ""
+    seats = {room.name: [user.name for user in room.users] for room in rooms}
+    try:
+        write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
+        if not sealed:
+            return
+        secret = secret_of(folder.path)
+        made = TokenFile(folder).change(lambda book: book.standing(secret, list(seats), time.time()))
+    except StateError as error:
+        raise Problem(str(error)) from None
+    for each in made if links else ():
+        link = JoinLink(host, port, each.room, fingerprint, each.token)
+        say(f"join {each.room} as {each.role}:  cogrip join '{link.text}'")
+
+
+def _public(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:
+    """How people reach this server."""
+    host, port = bound
+    if public is not None:
+        name, colon, number = public.rpartition(":")
+        if not colon or (":" in name and not public.startswith("[")):  # a bare name or IPv6 address
+            name, number = public, str(port)
+        try:
+            check_host(name.strip("[]"))
+        except LinkError as error:
+            raise BadInput(f"--public {public}: {error}") from None
+        if not number.isdigit() or not 0 < int(number) < 65536:
+            raise BadInput(f"--public {public}: write HOST or HOST:PORT with a port from 1 to 65535")
+        return name.strip("[]"), int(number)
+    return (_own_address(host), port) if host in WILDCARDS else (host, port)
+
+
+def _own_address(wildcard: str) -> str:
+    """The address that this machine uses towards others; nothing is sent to find out."""
+    family, far = (socket.AF_INET6, "2001:db8::1") if wildcard == "::" else (socket.AF_INET, "192.0.2.1")
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((far, 9))
+            return str(probe.getsockname()[0])
+        except OSError:  # no way out: then by name
+            return socket.gethostname()
+
+
+def _warn(settings: Settings, say: Say) -> None:
     """Say where a room lies outside what is stable, passive or fit for its devices, in the words of `cogrip advise`."""
+    from cogrip.sim.analysis.advice import advise
+    from cogrip.sim.analysis.linear_session import ModelError
+
     try:
         warnings = advise(settings).warnings
     except (ModelError, DeviceError) as error:
         warnings = (f"no advice: {error}",)
     for text in warnings:
-        console.print(f"warning: room {settings.name}: {text}", markup=False)
+        say(f"warning: room {settings.name}: {text}")

@@ -155,6 +155,11 @@ class ServerCore:
             for number in list(room.gallery.observers):
                 self._show_out(room, number, reason, "left", "was told that the server stops")
 
+    def present(self) -> list[tuple[Room, Seat | Observer]]:
+        """Everybody who sits or looks on."""
+        seated = [(room, seat) for room in self.rooms for seat in room.seats if seat.state == "seated"]
+        return [*seated, *((room, each) for room in self.rooms for each in room.gallery.observers.values())]
+
     def kick(self, user: str, room: str = "", reason: str = "") -> int:
         """End the seats (or observers) of that name. Returns how many there were."""
         words = f"shown out by the server's keeper{': ' if reason else ''}{reason}"

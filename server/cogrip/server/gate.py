@@ -31,6 +31,7 @@ class Limits(NamedTuple):
     peer: Budget = Budget(4096, 8192)  # datagrams of one peer that is known
 
 
+LIMITS = Limits()
 ADDRESS_SLOTS = 4096
 PEER_SLOTS = 4096
 
@@ -38,7 +39,7 @@ PEER_SLOTS = 4096
 class Gate:
     """Each question takes from a budget and is answered by "", or by the name under which the datagram is dropped."""
 
-    def __init__(self, secret: bytes, limits: Limits = Limits()) -> None:
+    def __init__(self, secret: bytes, limits: Limits = LIMITS) -> None:
         """secret: random bytes, 16 to 64; whoever knows them can aim at a bucket."""
         self._secret = secret
         self._addresses = _Buckets(ADDRESS_SLOTS, limits.address)

@@ -9,11 +9,13 @@ import secrets
 import socket
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
-from cogrip.protocol.channel import Channel
+from cogrip.protocol.channel import Address, Channel
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
@@ -31,6 +33,14 @@ RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
 SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
+
+
+class ServerChannel(Channel, Protocol):
+    """`renewed`: addresses where somebody else speaks now, under a new seal; `events`: what people should hear of."""
+
+    renewed: deque[Address]
+    events: deque[Happening]
+
 
 Chore = Callable[[int], None]
 
@@ -51,13 +61,13 @@ class LiveServer:
     port: int
     stop: Stop
     say: Callable[[Happening], None]
-    open_channel: Callable[[RecordedServer], Channel]
+    open_channel: Callable[[RecordedServer], ServerChannel]
     record_at: Path | None = None
     seconds: float | None = None
     doorkeeper: Doorkeeper = field(default_factory=OpenDoor)
     chores: list[Chore] = field(default_factory=list)
     core: RecordedServer = field(init=False)
-    channel: Channel = field(init=False)
+    channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
     _socket: socket.socket = field(init=False)
@@ -187,9 +197,9 @@ class LiveServer:
                 chore(now_ns)
 
     def _tell(self) -> None:
-        events = self.core.events
-        while events:
-            self.say(events.popleft())
+        for events in (self.channel.events, self.core.events):
+            while events:
+                self.say(events.popleft())
 
     def _farewell(self) -> None:
         self.core.stop(self.stop.reason)
@@ -203,6 +213,7 @@ class LiveServer:
 
     def _drain(self, now_ns: int) -> None:
         receive, unseal, take = self._socket.recvfrom, self.channel.receive, self.core.receive
+        renewed = self.channel.renewed
         for _ in range(MOST_AT_ONCE):
             try:
                 datagram, address = receive(MAX_DATAGRAM_BYTES + 1)
@@ -211,7 +222,10 @@ class LiveServer:
             except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
                 self.core.socket_failed(str(error.strerror))
                 continue
-            for message in unseal(datagram, address, now_ns):
+            carried = unseal(datagram, address, now_ns)
+            while renewed:
+                self.core.disown(renewed.popleft())
+            for message in carried:
                 take(message, address, now_ns)
         self._flush()
 

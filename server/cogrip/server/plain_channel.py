@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import HELLO_BYTES, MAGIC
 from cogrip.server.gate import Gate
+from cogrip.server.happenings import Happening
 
 HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()  # its tag, and the magic as MessagePack text
 
@@ -26,6 +27,8 @@ class PlainListener:
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.dropped: dict[str, int] = {}
         self.failed = ""
+        self.renewed: deque[Address] = deque()  # nobody can tell here
+        self.events: deque[Happening] = deque()
         self._gate = gate
         self._known = known
 

@@ -216,7 +216,8 @@ def _ticket(asked: Asked) -> str:
 def _grant(asked: Asked) -> Grant | Denied:
     if not asked.grant:
         raise UntoldError
-    return _granted(asked.grant)
+    granted: Grant | Denied = _granted(asked.grant)
+    return granted
 
 
 def _told(asked: Asked) -> TickCount:

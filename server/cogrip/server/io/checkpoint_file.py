@@ -1,0 +1,93 @@
+"""A file of which a kill at any moment leaves the newest whole version, or the one before."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from cogrip.server.io.state_folder import StateError, read_private, write_private
+
+END_LIMIT_S = 5.0
+
+
+class CheckpointWriter:
+    """`put` hands over what should be in the file: one thread writes it, the newest wins, and nothing here ever waits.
+
+    `written`, `overtaken` and `failures` count what became of each; `say` hears of the first failure, in the thread that puts.
+    One thread puts.
+    """
+
+    def __init__(self, path: Path, say: Callable[[str], None] = lambda text: None) -> None:
+        self.path = path
+        self.written = self.overtaken = self.failures = 0
+        self._say = say
+        self._trouble = ""
+        self._told = False
+        self._newest: deque[tuple[int, bytes]] = deque(maxlen=1)
+        self._put = self._taken = 0
+        self._closing = False
+        self._news = threading.Lock()  # taken: nothing new. The loop gives it back, the thread takes it
+        self._news.acquire()
+        self._thread: threading.Thread | None = None
+
+    def put(self, data: bytes) -> None:
+        """Write this as soon as may be, in the place of whatever still waits."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name=f"writer of {self.path.name}", daemon=True)
+            self._thread.start()
+        self._put += 1
+        self._newest.append((self._put, data))
+        self._wake()
+        self._tell()
+
+    def _tell(self) -> None:
+        if self._trouble and not self._told:
+            self._told = True
+            self._say(self._trouble)
+
+    def _wake(self) -> None:
+        if self._news.locked():  # only the thread takes it, only this end gives it back: no race
+            self._news.release()
+
+    def _run(self) -> None:
+        while True:
+            self._news.acquire()
+            if self._newest:
+                self._write(*self._newest.pop())
+            if self._closing and not self._newest:
+                return
+
+    def _write(self, number: int, data: bytes) -> None:
+        self.overtaken += number - self._taken - 1
+        self._taken = number
+        try:
+            write_private(self.path, data)
+            self.written += 1
+        except StateError as error:
+            self.failures += 1
+            self._trouble = f"a server that is started again will not find the object where it is: {error}"
+
+    def close(self) -> None:
+        """Write what waits, and end the thread. A disk that hangs is not waited for longer than END_LIMIT_S."""
+        self._closing = True
+        if self._thread is not None:
+            self._wake()
+            self._thread.join(END_LIMIT_S)
+            self._thread = None
+        self._tell()
+
+
+def read(path: Path) -> bytes | None:
+    """What is in the file, None where there is none. Raises StateError."""
+    try:
+        return read_private(path)
+    except FileNotFoundError:
+        return None
+
+
+def remove(path: Path) -> None:
+    """No file, and nothing half written beside it; neither need be there. Raises OSError."""
+    for each in (path, path.with_name(f"{path.name}.new")):
+        with suppress(FileNotFoundError):
+            each.unlink()

@@ -1,0 +1,248 @@
+"""How commands speak to a running server: one JSON line each way over a unix socket in its state folder.
+
+Who may enter the folder may ask. The server's half never waits: it is looked after between two ticks.
+"""
+
+import os
+import socket
+import time
+from collections import deque
+from contextlib import suppress
+from typing import Annotated
+
+import msgspec
+
+from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
+
+MOST_REQUEST_BYTES = 4096
+MOST_ANSWER_BYTES = 65536
+MOST_CALLERS = 8  # at once; further ones wait in the socket's queue
+CALLER_LIMIT_NS = 5_000_000_000
+ASK_LIMIT_S = 5.0
+MOST_PATH_BYTES = 103  # of a unix socket: 107 on Linux, 103 on macOS
+
+MOST_WORD, MOST_REASON = 40, 200  # characters
+Word = Annotated[str, msgspec.Meta(max_length=MOST_WORD)]
+Words = Annotated[str, msgspec.Meta(max_length=MOST_REASON)]
+
+
+class ControlError(StateError):
+    """The server was not asked, or did not answer. The text says why and what to do."""
+
+
+class NotRunningError(ControlError):
+    """There is no server."""
+
+
+class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="verb"):
+    """What a server can be asked to do."""
+
+
+class Kick(Order, frozen=True, tag="kick"):
+    """End the seat of a person, or an observer's place."""
+
+    user: Word
+    room: Word = ""  # "" whichever
+    reason: Words = ""
+    revoke: bool = False  # their token too
+
+
+class Reload(Order, frozen=True, tag="reload"):
+    """Read the tokens again."""
+
+
+class Status(Order, frozen=True, tag="status"):
+    """Say how it goes."""
+
+
+class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    ok: bool
+    text: str
+
+
+class Request(msgspec.Struct, frozen=True):
+    """An order that waits for its answer."""
+
+    order: Kick | Reload | Status
+    caller: int
+
+
+class _Caller:
+    __slots__ = ("asked", "heard", "said", "since_ns", "socket")
+
+    def __init__(self, connection: socket.socket, since_ns: int) -> None:
+        self.socket = connection
+        self.since_ns = since_ns
+        self.heard = b""
+        self.asked = False
+        self.said: bytes | None = None  # what is left to say; None: no answer yet
+
+
+class Control:
+    """The server's half. Make it once the folder is yours (`one_server`). `dropped` counts by reason. Raises ControlError."""
+
+    def __init__(self, folder: StateFolder) -> None:
+        self.dropped: dict[str, int] = {}
+        self._path = _fit_path(folder)
+        self._callers: dict[int, _Caller] = {}
+        self._last = 0
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            with suppress(FileNotFoundError):
+                os.unlink(self._path)  # a killed server left it
+            self._socket.bind(self._path)
+            os.chmod(self._path, FILE_MODE)
+            self._socket.listen(MOST_CALLERS)
+        except OSError as error:
+            self._socket.close()
+            raise ControlError(f"{self._path}: cannot be listened on: {error.strerror}; name another --state") from None
+        self._socket.setblocking(False)
+
+    def poll(self, now_ns: int | None = None) -> list[Request]:
+        """Orders that have come; one system call where nobody asks. Each wants its `answer`."""
+        now_ns = time.monotonic_ns() if now_ns is None else now_ns
+        self._accept(now_ns)
+        requests = []
+        for number, caller in list(self._callers.items()):
+            if now_ns - caller.since_ns > CALLER_LIMIT_NS:
+                self._drop(number, "silent" if not caller.asked else "slow")
+            elif caller.said is not None:
+                self._say(number)
+            elif not caller.asked and (order := self._hear(number)) is not None:
+                requests.append(Request(order, number))
+        return requests
+
+    def answer(self, request: Request, text: str, *, ok: bool = True) -> None:
+        """Tell whoever asked; where they have gone, it is counted."""
+        caller = self._callers.get(request.caller)
+        if caller is None:
+            self._count("nobody waits")
+            return
+        self._tell(request.caller, Answer(ok, text))
+
+    def close(self) -> None:
+        """Nobody can ask any more."""
+        for number in list(self._callers):
+            self._end(number)
+        self._socket.close()
+        with suppress(OSError):
+            os.unlink(self._path)
+
+    def _accept(self, now_ns: int) -> None:
+        while len(self._callers) < MOST_CALLERS:
+            try:
+                connection, _ = self._socket.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:  # out of descriptors, or gone before it was taken
+                self._count(f"socket: {error.strerror}")
+                return
+            connection.setblocking(False)
+            self._last += 1
+            self._callers[self._last] = _Caller(connection, now_ns)
+
+    def _hear(self, number: int) -> Kick | Reload | Status | None:
+        caller = self._callers[number]
+        try:
+            piece = caller.socket.recv(MOST_REQUEST_BYTES + 1 - len(caller.heard))
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            self._drop(number, f"socket: {error.strerror}")
+            return None
+        caller.heard += piece
+        line, end, rest = caller.heard.partition(b"\n")
+        if len(line) >= MOST_REQUEST_BYTES:
+            self._count("too long")
+            self._tell(number, Answer(False, f"an order may have {MOST_REQUEST_BYTES} bytes"))
+            return None
+        if not end:
+            if not piece:
+                self._drop(number, "cut short")
+            return None
+        try:
+            if rest:
+                raise msgspec.DecodeError("more than one line")
+            order = msgspec.json.decode(line, type=Kick | Reload | Status)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            self._count("malformed")
+            self._tell(number, Answer(False, f"that is no order: {error}"))
+            return None
+        caller.asked = True
+        return order
+
+    def _tell(self, number: int, answer: Answer) -> None:
+        said = msgspec.json.encode(answer) + b"\n"
+        if len(said) > MOST_ANSWER_BYTES:
+            said = msgspec.json.encode(Answer(False, f"the answer would have {len(said)} bytes, too many")) + b"\n"
+        self._callers[number].said = said
+        self._say(number)
+
+    def _say(self, number: int) -> None:
+        caller = self._callers[number]
+        assert caller.said is not None
+        try:
+            caller.said = caller.said[caller.socket.send(caller.said) :]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(number, "nobody waits")
+            return
+        if not caller.said:
+            self._end(number)
+
+    def _count(self, reason: str) -> None:
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+
+    def _drop(self, number: int, reason: str) -> None:
+        self._count(reason)
+        self._end(number)
+
+    def _end(self, number: int) -> None:
+        self._callers.pop(number).socket.close()
+
+
+def ask(folder: StateFolder, order: Kick | Reload | Status, limit_s: float = ASK_LIMIT_S) -> Answer:
+    """Ask the running server, and wait for its answer. Raises NotRunningError, ControlError."""
+    path = _fit_path(folder)
+    heard = deque[bytes]()
+    until_s = time.monotonic() + limit_s
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        try:
+            connection.settimeout(limit_s)
+            connection.connect(path)
+            connection.sendall(msgspec.json.encode(order) + b"\n")
+            while not (heard and heard[-1].endswith(b"\n")) and sum(map(len, heard)) <= MOST_ANSWER_BYTES:
+                connection.settimeout(max(until_s - time.monotonic(), 0.001))
+                if not (piece := connection.recv(MOST_ANSWER_BYTES)):
+                    break
+                heard.append(piece)
+        except (FileNotFoundError, ConnectionRefusedError):
+            raise NotRunningError(
+                f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
+            ) from None
+        except (TimeoutError, BlockingIOError):
+            raise ControlError(
+                f"the server with the state in {folder.path} did not answer within {limit_s:g} s; "
+                "if it is stopped or hangs, start it again"
+            ) from None
+        except (ConnectionResetError, BrokenPipeError):
+            heard.clear()
+        except OSError as error:
+            raise ControlError(f"{path}: the server cannot be asked: {error.strerror}; run this as its user") from None
+    try:
+        return msgspec.json.decode(b"".join(heard), type=Answer)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise ControlError(
+            f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
+        ) from None
+
+
+def _fit_path(folder: StateFolder) -> str:
+    path = os.fspath(folder.control)
+    size = len(os.fsencode(path))
+    if size > MOST_PATH_BYTES:
+        raise ControlError(
+            f"{path}: {size} bytes are more than a unix socket's path may have ({MOST_PATH_BYTES}); give a shorter --state"
+        )
+    return path

@@ -1,0 +1,160 @@
+"""What a server does beside its ticks, as chores that wait for nothing: its keeper's orders, tokens, checkpoints, metrics."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from cogrip.server.checkpoint import CheckpointError, decode, encode
+from cogrip.server.happenings import Happening
+from cogrip.server.io import checkpoint_file
+from cogrip.server.io.checkpoint_file import CheckpointWriter
+from cogrip.server.io.control import Control, Kick, Reload, Request
+from cogrip.server.io.doorkeeper import TokenDoor
+from cogrip.server.io.metrics_feed import MetricsFeed
+from cogrip.server.io.service_notify import ServiceNotifier
+from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.server.loop import LiveServer
+from cogrip.server.snapshot import SnapshotMaker
+
+EVERY_NS = 500_000_000  # checkpoints and metrics
+LOOK_EVERY_NS = 50_000_000  # for orders
+
+Say = Callable[[Happening], None]
+
+
+class Keeper:
+    """Looks after one live server that listens; `begin` before it runs, `end` after. Each part may be missing."""
+
+    def __init__(
+        self,
+        server: LiveServer,
+        say: Say,
+        *,
+        folder: StateFolder | None = None,
+        door: TokenDoor | None = None,
+        metrics: MetricsFeed | None = None,
+        software: str = "",
+    ) -> None:
+        """Raises ControlError."""
+        self._server = server
+        self._say = say
+        self._folder = folder
+        self._door = door
+        self._metrics = metrics
+        self._notifier = ServiceNotifier()
+        self._control = Control(folder) if folder else None
+        self._writers = (
+            {room.name: CheckpointWriter(folder.checkpoint(room.name), self._trouble) for room in server.core.rooms}
+            if folder
+            else {}
+        )
+        self._rested: set[str] = set()  # rooms where nothing has happened since their checkpoint
+        self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
+        self._look_ns = self._next_ns = self._watchdog_ns = 0
+
+    def _trouble(self, text: str) -> None:
+        self._say(Happening("trouble", text))
+
+    def begin(self) -> None:
+        """Go on from the checkpoints of a server that did not end as it should; say that all is ready."""
+        core = self._server.core
+        for room, writer in self._writers.items():
+            try:
+                data = checkpoint_file.read(writer.path)
+                if data is not None:
+                    core.restore(decode(data), time.monotonic_ns())
+            except (CheckpointError, StateError) as error:
+                self._trouble(f"{writer.path}: room {room} begins anew: {error}")
+        while core.events:
+            self._say(core.events.popleft())
+        self._server.chores.append(self.chore)
+        self._notifier.ready(f"{len(core.rooms)} rooms")
+
+    def chore(self, now_ns: int) -> None:
+        """Between two ticks."""
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + LOOK_EVERY_NS
+        if self._server.stop.take_reload():
+            self._notifier.reloading(now_ns)
+            self._reload()
+            self._notifier.ready()
+        if self._control is not None:
+            for request in self._control.poll(now_ns):
+                self._obey(request)
+        if now_ns >= self._next_ns:
+            self._next_ns = now_ns + EVERY_NS
+            self._end_revoked()
+            self._write_checkpoints()
+            if self._metrics is not None:
+                self._metrics.put(self._maker.look(self._server.elapsed_s, self._server.drops(), self._server.losses()))
+        every_ns = self._notifier.watchdog_every_ns
+        if every_ns is not None and now_ns >= self._watchdog_ns:
+            self._watchdog_ns = now_ns + every_ns
+            self._notifier.watchdog()
+
+    def end(self) -> None:
+        """The server has said goodbye: nobody comes back to these seats."""
+        self._notifier.stopping()
+        if self._control is not None:
+            self._control.close()
+        for writer in self._writers.values():
+            writer.close()
+            with suppress(OSError):
+                checkpoint_file.remove(writer.path)
+        if self._door is not None:
+            self._door.close()
+        if self._metrics is not None:
+            self._metrics.close()
+        self._notifier.close()
+
+    def _write_checkpoints(self) -> None:
+        for room in self._server.core.rooms if self._writers else ():
+            resting = room.deserted
+            if resting and room.name in self._rested:
+                continue
+            (self._rested.add if resting else self._rested.discard)(room.name)
+            self._writers[room.name].put(encode(room.checkpoint()))
+
+    def _reload(self) -> str:
+        if self._door is None:
+            return "nothing to read again: this server takes no tokens"
+        good = self._door.reload()
+        ended = self._end_revoked()
+        return f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"
+
+    def _end_revoked(self) -> int:
+        revoked = self._door.revoked() if self._door is not None else set()
+        return self._server.core.revoke(revoked) if revoked else 0
+
+    def _obey(self, request: Request) -> None:
+        assert self._control is not None
+        order = request.order
+        if isinstance(order, Kick):
+            text, ok = self._kick(order)
+        elif isinstance(order, Reload):
+            text, ok = self._reload(), True
+        else:
+            text, ok = self._status(), True
+        self._control.answer(request, text, ok=ok)
+
+    def _kick(self, order: Kick) -> tuple[str, bool]:
+        core = self._server.core
+        tokens = {
+            who.token for room, who in core.present() if who.name == order.user and order.room in ("", room.name)
+        } - {""}
+        if not core.kick(order.user, order.room, order.reason):
+            here = ", ".join(who.name for _, who in core.present())
+            return f"nobody here is {order.user!r}; there is: {here or 'nobody'}", False
+        if order.revoke and self._door is not None:
+            for token in tokens:
+                self._door.revoke(token)
+        revoked = f"; revoked: {', '.join(sorted(tokens))}" if order.revoke and tokens else ""
+        return f"{order.user} was shown out{revoked}", True
+
+    def _status(self) -> str:
+        rooms = [
+            f"{room.name}: {', '.join(seat.name for seat in room.seats if seat.state == 'seated') or 'nobody'}"
+            for room in self._server.core.rooms
+        ]
+        return f"up for {self._server.elapsed_s:.0f} s; {'; '.join(rooms)}"

@@ -1,0 +1,122 @@
+"""A snapshot in Prometheus' families: base units, `_total` for what only grows (docs/operations.md)."""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
+
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric, SummaryMetricFamily
+
+from cogrip.server.snapshot import Number, RoomSnapshot, SeatSnapshot, Snapshot, Times
+
+R = TypeVar("R")
+Table = tuple[tuple[str, str, Callable[[R], Number]], ...]
+Labelled = Iterable[tuple[list[str], R]]
+
+NAN = float("nan")
+
+ROOM_GAUGES: Table[RoomSnapshot] = (
+    ("seats", "Seats of the room.", lambda room: len(room.seats)),
+    ("users_seated", "Seats taken.", lambda room: room.seated),
+    ("observers", "Who looks on.", lambda room: room.observers),
+    ("diverged", "1 once the object has left the workspace, else 0.", lambda room: float(bool(room.diverged))),
+    ("tick_lateness_max_seconds", "The latest tick since the start.", lambda room: room.late.max_s),
+    ("tick_work_max_seconds", "The longest tick since the start.", lambda room: room.work.max_s),
+    (
+        "least_up_margin_joules",
+        "Least energy margin of all forward lines since the start: below 0 by more than the tank is a defect.",
+        lambda room: room.least_up_margin_j,
+    ),
+    (
+        "least_line_margin_joules",
+        "Least energy margin of all lines, both ways: below 0 by more than the tank is a defect.",
+        lambda room: room.least_line_margin_j,
+    ),
+)
+ROOM_COUNTERS: Table[RoomSnapshot] = (
+    ("ticks_due", "Ticks that were due: run or skipped.", lambda room: room.ticks_due),
+    ("ticks_run", "Ticks that were run.", lambda room: room.ticks_run),
+    ("ticks_skipped", "Ticks more than a period late, left out.", lambda room: room.ticks_skipped),
+    ("object_travel_meters", "How far the object was moved.", lambda room: told(room.travel_m)),
+)
+SEAT_GAUGES: Table[SeatSnapshot] = (
+    ("seat_taken", "1 where somebody sits, else 0.", lambda seat: float(seat.seated)),
+    ("rtt_seconds", "Round trip, as last seen.", lambda seat: seat.rtt_s),
+    ("up_margin_joules", "Least energy margin of the forward line of this sitting.", lambda seat: seat.up_margin_j),
+    ("line_margin_joules", "Least energy margin of the line of this sitting.", lambda seat: seat.line_margin_j),
+)
+FRAME_COUNTERS: Table[SeatSnapshot] = (
+    ("frames_sent", "Frames whose time has come: applied, late or lost.", lambda seat: seat.frames.sent),
+    ("frames_received", "Frames received, each once.", lambda seat: seat.frames.received),
+    ("frames_applied", "Frames applied in time.", lambda seat: seat.frames.applied),
+    ("frames_lost", "Frames that never came.", lambda seat: seat.frames.lost),
+    ("frames_late", "Frames that came after their time.", lambda seat: seat.frames.late),
+    ("frames_duplicate", "Datagrams that came again.", lambda seat: seat.frames.duplicate),
+)
+
+
+def families(snapshot: Snapshot) -> Iterator[Metric]:
+    """All that a snapshot says. What is not known has no sample; what is not finite is NaN."""
+    yield InfoMetricFamily("cogrip_build", "What runs.", value={"version": snapshot.software})
+    yield GaugeMetricFamily("cogrip_uptime_seconds", "Since the rooms began.", value=snapshot.uptime_s)
+    reasons = [([reason], count) for reason, count in snapshot.dropped.items()]
+    yield _counter("dropped", "What went no further, by reason.", ["reason"], reasons)
+    ways = [([way], count) for way, count in (("in", snapshot.received), ("out", snapshot.sent)) if count is not None]
+    yield _counter("datagrams", "Datagrams at the socket.", ["direction"], ways)
+
+    rooms = [([room.room], room) for room in snapshot.rooms]
+    yield from _table(GaugeMetricFamily, ROOM_GAUGES, ["room"], rooms)
+    yield from _table(CounterMetricFamily, ROOM_COUNTERS, ["room"], rooms)
+    yield _position(snapshot.rooms)
+    yield _times(
+        "tick_lateness_seconds", "How late ticks began, since the start.", snapshot.rooms, lambda room: room.late
+    )
+    yield _times("tick_work_seconds", "How long ticks took, since the start.", snapshot.rooms, lambda room: room.work)
+
+    seats = [([room.room, seat.user], seat) for room in snapshot.rooms for seat in room.seats]
+    yield from _table(GaugeMetricFamily, SEAT_GAUGES, ["room", "user"], seats)
+    up = [([*labels, "up"], seat) for labels, seat in seats]
+    yield from _table(CounterMetricFamily, FRAME_COUNTERS, ["room", "user", "direction"], up)
+    limited = [([*labels, reason], count) for labels, seat in seats for reason, count in seat.limited.items()]
+    yield _counter("limited", "What a seat asked beyond its limits.", ["room", "user", "reason"], limited)
+
+
+def told(value: Number) -> float:
+    """NaN for what is not finite, as JSON holds it."""
+    return NAN if value is None else value
+
+
+def _table(
+    kind: type[GaugeMetricFamily | CounterMetricFamily], table: Table[R], labels: list[str], rows: Labelled[R]
+) -> Iterator[Metric]:
+    for name, text, value_of in table:
+        family = kind(f"cogrip_{name}", text, labels=labels)
+        for values, row in rows:
+            value = value_of(row)
+            if value is not None:
+                family.add_metric(values, value)
+        yield family
+
+
+def _counter(name: str, text: str, labels: list[str], counts: Labelled[int]) -> Metric:
+    family = CounterMetricFamily(f"cogrip_{name}", text, labels=labels)
+    for values, count in counts:
+        family.add_metric(values, count)
+    return family
+
+
+def _position(rooms: Iterable[RoomSnapshot]) -> Metric:
+    family = GaugeMetricFamily("cogrip_object_position_meters", "Where the object is.", labels=["room", "axis"])
+    for room in rooms:
+        for axis, position in zip("xyz", room.position_m, strict=False):
+            family.add_metric([room.room, axis], told(position))
+    return family
+
+
+def _times(name: str, text: str, rooms: Iterable[RoomSnapshot], times_of: Callable[[RoomSnapshot], Times]) -> Metric:
+    family = SummaryMetricFamily(f"cogrip_{name}", text, labels=["room"])
+    for room in rooms:
+        times = times_of(room)
+        for quantile, value in (("0.5", times.p50_s), ("0.99", times.p99_s)):
+            if value is not None:
+                family.add_sample(family.name, {"room": room.room, "quantile": quantile}, value)
+        family.add_metric([room.room], room.ticks_run, times.sum_s)
+    return family

@@ -1,0 +1,166 @@
+"""What a monitoring system asks: `python -m cogrip.server.io.metrics_process PORT`, snapshots on its standard input.
+
+It says on standard output where it listens, or why it cannot, and ends when its input closes. `/metrics` and `/healthz` on
+127.0.0.1 alone; a scrape costs this process its time, never the server.
+"""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import IO, Any
+
+from prometheus_client import CollectorRegistry, ProcessCollector
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.registry import Collector
+
+from cogrip.server.io.metrics_families import families
+from cogrip.server.snapshot import LENGTH_BYTES, Health, Snapshot, decode
+
+MOST_BYTES = 1 << 26  # longer ones are not the server's
+ASK_LIMIT_S = 5.0  # for whoever connects and says nothing
+HOSTS = ("127.0.0.1", "localhost", "")  # a page elsewhere that has its name point here is not answered
+
+
+class Latest:
+    """The newest snapshot and what it says of health: written by one thread, read by those that answer."""
+
+    def __init__(self) -> None:
+        self._health = Health()
+        self._lock = threading.Lock()
+        self.broken_off = 0  # whoever asked was gone before the answer was said
+
+    def take(self, snapshot: Snapshot) -> None:
+        with self._lock:
+            self._health.take(snapshot, time.monotonic_ns())
+
+    def look(self) -> tuple[Snapshot | None, str, float]:
+        """(newest snapshot, what is wrong or "", its age [s])."""
+        with self._lock:
+            now_ns = time.monotonic_ns()
+            return self._health.newest, self._health.trouble(now_ns), self._health.age_ns(now_ns) * 1e-9
+
+
+class ServerCollector(Collector):
+    """The newest snapshot, and how old it is."""
+
+    def __init__(self, latest: Latest) -> None:
+        self._latest = latest
+
+    def collect(self) -> Iterator[Metric]:
+        snapshot, trouble, age_s = self._latest.look()
+        yield GaugeMetricFamily("cogrip_healthy", "1 where /healthz says ok, else 0.", value=float(not trouble))
+        broken_off = self._latest.broken_off
+        yield CounterMetricFamily(
+            "cogrip_scrapes_broken_off", "Askers who were gone before the answer.", value=broken_off
+        )
+        if snapshot is not None:
+            yield GaugeMetricFamily("cogrip_snapshot_age_seconds", "How old all this is.", value=age_s)
+            yield from families(snapshot)
+
+
+class Page(BaseHTTPRequestHandler):
+    """Answers of one connection."""
+
+    timeout = ASK_LIMIT_S
+    server: "MetricsServer"
+
+    def do_GET(self) -> None:
+        host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
+        path = self.path.partition("?")[0]
+        if host not in HOSTS:
+            self._answer(HTTPStatus.MISDIRECTED_REQUEST, "text/plain; charset=utf-8", b"ask 127.0.0.1\n")
+        elif path == "/metrics":
+            encode, content = choose_encoder("")
+            self._answer(HTTPStatus.OK, content, encode(self.server.registry))
+        elif path == "/healthz":
+            self._answer_health()
+        else:
+            self._answer(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is /metrics, and /healthz\n")
+
+    def _answer_health(self) -> None:
+        snapshot, trouble, age_s = self.server.latest.look()
+        words: dict[str, Any] = {"status": trouble or "ok"}
+        if snapshot is not None:
+            words |= {
+                "version": snapshot.software,
+                "uptime_s": round(snapshot.uptime_s, 1),
+                "age_s": round(age_s, 3),
+                "rooms": {room.room: {"seated": room.seated, "observers": room.observers} for room in snapshot.rooms},
+            }
+        status = HTTPStatus.SERVICE_UNAVAILABLE if trouble else HTTPStatus.OK
+        self._answer(status, "application/json", json.dumps(words).encode() + b"\n")
+
+    def _answer(self, status: HTTPStatus, content: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", content)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def version_string(self) -> str:
+        return "cogrip"
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 (the base class calls it so)
+        """Scrapes are no news."""
+
+
+class MetricsServer(ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, port: int, latest: Latest) -> None:
+        self.latest = latest
+        self.registry = CollectorRegistry()
+        self.registry.register(ServerCollector(latest))
+        server = os.getppid()
+        ProcessCollector(namespace="cogrip", pid=lambda: server, registry=self.registry)
+        super().__init__(("127.0.0.1", port), Page)
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        if isinstance(sys.exc_info()[1], OSError):  # gone, or silent for too long
+            self.latest.broken_off += 1
+        else:
+            super().handle_error(request, client_address)  # type: ignore[arg-type]  # a defect: its traceback is shown
+
+
+def follow(source: IO[bytes], latest: Latest) -> None:
+    """Take snapshots until the input closes, in the middle of one as well."""
+    while len(head := source.read(LENGTH_BYTES)) == LENGTH_BYTES:
+        size = int.from_bytes(head, "big")
+        if size > MOST_BYTES:
+            raise ValueError(f"a snapshot of {size} bytes, more than {MOST_BYTES}: this is not the server's pipe")
+        body = source.read(size)
+        if len(body) < size:
+            return
+        latest.take(decode(body))
+
+
+def main(arguments: list[str]) -> int:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # it ends when the server does, not before
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.nice(5)
+    latest = Latest()
+    try:
+        server = MetricsServer(int(arguments[0]), latest)
+    except OSError as error:
+        print(json.dumps({"trouble": error.strerror or str(error)}), flush=True)
+        return 1
+    print(json.dumps({"port": server.server_address[1]}), flush=True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    follow(sys.stdin.buffer, latest)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

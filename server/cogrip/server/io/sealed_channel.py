@@ -1,0 +1,283 @@
+"""The sealed server's channel: a DTLS association for each peer, over one socket.
+
+    stranger --ClientHello--> a cookie is sent, nothing is kept --ClientHello with the cookie--> half open
+    half open --handshake done--> open --seat in time--> open for as long as the seat lasts
+    half open or open without a seat --WAITS_NS--> gone
+
+A ClientHello from an address that has an association goes the same way: only a handshake that was completed replaces the
+old association (RFC 6347 section 4.2.8), so that nobody can end it by a forged source address.
+"""
+
+import hmac
+import secrets
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from cogrip.protocol.channel import Address
+from cogrip.protocol.io.certificate import load
+from cogrip.protocol.io.dtls import (
+    CHANGE_CIPHER_SPEC,
+    HANDSHAKE,
+    RECORD_HEADER_BYTES,
+    Association,
+    client_random,
+    cookie_in,
+    is_client_hello,
+    server_context,
+)
+from cogrip.protocol.messages import MAX_MESSAGE_BYTES
+from cogrip.protocol.session import nonce_of, refusal
+from cogrip.server.gate import Gate
+from cogrip.server.happenings import Happening
+from cogrip.server.plain_channel import looks_like_hello
+
+MOST_OPEN = 1024
+MOST_HALF_OPEN = 256
+WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
+SWEEP_EVERY_NS = 500_000_000
+COOKIE_NS = 30_000_000_000  # a cookie fits for so long, and at most twice
+COOKIE_BYTES = 16
+TOLD = 256  # happenings that wait to be said; older ones are left out
+SEALED = "this server speaks under a seal only: join by a link that it prints at its start, or `cogrip token new` makes"
+
+
+class SealedListener:
+    """`Channel` of a sealed server. seated: whether someone sits at an address, as the core says.
+
+    `events` holds what people should hear of; `renewed` the addresses where a new association has taken the place of an old
+    one: who speaks there now has yet to show the right to what the old one had.
+    """
+
+    def __init__(self, folder: Path, gate: Gate, seated: Callable[[Address], bool], *, most: int = MOST_OPEN) -> None:
+        """Raises CertificateError where the key or the certificate in `folder` cannot be used."""
+        identity = load(folder)
+        self.fingerprint = identity.fingerprint
+        self.outbox: deque[tuple[Address, bytes]] = deque()
+        self.dropped: dict[str, int] = {}
+        self.failed = ""
+        self.events: deque[Happening] = deque(maxlen=TOLD)
+        self.renewed: deque[Address] = deque(maxlen=most)
+        self._gate = gate
+        self._seated = seated
+        self._most = most
+        self._secret = secrets.token_bytes(32)
+        self._cookies = (b"", b"")  # that the address in question may have: the one to send, the one before it
+        self._context = server_context(identity, lambda _: self._cookies[0], lambda _, cookie: self._fits(cookie))
+        self._door = Association(self._context, server=True)
+        self._half: dict[Address, _Peer] = {}  # oldest first
+        self._open: dict[Address, _Peer] = {}
+        self._sweep_ns = 0
+
+    def ready(self, address: Address) -> bool:
+        return address in self._open
+
+    def send(self, message: bytes, address: Address) -> bool:
+        peer = self._open.get(address)
+        if peer is None:
+            self._drop("no seal")
+            return False
+        if len(message) > MAX_MESSAGE_BYTES:
+            self._drop("too large")
+            return False
+        datagram = peer.association.send(message)
+        if not datagram:
+            self._end(address, peer)
+            return False
+        self.outbox.append((address, datagram))
+        return True
+
+    def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        reason = self._gate.size(datagram)
+        if reason:
+            self._drop(reason)
+            return ()
+        peer, half = self._open.get(address), self._half.get(address)
+        if peer is None and half is None and datagram[0] != HANDSHAKE:
+            return self._strange(datagram, address, now_ns)
+        if is_client_hello(datagram):
+            self._greet(datagram, address, now_ns)
+            return ()
+        if peer is None and half is None:
+            self._drop("stranger")
+            return ()
+        reason = self._gate.peer(address, now_ns) or ("no record" if len(datagram) < RECORD_HEADER_BYTES else "")
+        if reason:
+            self._drop(reason)
+            return ()
+        if half is not None and (peer is None or _of_handshake(datagram)):
+            return self._shake(half, datagram, address, now_ns)
+        assert peer is not None
+        heard = peer.association.feed(datagram)
+        if not heard:
+            self._drop("not of this seal")
+            self._take(peer, address)
+            if peer.association.failed:
+                self._end(address, peer)
+        return heard
+
+    def poll(self, now_ns: int) -> None:
+        for address, peer in list(self._half.items()):
+            if now_ns - peer.since_ns >= WAITS_NS:
+                del self._half[address]
+                self._drop("handshake timed out")
+                continue
+            peer.association.poll()
+            self._take(peer, address)
+        if now_ns >= self._sweep_ns:
+            self._sweep_ns = now_ns + SWEEP_EVERY_NS
+            self._sweep(now_ns)
+
+    def close(self, address: Address) -> None:
+        self._half.pop(address, None)
+        peer = self._open.pop(address, None)
+        if peer is not None:
+            peer.association.close()
+            self._take(peer, address)
+
+    def counts(self) -> dict[str, int]:
+        """How many associations there are: open, and half open."""
+        return {"open": len(self._open), "half open": len(self._half)}
+
+    def _drop(self, reason: str) -> None:
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+
+    def _take(self, peer: "_Peer", address: Address) -> None:
+        self.outbox.extend([(address, datagram) for datagram in peer.association.take()])
+
+    def _strange(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        """No seal, and nobody known: at most someone who has to be told that a seal is needed."""
+        if not looks_like_hello(datagram):
+            self._drop("stranger")
+            return ()
+        reason = self._gate.contact(address, now_ns)
+        self._drop(reason or "refused: sealed")
+        if not reason:
+            answer = refusal(nonce_of(datagram), "sealed", SEALED)
+            self.outbox.append((address, answer))
+            self._tell("refused", f"refused {_place(address)}: it spoke without a seal", address, "sealed")
+        return ()
+
+    def _greet(self, datagram: bytes, address: Address, now_ns: int) -> None:
+        """A ClientHello. Until its cookie fits nothing is kept, and the answer is no longer than the question."""
+        half, peer, nonce = self._half.get(address), self._open.get(address), client_random(datagram)
+        self._cookies = self._cookies_of(address, now_ns)
+        fits = self._fits(cookie_in(datagram))
+        if fits and half is not None and half.nonce == nonce:  # repeated: its handshake goes on
+            half.association.feed(datagram)
+            self._take(half, address)
+            self._drop("hello again")
+            return
+        if fits and peer is not None and peer.nonce == nonce:
+            self._drop("hello again")
+            return
+        reason = (self._gate.handshake if fits else self._gate.contact)(address, now_ns)
+        if not reason and fits and peer is None and len(self._open) >= self._most:
+            reason = "too many associations"
+        if reason:
+            self._drop(reason)
+            return
+        heard = self._door.listen(datagram)
+        answers = self._door.take()
+        if sum(map(len, answers)) > len(datagram):
+            self._drop("answer too long")
+            return
+        self.outbox.extend([(address, answer) for answer in answers])
+        if not heard:
+            self._drop("cookie sent" if answers else "malformed hello")
+            return
+        self._admit(_Peer(self._door, nonce, now_ns), address)
+
+    def _admit(self, peer: "_Peer", address: Address) -> None:
+        self._door = Association(self._context, server=True)
+        peer.association.accept()
+        self._take(peer, address)
+        if peer.association.failed:
+            self._fail(peer, address)
+            return
+        if self._half.pop(address, None) is not None:
+            self._drop("handshake begun again")
+        elif len(self._half) >= MOST_HALF_OPEN:
+            del self._half[next(iter(self._half))]
+            self._drop("too many handshakes")
+        self._half[address] = peer
+
+    def _shake(self, half: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        association = half.association
+        heard = association.feed(datagram)
+        self._take(half, address)
+        if association.failed:
+            del self._half[address]
+            self._fail(half, address)
+            return ()
+        if not association.ready:
+            return ()
+        del self._half[address]
+        if self._open.pop(address, None) is not None:
+            self.renewed.append(address)
+        elif len(self._open) >= self._most:
+            self._drop("too many associations")
+            association.close()
+            self._take(half, address)
+            return ()
+        half.since_ns = now_ns
+        self._open[address] = half
+        return heard
+
+    def _fail(self, peer: "_Peer", address: Address) -> None:
+        reason = peer.association.failed
+        self._drop(f"handshake failed: {reason}")
+        self._tell("refused", f"refused {_place(address)}: {reason}", address, "seal")
+
+    def _end(self, address: Address, peer: "_Peer") -> None:
+        del self._open[address]
+        self._drop(f"seal ended: {peer.association.failed}")
+
+    def _sweep(self, now_ns: int) -> None:
+        """Close what nobody sits behind."""
+        seated = self._seated
+        for address, peer in list(self._open.items()):
+            if seated(address):
+                peer.since_ns = now_ns
+            elif now_ns - peer.since_ns >= WAITS_NS:
+                self._drop("no seat in time")
+                self.close(address)
+
+    def _tell(self, event: str, text: str, address: Address, code: str) -> None:
+        self.events.append(Happening(event, text, address=_place(address), code=code))
+
+    def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
+        """What this address may have been sent lately."""
+        number, text = now_ns // COOKIE_NS, repr(address)
+        now, before = [
+            hmac.digest(self._secret, f"{each} {text}".encode(), "sha256")[:COOKIE_BYTES]
+            for each in (number, number - 1)
+        ]
+        return now, before
+
+    def _fits(self, cookie: bytes) -> bool:
+        now, before = self._cookies
+        return hmac.compare_digest(cookie, now) or hmac.compare_digest(cookie, before)
+
+
+class _Peer:
+    """An association, which handshake it is of, and since when it has been without the next step."""
+
+    __slots__ = ("association", "nonce", "since_ns")
+
+    def __init__(self, association: Association, nonce: bytes, now_ns: int) -> None:
+        self.association = association
+        self.nonce = nonce
+        self.since_ns = now_ns
+
+
+def _of_handshake(datagram: bytes) -> bool:
+    """Whether a datagram can only be of a handshake that is under way: all but messages, and alerts under a seal."""
+    return datagram[0] in (CHANGE_CIPHER_SPEC, HANDSHAKE) or not (datagram[3] or datagram[4])
+
+
+def _place(address: Address) -> str:
+    """An address for people."""
+    if isinstance(address, tuple) and len(address) >= 2:
+        return f"[{address[0]}]:{address[1]}" if ":" in str(address[0]) else f"{address[0]}:{address[1]}"
+    return str(address)

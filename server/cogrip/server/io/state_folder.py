@@ -1,0 +1,257 @@
+"""What a server keeps beyond its end: keys, tokens, checkpoints, in one folder that its own user alone may enter.
+
+Linux and macOS. Every file is replaced as a whole, has mode 0600, and is not read if anyone else could.
+"""
+
+import os
+import stat
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from cogrip.protocol.join_link import LinkError, check_host
+
+FOLDER_MODE = 0o700
+FILE_MODE = 0o600
+MOST_BYTES = 4 * 2**20  # of a file that is read back
+_LOOK_AGAIN_S = 0.005
+_IS_POSIX = os.name == "posix"
+
+
+class StateError(Exception):
+    """The state folder, or a file in it, is not fit for use. The text says why and what to do."""
+
+
+class NoStateError(StateError):
+    """There is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateFolder:
+    """Names of the files in it. `make_folder` and `find_folder` give one that is fit for use."""
+
+    path: Path
+
+    @property
+    def key(self) -> Path:
+        return self.path / "server.key"
+
+    @property
+    def certificate(self) -> Path:
+        return self.path / "server.crt"
+
+    @property
+    def tokens(self) -> Path:
+        return self.path / "tokens.json"
+
+    @property
+    def tokens_lock(self) -> Path:
+        """Held by whoever changes the tokens."""
+        return self.path / "tokens.lock"
+
+    @property
+    def server(self) -> Path:
+        return self.path / "server.json"
+
+    @property
+    def control(self) -> Path:
+        return self.path / "control"
+
+    @property
+    def lock(self) -> Path:
+        """Held by the one server that uses this folder."""
+        return self.path / "lock"
+
+    def checkpoint(self, room: str) -> Path:
+        return self.path / f"checkpoint-{room}.json"
+
+
+class ServerRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a server says of itself to the commands: `server.json`. It stays when the server ends."""
+
+    host: str  # by which people reach it
+    port: Annotated[int, msgspec.Meta(ge=1, le=65535)]
+    fingerprint: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")]  # "" plain
+    rooms: dict[str, list[str]]  # seats of each
+    pid: Annotated[int, msgspec.Meta(ge=1)]
+
+
+def state_path(state: Path | None, port: int, environment: Mapping[str, str] = os.environ) -> Path | None:
+    """Where the state is: `state`, else what systemd says, else this user's folder for that port; None for port 0."""
+    if state is not None:
+        return state
+    if given := environment.get("STATE_DIRECTORY", "").partition(":")[0]:
+        return Path(given)
+    if not port:
+        return None
+    base = Path(environment.get("XDG_STATE_HOME", ""))
+    if not base.is_absolute():  # the XDG specification: to be ignored
+        base = Path.home() / ".local" / "state"
+    return base / "cogrip" / str(port)
+
+
+def make_folder(path: Path) -> StateFolder:
+    """The folder at `path`, made if need be. Raises StateError where it cannot be, or others could read it."""
+    _need_posix()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            path.mkdir(FOLDER_MODE)
+    except OSError as error:
+        raise StateError(f"{path}: cannot be made: {error.strerror}; name another folder with --state") from None
+    return find_folder(path)
+
+
+def find_folder(path: Path) -> StateFolder:
+    """The folder at `path`. Raises NoStateError where there is none, StateError where others could read it."""
+    _need_posix()
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        raise NoStateError(
+            f"{path}: there is no such folder; name that of your server by --state or --port, or start the server first"
+        ) from None
+    except OSError as error:
+        raise StateError(f"{path}: cannot be entered: {error.strerror}; run this as the server's user") from None
+    if not stat.S_ISDIR(found.st_mode):
+        raise StateError(f"{path}: is no folder; name another one with --state")
+    _need_private(path, found, FOLDER_MODE)
+    return StateFolder(path)
+
+
+def read_private(path: Path) -> bytes:
+    """A file's content. Raises StateError if others could read it or write to it, FileNotFoundError if there is none."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with open(file, "rb") as stream:
+            found = os.fstat(file)
+            if not stat.S_ISREG(found.st_mode):
+                raise StateError(f"{path}: is no file; move it away")
+            _need_private(path, found, FILE_MODE)
+            if found.st_size > MOST_BYTES:
+                raise StateError(
+                    f"{path}: {found.st_size} bytes are more than {MOST_BYTES}; it is none of ours, move it away"
+                )
+            return stream.read(MOST_BYTES)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise StateError(f"{path}: cannot be read: {error.strerror}; run this as the server's user") from None
+
+
+def write_private(path: Path, content: bytes) -> None:
+    """Replace a file as a whole: whenever this ends, by whatever, the old one or the new one is there.
+
+    One writer at a time: `locked` is for that. Raises StateError.
+    """
+    new = path.with_name(f"{path.name}.new")
+    try:
+        file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, FILE_MODE)
+        with open(file, "wb") as stream:
+            os.fchmod(file, FILE_MODE)  # of one that was left over
+            stream.write(content)
+            stream.flush()
+            os.fsync(file)
+        new.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise StateError(f"{path}: cannot be written: {error.strerror}; make room or name another --state") from None
+
+
+@contextmanager
+def locked(path: Path, busy: str, limit_s: float = 0.0) -> Iterator[None]:
+    """Hold the lock file `path`; it goes with the process, however that ends.
+
+    busy: words of the StateError where someone else has held it for `limit_s`.
+    """
+    _need_posix()
+    import fcntl
+
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, FILE_MODE)
+    except OSError as error:
+        raise StateError(f"{path}: cannot be opened: {error.strerror}; run this as the server's user") from None
+    try:
+        until_s = time.monotonic() + limit_s
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() >= until_s:
+                    raise StateError(busy) from None
+                time.sleep(_LOOK_AGAIN_S)
+            except OSError as error:  # some network file systems have no locks
+                raise StateError(
+                    f"{path}: cannot be locked: {error.strerror}; name a folder on a local disk with --state"
+                ) from None
+        yield
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def one_server(folder: StateFolder) -> Iterator[None]:
+    """Be the one server of a folder. Raises StateError where there is one."""
+    busy = f"another server uses {folder.path}: end it, or give this one a folder of its own with --state"
+    with locked(folder.lock, busy):
+        yield
+
+
+def write_server(folder: StateFolder, record: ServerRecord) -> None:
+    """Tell the commands. Raises StateError."""
+    write_private(folder.server, msgspec.json.format(msgspec.json.encode(record)) + b"\n")
+
+
+def read_server(folder: StateFolder) -> ServerRecord | None:
+    """What the last server here said of itself; None before the first. Raises StateError."""
+    try:
+        record = msgspec.json.decode(read_private(folder.server), type=ServerRecord)
+        check_host(record.host)
+    except FileNotFoundError:
+        return None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, LinkError) as error:
+        raise StateError(
+            f"{folder.server}: cannot be read as a server's record ({error}); start the server again, which writes it anew"
+        ) from None
+    return record
+
+
+def _need_posix() -> None:
+    if not _IS_POSIX:
+        raise StateError(
+            f"{sys.platform}: a state folder needs file modes and locks (fcntl) as Linux and macOS have them; "
+            "serve plain on loopback, or run the server under Linux (WSL)"
+        )
+
+
+def _need_private(path: Path, found: os.stat_result, mode: int) -> None:
+    if found.st_uid != os.geteuid():
+        raise StateError(
+            f"{path}: belongs to user {_user(found.st_uid)}, and this is {_user(os.geteuid())}; run this as the former, "
+            "or name another folder with --state"
+        )
+    if found.st_mode & 0o077:
+        raise StateError(
+            f"{path}: others may enter or read it (mode {stat.S_IMODE(found.st_mode):04o}, must be {mode:04o}); "
+            f"chmod {mode:o} {path}, and think whether its secrets are known by now"
+        )
+
+
+def _user(number: int) -> str:
+    import pwd
+
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return str(number)

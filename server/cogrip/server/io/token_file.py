@@ -1,0 +1,63 @@
+"""The book of tokens as a file of a state folder."""
+
+import os
+import secrets
+from collections.abc import Callable
+from typing import TypeVar
+
+from cogrip.server.io.state_folder import StateError, StateFolder, locked, read_private, write_private
+from cogrip.server.tokens import TokenBook, TokenError, decode_book, encode_book
+
+LOCK_LIMIT_S = 5.0
+Stamp = tuple[int, int, int, int]  # mtime [ns], ctime [ns], size, inode
+
+_Told = TypeVar("_Told")
+
+
+def draw_token() -> str:
+    """128 bits of chance in base64url: 22 characters."""
+    return secrets.token_urlsafe(16)
+
+
+class TokenFile:
+    """Reads at once; changes one after the other, whoever makes them."""
+
+    def __init__(self, folder: StateFolder) -> None:
+        self._folder = folder
+        self.path = folder.tokens
+
+    def stamp(self) -> Stamp | None:
+        """Differs once the file was replaced; None where there is none. Raises StateError."""
+        try:
+            found = os.stat(self.path)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise StateError(f"{self.path}: cannot be read: {error.strerror}; run this as the server's user") from None
+        return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
+
+    def load(self) -> TokenBook:
+        """The book; an empty one before the first token. Raises StateError, and leaves a damaged file as it is."""
+        try:
+            return decode_book(read_private(self.path))
+        except FileNotFoundError:
+            return TokenBook()
+        except TokenError as error:
+            others = f"{self._folder.key.name} and {self._folder.certificate.name}"
+            raise StateError(
+                f"{self.path}: cannot be read as tokens ({error}); put back a good copy, or remove it together with "
+                f"{others}: then all links are void, and the next start makes new ones"
+            ) from None
+
+    def change(self, edit: Callable[[TokenBook], tuple[TokenBook, _Told]]) -> _Told:
+        """Replace the book by what `edit` makes of it, and give what else it says.
+
+        Raises StateError, and whatever `edit` does; then nothing was changed.
+        """
+        busy = f"{self.path}: another program has been changing it for {LOCK_LIMIT_S:g} s; end it, and try again"
+        with locked(self._folder.tokens_lock, busy, LOCK_LIMIT_S):
+            book = self.load()
+            changed, told = edit(book)
+            if changed != book:
+                write_private(self.path, encode_book(changed))
+        return told

@@ -1,0 +1,200 @@
+"""How the live server is, at one moment: made between two ticks, read in another process. And whether that is well."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.histogram import DurationHistogram
+
+if TYPE_CHECKING:  # who reads snapshots needs no room, and none of numpy
+    from cogrip.server.room import Room
+
+FRESH_NS = 2_000_000_000  # a snapshot that is older, or a room without a tick for so long, is not well
+REFRESHED_ROOMS = 4  # percentiles cost 50 us a room: of more rooms, each has new ones every few snapshots
+LENGTH_BYTES = 4  # big-endian, before each snapshot in a pipe
+
+Number = float | None  # not finite, or not known: None
+
+
+class Times(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    """Durations since the start [s]: exact sum and maximum, percentiles to 1/32; None while there are none."""
+
+    sum_s: float = 0.0
+    p50_s: Number = None
+    p99_s: Number = None
+    max_s: Number = None
+
+
+class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    """One seat; of a free one the counts of whoever sat there last. Frames are those from the person to the object."""
+
+    user: str
+    seated: bool
+    frames: LinkCount = LinkCount()
+    rtt_s: Number = None
+    up_margin_j: Number = None
+    line_margin_j: Number = None
+    limited: dict[str, int] = {}  # by reason
+
+
+class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    room: str
+    seated: int
+    seats: tuple[SeatSnapshot, ...]
+    position_m: tuple[Number, ...]
+    travel_m: Number
+    ticks_run: int = 0
+    ticks_skipped: int = 0
+    late: Times = Times()
+    work: Times = Times()
+    observers: int = 0
+    least_up_margin_j: Number = None  # of all who sat here since the start
+    least_line_margin_j: Number = None
+    diverged: str = ""
+
+    @property
+    def ticks_due(self) -> int:
+        return self.ticks_run + self.ticks_skipped
+
+
+class Snapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    software: str
+    uptime_s: float
+    rooms: tuple[RoomSnapshot, ...]
+    dropped: dict[str, int] = {}
+    received: int | None = None  # datagrams at the socket, where they are counted
+    sent: int | None = None
+
+
+encode = msgspec.json.Encoder().encode
+decode = msgspec.json.Decoder(Snapshot).decode
+
+
+class Ticks(Protocol):
+    """How a room's loop runs: a `Pacer`."""
+
+    run: int
+    skipped: int
+    lateness: DurationHistogram
+    work: DurationHistogram
+
+
+class SnapshotMaker:
+    """Makes snapshots of some rooms; asks nothing of them that is recorded.
+
+    ticks: of each room, by its name.
+    """
+
+    def __init__(self, rooms: "Sequence[Room]", ticks: Mapping[str, Ticks], software: str) -> None:
+        self._rooms = rooms
+        self._ticks = ticks
+        self._software = software
+        self._times = {room.name: (Times(), Times()) for room in rooms}
+        self._least: dict[str, tuple[Number, Number]] = {room.name: (None, None) for room in rooms}
+        self._next = 0
+
+    def look(
+        self,
+        uptime_s: float,
+        *dropped: Mapping[str, int],
+        rtt_ns: Mapping[tuple[str, int], int] | None = None,
+        datagrams: tuple[int, int] | None = None,
+    ) -> Snapshot:
+        """A snapshot now.
+
+        dropped: counts by reason, of core, channel and recording; the same reason is summed. rtt_ns: by room and seat
+        number. datagrams: (received, sent) at the socket.
+        """
+        self._refresh()
+        counts: dict[str, int] = {}
+        for some in dropped:
+            for reason, count in some.items():
+                counts[reason] = counts.get(reason, 0) + count
+        rooms = tuple([self._room(room, rtt_ns or {}) for room in self._rooms])
+        received, sent = datagrams or (None, None)
+        return Snapshot(self._software, uptime_s, rooms, counts, received, sent)
+
+    def _refresh(self) -> None:
+        for _ in range(min(REFRESHED_ROOMS, len(self._rooms))):
+            name = self._rooms[self._next].name
+            ticks = self._ticks[name]
+            self._times[name] = times(ticks.lateness), times(ticks.work)
+            self._next = (self._next + 1) % len(self._rooms)
+
+    def _room(self, room: "Room", rtt_ns: Mapping[tuple[str, int], int]) -> RoomSnapshot:
+        name, ticks = room.name, self._ticks[room.name]
+        late, work = self._times[name]
+        seats = [_seat(room, number, rtt_ns.get((name, number))) for number in range(len(room.seats))]
+        up_j, line_j = self._least[name]
+        for seat in seats:
+            up_j, line_j = _lesser(up_j, seat.up_margin_j), _lesser(line_j, seat.line_margin_j)
+        self._least[name] = up_j, line_j
+        return RoomSnapshot(
+            name, sum([seat.seated for seat in seats]), tuple(seats), tuple(room.world.position.tolist()), room.travel_m,
+            ticks.run, ticks.skipped, late, work, len(room.gallery.observers), up_j, line_j, room.diverged,
+        )  # fmt: skip
+
+
+def times(histogram: DurationHistogram) -> Times:
+    """Sum, percentiles and maximum of a histogram [s]."""
+    if not histogram.total_ns and not histogram.count:
+        return Times()
+    return Times(
+        histogram.total_ns * 1e-9,
+        histogram.percentile(50) * 1e-9,
+        histogram.percentile(99) * 1e-9,
+        histogram.max_ns * 1e-9,
+    )
+
+
+def _seat(room: "Room", number: int, rtt_ns: int | None) -> SeatSnapshot:
+    seat, limited = room.seats[number], room.limited(number)
+    port, last = seat.port, seat.last
+    if port is not None:
+        rtt_s = None if rtt_ns is None else rtt_ns * 1e-9
+        return SeatSnapshot(seat.name, True, port.count(), rtt_s, port.up_margin_j, seat.line_margin_j, limited)
+    if last is not None:
+        return SeatSnapshot(seat.name, False, last.up, None, last.up_margin_j, last.line_margin_j, limited)
+    return SeatSnapshot(seat.name, False, limited=limited)
+
+
+def _lesser(one: Number, other: Number) -> Number:
+    if one is None or other is None:
+        return other if one is None else one
+    return min(one, other)
+
+
+class Health:
+    """Whether a server is well, by the snapshots that came of it."""
+
+    def __init__(self) -> None:
+        self.newest: Snapshot | None = None
+        self._came_ns = 0
+        self._moved: dict[str, tuple[int, float]] = {}  # room -> ticks run, and the uptime when they had last grown
+
+    def take(self, snapshot: Snapshot, now_ns: int) -> None:
+        """A snapshot came."""
+        self.newest, self._came_ns = snapshot, now_ns
+        for room in snapshot.rooms:
+            if room.ticks_run != self._moved.get(room.room, (-1, 0.0))[0]:
+                self._moved[room.room] = room.ticks_run, snapshot.uptime_s
+
+    def age_ns(self, now_ns: int) -> int:
+        """Since the newest snapshot came."""
+        return now_ns - self._came_ns
+
+    def trouble(self, now_ns: int) -> str:
+        """Why the server is not well, "" if it is."""
+        if self.newest is None:
+            return "the server has said nothing yet"
+        if self.age_ns(now_ns) >= FRESH_NS:
+            return f"the server has said nothing for {self.age_ns(now_ns) * 1e-9:.1f} s: its loop stands, or is held up"
+        for room in self.newest.rooms:
+            still_s = self.newest.uptime_s - self._moved[room.room][1]
+            if still_s * 1e9 >= FRESH_NS:
+                return f"room {room.room}: no tick for {still_s:.1f} s"
+            if room.diverged:
+                return f"room {room.room} has diverged: {room.diverged}"
+        return ""

@@ -1,0 +1,264 @@
+"""The right to come in: tokens, kept as hashes, and what a book of them says to a hello.
+
+A book is a value: what changes it gives a new one. Dates are Unix seconds, handed in.
+"""
+
+import difflib
+import hashlib
+import hmac
+from base64 import urlsafe_b64encode
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal, get_args
+
+import msgspec
+
+from cogrip.protocol.messages import Role
+from cogrip.server.admission import Denied, Grant
+
+VERSION: Literal[1] = 1
+MOST_TOKENS = 1000  # a book holds; the oldest that nobody can use any more are forgotten first
+START_NOTE = "printed at start"
+_NAME_OR_ANY = r"^([A-Za-z0-9][A-Za-z0-9 ._-]*)?\Z"
+
+Id = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{8}\Z")]
+Hash = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
+DeviceOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=r"^[ -~]*\Z")]  # as long as a hello's
+Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]  # it is printed on terminals
+UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # to the end of the year 9999
+TokenState = Literal["good", "used", "expired", "revoked"]
+
+
+class TokenError(ValueError):
+    """A token or a book of them is not as it must be."""
+
+
+class UnknownTokenError(TokenError):
+    """No token has this id."""
+
+
+class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is kept of a token. No field has a default: one that is missing in a file must not widen what it allows."""
+
+    id: Id  # public: the beginning of the hash
+    hash: Hash  # SHA-256 of the token
+    role: Role  # player lets one observe too
+    room: NameOrAny  # "" any
+    user: NameOrAny  # which seat; "" any
+    device: DeviceOrAny  # beginning of the device address that may be claimed; "" any
+    once: bool
+    start: bool  # derived from the server's key, and printed when it starts
+    expires: UnixSeconds | None
+    created: UnixSeconds
+    used: UnixSeconds | None  # of a one-time token
+    revoked: UnixSeconds | None
+    note: Note
+
+    def state(self, now_s: float) -> TokenState:
+        """Whether it lets anyone in, else why not."""
+        if self.revoked is not None:
+            return "revoked"
+        if self.once and self.used is not None:
+            return "used"
+        if self.expires is not None and now_s >= self.expires:
+            return "expired"
+        return "good"
+
+
+class StartLink(msgspec.Struct, frozen=True):
+    """A standing token that the server prints when it starts."""
+
+    role: Role
+    room: str
+    id: str
+    token: str
+
+    def __repr__(self) -> str:
+        return f"StartLink(role={self.role!r}, room={self.room!r}, id={self.id!r})"
+
+    def __rich_repr__(self) -> Iterator[str]:
+        yield repr(self)
+
+
+class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All tokens of one server. `encode_book` and `decode_book` are its way to and from a file."""
+
+    version: Literal[1] = VERSION
+    tokens: tuple[Token, ...] = ()
+
+    def new(
+        self,
+        token: str,
+        now_s: float,
+        *,
+        role: Role = "player",
+        room: str = "",
+        user: str = "",
+        device: str = "",
+        once: bool = False,
+        expires: int | None = None,
+        note: str = "",
+        start: bool = False,
+    ) -> tuple["TokenBook", Token]:
+        """The book with one more. `token` comes from a source of chance. Raises TokenError for what it may not be."""
+        hashed = token_hash(token)
+        if any(known.id == hashed[:8] for known in self.tokens):
+            raise TokenError(f"the id {hashed[:8]} is taken; draw another token")
+        if role == "observer" and (user or device):
+            raise TokenError("an observer has neither seat nor device: leave them open, or make the token a player's")
+        made = Token(
+            id=hashed[:8], hash=hashed, role=role, room=room, user=user, device=device, once=once, start=start,
+            expires=expires, created=int(now_s), used=None, revoked=None, note=note,
+        )  # fmt: skip
+        try:
+            made = msgspec.convert(msgspec.to_builtins(made), Token)
+        except msgspec.ValidationError as error:
+            raise TokenError(f"a token cannot be so: {_readable(error)}") from None
+        return TokenBook(tokens=(*self._room_for_one(now_s), made)), made
+
+    def find(self, ident: str) -> Token:
+        """Raises UnknownTokenError, which names the nearest."""
+        for token in self.tokens:
+            if token.id == ident:
+                return token
+        near = difflib.get_close_matches(ident, [token.id for token in self.tokens], n=1, cutoff=0.5)
+        cure = f"did you mean {near[0]}?" if near else "`cogrip token list` shows those there are"
+        raise UnknownTokenError(f"no token has the id {ident}; {cure}")
+
+    def revoke(self, ident: str, now_s: float) -> "TokenBook":
+        """The book with this one revoked; what was revoked before keeps its date. Raises UnknownTokenError."""
+        token = self.find(ident)
+        if token.revoked is not None:
+            return self
+        return self._with(msgspec.structs.replace(token, revoked=int(now_s)))
+
+    def use(self, ident: str, now_s: float) -> "TokenBook":
+        """The book after a place was given by this one; only one-time tokens are used up. Raises UnknownTokenError."""
+        token = self.find(ident)
+        if not token.once or token.used is not None:
+            return self
+        return self._with(msgspec.structs.replace(token, used=int(now_s)))
+
+    def admit(self, token: str, role: Role, room: str, now_s: float) -> Grant | Denied:
+        """What a hello with this token may do. A wrong guess costs the same whatever it is."""
+        hashed = token_hash(token)
+        found: Token | None = None
+        for known in self.tokens:  # all of them, always
+            if hmac.compare_digest(known.hash, hashed):
+                found = known
+        if found is None:
+            words = "this token is unknown here" if token else "this server lets in only who has a token"
+            return Denied("token", f"{words}; ask for a new link")
+        if ails := why_not(found, now_s):
+            return Denied("token", f"this token {ails}; ask for a new link")
+        if role == "player" and found.role == "observer":
+            return Denied(
+                "role", "this token lets one observe, not play; join as an observer, or ask for a player's link"
+            )
+        if found.room and room not in ("", found.room):
+            return Denied("room", f"this token is for room {found.room!r}, not {room!r}; use the link as it is")
+        if role == "observer":  # holds nothing, so that seat and device do not matter
+            return Grant(role, found.id, found.room)
+        return Grant(role, found.id, found.room, found.user, found.device)
+
+    def standing(self, secret: bytes, rooms: Sequence[str], now_s: float) -> tuple["TokenBook", list[StartLink]]:
+        """The book with the tokens that a start prints, one for each role and room, and these tokens.
+
+        They are derived from `secret`, so that every start prints the same ones and only hashes are kept; where one was
+        revoked its successor takes its place.
+        """
+        book, links = self, []
+        for room in rooms:
+            for role in get_args(Role):
+                book, link = book._start_link(secret, role, room, now_s)
+                links.append(link)
+        return book, links
+
+    def _start_link(self, secret: bytes, role: Role, room: str, now_s: float) -> tuple["TokenBook", StartLink]:
+        generation = 0
+        while True:
+            token = derived_token(secret, role, room, generation)
+            hashed = token_hash(token)
+            known = next((known for known in self.tokens if known.id == hashed[:8]), None)
+            if known is None:
+                book, _ = self.new(token, now_s, role=role, room=room, note=START_NOTE, start=True)
+                return book, StartLink(role, room, hashed[:8], token)
+            if known.revoked is None and known.start and hmac.compare_digest(known.hash, hashed):
+                return self, StartLink(role, room, known.id, token)
+            generation += 1
+
+    def _with(self, changed: Token) -> "TokenBook":
+        return TokenBook(tokens=tuple(changed if token.id == changed.id else token for token in self.tokens))
+
+    def _room_for_one(self, now_s: float) -> tuple[Token, ...]:
+        """The tokens, less the oldest dead ones if there are too many. Start links stay: a revoked one must not come back."""
+        excess = len(self.tokens) + 1 - MOST_TOKENS
+        if excess <= 0:
+            return self.tokens
+        dead = [token.id for token in self.tokens if not token.start and token.state(now_s) != "good"][:excess]
+        if len(dead) < excess:
+            raise TokenError(
+                f"there are {len(self.tokens)} tokens, and at most {MOST_TOKENS} are kept; revoke some first"
+            )
+        return tuple(token for token in self.tokens if token.id not in dead)
+
+
+def why_not(token: Token, now_s: float) -> str:
+    """What ails a token, in words; "" if nothing does."""
+    state = token.state(now_s)
+    if state == "revoked":
+        return f"was revoked at {date_text(token.revoked or 0)}"
+    if state == "used":
+        return "was used already: it is good for one time"
+    return f"has expired, at {date_text(token.expires or 0)}" if state == "expired" else ""
+
+
+def token_hash(token: str) -> str:
+    """What is kept of a token. It has 128 bits of chance, so one round will do."""
+    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def derived_token(secret: bytes, role: Role, room: str, generation: int) -> str:
+    """The standing token of a role and room: HMAC-SHA256, cut to 128 bits, in base64url."""
+    message = b"cogrip start link " + msgspec.json.encode([role, room, generation])
+    return urlsafe_b64encode(hmac.digest(secret, message, "sha256")[:16]).decode().rstrip("=")
+
+
+def date_text(unix_s: float) -> str:
+    """2026-12-24 18:00 UTC."""
+    return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+class _Versioned(msgspec.Struct):
+    version: Any = None
+
+
+def encode_book(book: TokenBook) -> bytes:
+    """JSON text."""
+    return msgspec.json.format(msgspec.json.encode(book)) + b"\n"
+
+
+def decode_book(data: bytes) -> TokenBook:
+    """The book in a file. Raises TokenError, and nothing else, for anything that is not exactly one."""
+    try:
+        version = msgspec.json.decode(data, type=_Versioned).version
+        if version != VERSION or isinstance(version, bool):
+            raise TokenError(f"version = {repr(version)[:20]}, and this cogrip knows {VERSION}")
+        book = msgspec.json.decode(data, type=TokenBook)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise TokenError(_readable(error)) from None
+    seen: set[str] = set()
+    for token in book.tokens:
+        if token.id != token.hash[:8]:
+            raise TokenError(f"token {token.id}: its id is not the beginning of its hash")
+        if token.id in seen:
+            raise TokenError(f"token {token.id} stands twice")
+        seen.add(token.id)
+    return book
+
+
+def _readable(error: Exception) -> str:
+    """msgspec's words, the place first."""
+    text, _, where = str(error).partition(" - at `$.")
+    return f"{where.rstrip('`')}: {text}" if where else text
