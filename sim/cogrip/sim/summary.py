@@ -63,7 +63,7 @@ def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
     """The summary of a session in virtual time."""
     settings: Settings = laboratory.settings
     ticks = laboratory.ticks()
-    dropped: dict[str, int] = dict(laboratory.server.dropped)
+    dropped: dict[str, int] = {**laboratory.server.dropped, **_limited(laboratory.room)}
     return summarise(
         name=settings.name,
         seed=settings.seed,
@@ -91,7 +91,7 @@ def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str,
             for number, seat in enumerate(room.seats)
         ],
         room=room.account(),
-        dropped=dropped,
+        dropped={**dropped, **_limited(room)},
     )
 
 
@@ -121,6 +121,15 @@ def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]
         room=None,
         dropped={},
     )
+
+
+def _limited(room: Room) -> dict[str, int]:
+    """What people brought in beyond what their seats may, and was taken off."""
+    return {
+        f"{seat.name}: {reason}": count
+        for number, seat in enumerate(room.seats)
+        for reason, count in room.limited(number).items()
+    }
 
 
 def _user(user: UserRecord) -> dict[str, Any]:

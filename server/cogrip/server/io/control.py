@@ -19,6 +19,7 @@ MOST_ANSWER_BYTES = 65536
 MOST_CALLERS = 8  # at once; further ones wait in the socket's queue
 CALLER_LIMIT_NS = 5_000_000_000
 ASK_LIMIT_S = 5.0
+_QUEUE_WAIT_S = 0.01
 MOST_PATH_BYTES = 103  # of a unix socket: 107 on Linux, 103 on macOS
 
 MOST_WORD, MOST_REASON = 40, 200  # characters
@@ -209,8 +210,7 @@ def ask(folder: StateFolder, order: Kick | Reload | Status, limit_s: float = ASK
     until_s = time.monotonic() + limit_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         try:
-            connection.settimeout(limit_s)
-            connection.connect(path)
+            _connect(connection, path, until_s)
             connection.sendall(msgspec.json.encode(order) + b"\n")
             while not (heard and heard[-1].endswith(b"\n")) and sum(map(len, heard)) <= MOST_ANSWER_BYTES:
                 connection.settimeout(max(until_s - time.monotonic(), 0.001))
@@ -221,7 +221,7 @@ def ask(folder: StateFolder, order: Kick | Reload | Status, limit_s: float = ASK
             raise NotRunningError(
                 f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
             ) from None
-        except (TimeoutError, BlockingIOError):
+        except TimeoutError:
             raise ControlError(
                 f"the server with the state in {folder.path} did not answer within {limit_s:g} s; "
                 "if it is stopped or hangs, start it again"
@@ -236,6 +236,20 @@ def ask(folder: StateFolder, order: Kick | Reload | Status, limit_s: float = ASK
         raise ControlError(
             f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
         ) from None
+
+
+def _connect(connection: socket.socket, path: str, until_s: float) -> None:
+    """Connect, or wait for a place in the server's queue. Raises OSError, TimeoutError among them."""
+    connection.settimeout(max(until_s - time.monotonic(), 0.001))
+    while True:
+        try:
+            connection.connect(path)
+        except BlockingIOError:  # Linux does not wait for a unix socket's full queue
+            if time.monotonic() >= until_s:
+                raise TimeoutError from None
+            time.sleep(_QUEUE_WAIT_S)
+        else:
+            return
 
 
 def _fit_path(folder: StateFolder) -> str:

@@ -48,6 +48,7 @@ class Keeper:
             if folder
             else {}
         )
+        self._told_limited: set[tuple[int, str]] = set()
         self._rested: set[str] = set()  # rooms where nothing has happened since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
         self._look_ns = self._next_ns = self._watchdog_ns = 0
@@ -85,6 +86,7 @@ class Keeper:
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()
+            self._tell_limited()
             self._write_checkpoints()
             if self._metrics is not None:
                 self._metrics.put(self._maker.look(self._server.elapsed_s, self._server.drops(), self._server.losses()))
@@ -115,6 +117,18 @@ class Keeper:
                 continue
             (self._rested.add if resting else self._rested.discard)(room.name)
             self._writers[room.name].put(encode(room.checkpoint()))
+
+    def _tell_limited(self) -> None:
+        """Once for each session of a seat and each reason."""
+        now = set()
+        for room in self._server.core.rooms:
+            for number, seat in enumerate(room.seats):
+                for reason in room.limited(number):
+                    now.add(what := (seat.session, reason))
+                    if what not in self._told_limited:
+                        words = f"{room.name}: {seat.name} brings in more than the seat may: {reason}"
+                        self._say(Happening("limited", words, room.name, seat.name, token=seat.token))
+        self._told_limited = now
 
     def _reload(self) -> str:
         if self._door is None:
