@@ -36,6 +36,8 @@ COMMANDS = {
     "sweep": ("cogrip.cli.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
     "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
     "devices": ("cogrip.cli.devices:devices", "Devices: list, find, calibrate, check, emulate."),
+    "token": ("cogrip.cli.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),
+    "kick": ("cogrip.cli.kick:kick", "Show somebody out of a running session."),
     "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
 }
 

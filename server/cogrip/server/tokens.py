@@ -7,7 +7,7 @@ import difflib
 import hashlib
 import hmac
 from base64 import urlsafe_b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, get_args
 
@@ -17,7 +17,7 @@ from cogrip.protocol.messages import Role
 from cogrip.server.admission import Denied, Grant
 
 VERSION: Literal[1] = 1
-MOST_TOKENS = 1000  # a book holds; the oldest that nobody can use any more are forgotten first
+MOST_TOKENS = 400  # a book holds: reading it takes a fraction of a tick. The oldest dead ones are forgotten first
 START_NOTE = "printed at start"
 _NAME_OR_ANY = r"^([A-Za-z0-9][A-Za-z0-9 ._-]*)?\Z"
 
@@ -77,8 +77,8 @@ class StartLink(msgspec.Struct, frozen=True):
     def __repr__(self) -> str:
         return f"StartLink(role={self.role!r}, room={self.room!r}, id={self.id!r})"
 
-    def __rich_repr__(self) -> Iterator[str]:
-        yield repr(self)
+    def __rich_repr__(self) -> list[tuple[str, Any]]:
+        return [("room", self.room), ("id", self.id)]
 
 
 class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

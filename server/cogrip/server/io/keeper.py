@@ -130,12 +130,13 @@ class Keeper:
                         self._say(Happening("limited", words, room.name, seat.name, token=seat.token))
         self._told_limited = now
 
-    def _reload(self) -> str:
+    def _reload(self) -> tuple[str, bool]:
         if self._door is None:
-            return "nothing to read again: this server takes no tokens"
+            return "nothing to read again: this server takes no tokens", True
         good = self._door.reload()
         ended = self._end_revoked()
-        return f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"
+        words = f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"
+        return words, good
 
     def _end_revoked(self) -> int:
         revoked = self._door.revoked() if self._door is not None else set()
@@ -147,7 +148,7 @@ class Keeper:
         if isinstance(order, Kick):
             text, ok = self._kick(order)
         elif isinstance(order, Reload):
-            text, ok = self._reload(), True
+            text, ok = self._reload()
         else:
             text, ok = self._status(), True
         self._control.answer(request, text, ok=ok)
@@ -163,7 +164,9 @@ class Keeper:
         if order.revoke and self._door is not None:
             for token in tokens:
                 self._door.revoke(token)
-        revoked = f"; revoked: {', '.join(sorted(tokens))}" if order.revoke and tokens else ""
+        revoked = ""
+        if order.revoke:
+            revoked = f"; revoked: {', '.join(sorted(tokens))}" if tokens else "; there was no token to revoke"
         return f"{order.user} was shown out{revoked}", True
 
     def _status(self) -> str:

@@ -28,7 +28,7 @@ from cogrip.protocol.io.dtls import (
 )
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
-from cogrip.server.gate import Gate
+from cogrip.server.gate import Budget, Buckets, Gate
 from cogrip.server.happenings import Happening
 from cogrip.server.plain_channel import looks_like_hello
 
@@ -38,7 +38,8 @@ WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
 SWEEP_EVERY_NS = 500_000_000
 COOKIE_NS = 30_000_000_000  # a cookie fits for so long, and at most twice
 COOKIE_BYTES = 16
-TOLD = 256  # happenings that wait to be said; older ones are left out
+TOLD = Budget(1, 10)  # happenings that are said: whoever knocks often is counted, and shall not fill a journal
+MOST_TOLD = 64  # that wait to be said
 SEALED = "this server speaks under a seal only: join by a link that it prints at its start, or `cogrip token new` makes"
 
 
@@ -56,7 +57,7 @@ class SealedListener:
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.dropped: dict[str, int] = {}
         self.failed = ""
-        self.events: deque[Happening] = deque(maxlen=TOLD)
+        self.events: deque[Happening] = deque(maxlen=MOST_TOLD)
         self.renewed: deque[Address] = deque(maxlen=most)
         self._gate = gate
         self._seated = seated
@@ -65,6 +66,7 @@ class SealedListener:
         self._cookies = (b"", b"")  # that the address in question may have: the one to send, the one before it
         self._context = server_context(identity, lambda _: self._cookies[0], lambda _, cookie: self._fits(cookie))
         self._door = Association(self._context, server=True)
+        self._voice = Buckets(1, TOLD)
         self._half: dict[Address, _Peer] = {}  # oldest first
         self._open: dict[Address, _Peer] = {}
         self._sweep_ns = 0
@@ -155,7 +157,7 @@ class SealedListener:
         if not reason:
             answer = refusal(nonce_of(datagram), "sealed", SEALED)
             self.outbox.append((address, answer))
-            self._tell("refused", f"refused {_place(address)}: it spoke without a seal", address, "sealed")
+            self._tell(f"refused {_place(address)}: it spoke without a seal", address, "sealed", now_ns)
         return ()
 
     def _greet(self, datagram: bytes, address: Address, now_ns: int) -> None:
@@ -193,7 +195,7 @@ class SealedListener:
         peer.association.accept()
         self._take(peer, address)
         if peer.association.failed:
-            self._fail(peer, address)
+            self._fail(peer, address, peer.since_ns)
             return
         if self._half.pop(address, None) is not None:
             self._drop("handshake begun again")
@@ -208,9 +210,10 @@ class SealedListener:
         self._take(half, address)
         if association.failed:
             del self._half[address]
-            self._fail(half, address)
+            self._fail(half, address, now_ns)
             return ()
         if not association.ready:
+            self._drop("amid a handshake")
             return ()
         del self._half[address]
         if self._open.pop(address, None) is not None:
@@ -222,12 +225,13 @@ class SealedListener:
             return ()
         half.since_ns = now_ns
         self._open[address] = half
+        self._gate.proven(address, now_ns)
         return heard
 
-    def _fail(self, peer: "_Peer", address: Address) -> None:
+    def _fail(self, peer: "_Peer", address: Address, now_ns: int) -> None:
         reason = peer.association.failed
         self._drop(f"handshake failed: {reason}")
-        self._tell("refused", f"refused {_place(address)}: {reason}", address, "seal")
+        self._tell(f"refused {_place(address)}: {reason}", address, "seal", now_ns)
 
     def _end(self, address: Address, peer: "_Peer") -> None:
         del self._open[address]
@@ -243,8 +247,9 @@ class SealedListener:
                 self._drop("no seat in time")
                 self.close(address)
 
-    def _tell(self, event: str, text: str, address: Address, code: str) -> None:
-        self.events.append(Happening(event, text, address=_place(address), code=code))
+    def _tell(self, text: str, address: Address, code: str, now_ns: int) -> None:
+        if self._voice.take(0, now_ns):
+            self.events.append(Happening("refused", text, address=_place(address), code=code))
 
     def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
         """What this address may have been sent lately."""

@@ -1,0 +1,56 @@
+"""`cogrip kick`: show somebody out of a running session."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.state_at import Port, State, check_known, server_at, state_at
+from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.server.io.control import MOST_REASON, MOST_WORD, Kick, ask
+from cogrip.server.io.state_folder import StateError
+
+
+def kick(
+    user: str,
+    /,
+    *,
+    room: str = "",
+    reason: str = "",
+    revoke: Annotated[bool, Parameter(negative="")] = False,
+    state: State = None,
+    port: Port = DEFAULT_PORT,
+) -> int:
+    """End the seat of a person, or an observer's place. They may come back, unless --revoke.
+
+    Exit code 1 where the server does not run or nobody is called so.
+
+    Parameters
+    ----------
+    user
+        Name of the seat, or of the observer, as the server prints it.
+    room
+        In this room only.
+    reason
+        What they are told.
+    revoke
+        Revoke their token as well: they come back by another one only. Everyone who came by it is shown out.
+    """
+    for what, text, most in (("user", user, MOST_WORD), ("--room", room, MOST_WORD), ("--reason", reason, MOST_REASON)):
+        if len(text) > most:
+            raise BadInput(f"kick: {what} has {len(text)} characters, more than {most}; say it shorter")
+    if not user:
+        raise BadInput("kick: name somebody, as the server prints it")
+    folder = state_at(state, port)
+    server = server_at(folder)
+    if server is not None:
+        check_known("--room", room, list(server.rooms), "room")
+    try:
+        answer = ask(folder, Kick(user, room, reason, revoke))
+    except StateError as error:
+        raise Problem(str(error)) from None
+    if not answer.ok:
+        raise Problem(f"kick: {answer.text}")
+    Console(highlight=False, soft_wrap=True).print(answer.text, markup=False)
+    return 0

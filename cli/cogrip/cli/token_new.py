@@ -1,0 +1,165 @@
+"""`cogrip token new`: a link for somebody."""
+
+import re
+import time
+from datetime import datetime
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.question import Json, write_json
+from cogrip.cli.state_at import Port, State, check_known, server_at, state_at
+from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
+from cogrip.protocol.messages import Role
+from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
+from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.server.tokens import Token, TokenError, date_text
+
+EVERYWHERE = ("0.0.0.0", "::")
+_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
+_MOST_S = 10 * 366 * 86400
+
+
+def token_new(
+    *,
+    role: Role = "player",
+    room: str = "",
+    name: str = "",
+    device: str = "",
+    once: Annotated[bool, Parameter(negative="")] = False,
+    expires: str = "",
+    note: str = "",
+    host: str = "",
+    state: State = None,
+    port: Port = DEFAULT_PORT,
+    json: Json = None,
+) -> int:
+    """Make a token, and print its join link: the link alone, on standard output, and never again.
+
+    Parameters
+    ----------
+    role
+        A player may hold the object, or look on; an observer may look on.
+    room
+        For this room only; any if not given.
+    name
+        For this seat only; any if not given.
+    device
+        For devices whose address begins so only, such as hid:woodenhaptics.
+    once
+        Good for one time. A person who has come in by it comes back by themselves after a break of the line all the same.
+    expires
+        After so long (90s, 30m, 2h, 3d, 1w), or at a date (2026-12-24T18:00, this machine's time); never if not given.
+    note
+        For `cogrip token list`: who has it.
+    host
+        HOST or HOST:PORT by which this person reaches the server; else as the server says.
+    """
+    if json not in (None, "-"):
+        raise BadInput(
+            f"--json {json}: the answer holds a secret and is given once; have it on standard output (--json -)"
+        )
+    folder = state_at(state, port)
+    server = _sealed_server(folder)
+    rooms = list(server.rooms)
+    check_known("--room", room, rooms, "room")
+    seats = [seat for each in ([room] if room else rooms) for seat in server.rooms[each]]
+    check_known("--name", name, seats, "seat")
+    now_s = time.time()
+    end_s = expiry(expires, now_s) if expires else None
+    where = _place(host, server)
+    secret = draw_token()
+    try:
+        link = JoinLink(*where, room, server.fingerprint, secret)
+        made = TokenFile(folder).change(
+            lambda book: book.new(
+                secret, now_s, role=role, room=room, user=name, device=device, once=once, expires=end_s, note=note
+            )
+        )
+    except (LinkError, TokenError) as error:
+        raise BadInput(f"token new: {error}") from None
+    except StateError as error:
+        raise Problem(str(error)) from None
+    if json is not None:
+        write_json(_as_json(made, link), json)
+        return 0
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"token {made.id}: {_terms(made)}", markup=False)
+    print(link.text)
+    return 0
+
+
+def expiry(text: str, now_s: float) -> int:
+    """Unix seconds of a time from now or a date. Raises BadInput."""
+    if found := re.fullmatch(r"([0-9]{1,9})([smhdw])", text.strip()):
+        end_s = now_s + int(found[1]) * _SECONDS[found[2]]
+    else:
+        try:
+            end_s = datetime.fromisoformat(text.strip()).astimezone().timestamp()
+        except (ValueError, OverflowError, OSError):
+            raise BadInput(f"--expires {text!r}: write 30m, 2h, 3d, 1w, or a date such as 2026-12-24T18:00") from None
+    if end_s <= now_s:
+        raise BadInput(f"--expires {text!r}: that is past; name a later time")
+    if end_s - now_s > _MOST_S:
+        raise BadInput(f"--expires {text!r}: that is more than ten years; leave it out for a token without an end")
+    return int(end_s)
+
+
+def _sealed_server(folder: StateFolder) -> ServerRecord:
+    server = server_at(folder)
+    if server is None:
+        raise BadInput(
+            f"{folder.path}: no server has been started here, and a link needs its key; start `cogrip serve` first"
+        )
+    if not server.fingerprint:
+        raise BadInput(
+            f"{folder.path}: the server is plain, and asks nobody for a token; serve on another address than loopback, "
+            "or with --seal"
+        )
+    return server
+
+
+def _place(host: str, server: ServerRecord) -> tuple[str, int]:
+    """Where a person finds the server."""
+    if host:
+        try:
+            name, port = split_place(host)
+        except LinkError as error:
+            raise BadInput(f"--host: {error}") from None
+        return name, port or server.port
+    if server.host in EVERYWHERE:
+        raise BadInput(
+            f"the server listens on all addresses ({server.host}); say by which one it is found: --host NAME"
+        )
+    return server.host, server.port
+
+
+def _terms(token: Token) -> str:
+    """What it is good for, for people."""
+    return ", ".join(
+        text
+        for text in (
+            token.role,
+            f"room {token.room}" if token.room else "any room",
+            "" if token.role == "observer" else f"seat {token.user}" if token.user else "any seat",
+            f"device {token.device}" if token.device else "",
+            "one time" if token.once else "standing",
+            f"until {date_text(token.expires)}" if token.expires is not None else "",
+        )
+        if text
+    )
+
+
+def _as_json(token: Token, link: JoinLink) -> dict[str, Any]:
+    return {
+        "id": token.id,
+        "link": link.text,
+        "role": token.role,
+        "room": token.room,
+        "seat": token.user,
+        "device": token.device,
+        "once": token.once,
+        "expires": token.expires,
+        "note": token.note,
+    }

@@ -1,0 +1,159 @@
+"""The one line that lets a person in: `cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN` (`SPEC.md`, Join links).
+
+What stands behind the # is a secret: no error, no `repr` and no `str` here shows it; `JoinLink.text` alone does.
+"""
+
+import re
+from ipaddress import AddressValueError, IPv6Address
+from typing import Any
+from urllib.parse import quote, unquote
+
+import msgspec
+
+from cogrip.protocol.settings import NAME_PATTERN
+
+SCHEME = "cogrip:"
+DEFAULT_PORT = 47800
+FINGERPRINT_DIGITS = 64  # SHA-256 of the certificate's DER
+TOKEN_CHARACTERS = 22  # 128 bits in base64url
+SHAPE = "cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN"
+_MOST_CHARACTERS = 1000
+_MOST_SHOWN = 60
+_ROOM_CHARACTERS = 40  # as `settings.Name`
+_HOST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}\Z")
+_FINGERPRINT = re.compile(rf"[0-9a-f]{{{FINGERPRINT_DIGITS}}}\Z")
+_TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{TOKEN_CHARACTERS}}}\Z")
+
+
+class LinkError(ValueError):
+    """This is no join link. The text says which part is wrong and what to do; it shows nothing of what follows the #."""
+
+
+class JoinLink(msgspec.Struct, frozen=True):
+    """Where a server is, by which certificate it is known, and the right to come in. Making one checks it: LinkError."""
+
+    host: str  # name, IPv4, or IPv6 without its brackets
+    port: int
+    room: str  # "" any
+    fingerprint: str
+    token: str
+
+    def __post_init__(self) -> None:
+        check_host(self.host)
+        if not 0 < self.port < 65536:
+            raise LinkError(f"join link: port {self.port} is outside 1 to 65535")
+        if self.room and (len(self.room) > _ROOM_CHARACTERS or not re.match(NAME_PATTERN, self.room)):
+            raise LinkError(
+                f"join link: {_shown(self.room)} is no room: at most {_ROOM_CHARACTERS} letters, digits, blanks and . _ -"
+                ", a letter or digit first"
+            )
+        if not _FINGERPRINT.match(self.fingerprint):
+            raise LinkError(_cut("fingerprint", self.fingerprint, f"{FINGERPRINT_DIGITS} hexadecimal digits"))
+        if not _TOKEN.match(self.token):
+            raise LinkError(_cut("token", self.token, f"{TOKEN_CHARACTERS} letters, digits, - and _"))
+
+    @property
+    def text(self) -> str:
+        """The whole link, with its secret."""
+        return f"{self._place}#{self.fingerprint}.{self.token}"
+
+    @property
+    def _place(self) -> str:
+        return f"cogrip://{place_text(self.host, self.port)}/{quote(self.room, safe='')}"
+
+    def __repr__(self) -> str:
+        return f"{self._place}#{self.fingerprint[:8]}..."
+
+    __str__ = __repr__
+
+    def __rich_repr__(self) -> list[tuple[str, Any]]:
+        return [("host", self.host), ("port", self.port), ("room", self.room)]
+
+
+def is_link(text: str) -> bool:
+    """Whether `text` is meant as a join link, right or wrong."""
+    return text.strip()[: len(SCHEME)].lower() == SCHEME
+
+
+def parse_link(text: str) -> JoinLink:
+    """The link that a person typed or pasted. Raises LinkError."""
+    text = text.strip()
+    if not is_link(text) or text[len(SCHEME) :][:2] != "//":
+        raise LinkError(f"join link: it must begin with cogrip://, as in {SHAPE}")
+    if len(text) > _MOST_CHARACTERS:
+        raise LinkError(f"join link: {len(text)} characters are more than {_MOST_CHARACTERS}; paste the link alone")
+    if any(character.isspace() for character in text):
+        raise LinkError(
+            "join link: there is a blank or a line break in it; paste it as one line (a blank in a room is %20)"
+        )
+    place, mark, secret = text[len(SCHEME) + 2 :].partition("#")
+    if not mark:  # nothing is shown: the secret may stand anywhere
+        raise LinkError(
+            "join link: there is no # with fingerprint and token behind it; copy the whole link, and quote it: '...'"
+        )
+    fingerprint, dot, token = secret.partition(".")
+    if not dot:
+        raise LinkError(
+            "join link: behind the # must stand FINGERPRINT.TOKEN; copy the whole link, and quote it: '...'"
+        )
+    authority, _, room = place.partition("/")
+    host, port = split_place(authority, zone_mark="%25")
+    return JoinLink(host, DEFAULT_PORT if port is None else port, unquote(room), fingerprint.lower(), token)
+
+
+def split_place(text: str, zone_mark: str = "%") -> tuple[str, int | None]:
+    """Host and port of HOST, HOST:PORT, [IPV6] or [IPV6]:PORT; port None where none is given. Raises LinkError.
+
+    zone_mark: what stands before an IPv6 zone; in a link it is %25 (RFC 6874).
+    """
+    if text.startswith("["):
+        host, bracket, rest = text[1:].partition("]")
+        if not bracket or (rest and not rest.startswith(":")):
+            raise LinkError(f"{_shown(text)}: write an IPv6 address as [ADDRESS]:PORT")
+        host = host.replace(zone_mark, "%", 1)
+        if ":" not in host:
+            raise LinkError(f"{_shown(text)}: brackets are for IPv6 addresses; leave them out")
+    else:
+        host, colon, rest = text.partition(":")
+        rest = colon + rest
+        if rest.count(":") > 1:
+            raise LinkError(f"{_shown(text)}: an IPv6 address stands in brackets: [ADDRESS]:PORT")
+    check_host(host)
+    if not rest:
+        return host, None
+    digits = rest[1:]
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= 5 and 0 < int(digits) < 65536):
+        raise LinkError(f"{_shown(text)}: the port must be a number from 1 to 65535")
+    return host, int(digits)
+
+
+def place_text(host: str, port: int) -> str:
+    """HOST:PORT as it stands in a link."""
+    return f"[{host.replace('%', '%25')}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def check_host(host: str) -> None:
+    """Raises LinkError for what is neither a name nor an address."""
+    if ":" in host:
+        try:
+            IPv6Address(host)
+        except AddressValueError:
+            raise LinkError(f"host {_shown(host)}: that is no IPv6 address") from None
+        _, _, zone = host.partition("%")
+        if not zone or re.match(r"[A-Za-z0-9._~-]{1,40}\Z", zone):
+            return
+        raise LinkError(f"host {_shown(host)}: that is no IPv6 address with a zone") from None
+    if not host:
+        raise LinkError("host: there is none; write a name or an address, such as 192.0.2.7")
+    if not _HOST.match(host):
+        raise LinkError(f"host {_shown(host)}: write a name (letters, digits, . and -) or an address")
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}...")
+
+
+def _cut(part: str, text: str, wanted: str) -> str:
+    """Words for a part that must not be shown."""
+    what = f"has {len(text)} characters" if len(text) != int(wanted.split()[0]) else "has other characters"
+    return f"join link: the {part} {what}, and must have {wanted}; copy the whole link, and quote it: '...'"

@@ -1,0 +1,372 @@
+"""`cogrip token` and `cogrip kick` as their users type them: links, lists, revocations, and what a running server is told."""
+
+import json
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cogrip.cli.problem import BadInput
+from cogrip.cli.token_new import expiry
+from cogrip.protocol.join_link import JoinLink, parse_link
+from cogrip.server.admission import Denied, Grant
+from cogrip.server.io import control as control_module
+from cogrip.server.io.control import Control, Kick, Reload
+from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_private, write_server
+from cogrip.server.io.token_file import TokenFile
+from cogrip.server.tokens import Token
+
+from tests.cli.spoiled_runs import Cogrip
+
+PORT = 47811
+SERVER = ServerRecord("lab.example", PORT, "ab" * 32, {"demo": ["anna", "ben"], "wall": ["carl"]}, 1)
+LIMIT_S = 20.0
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of this user is read or written, and the terminal is wide."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "xdg"))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("COLUMNS", "300")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    """The state of a sealed server that ran at PORT."""
+    folder = make_folder(tmp_path / "xdg" / "cogrip" / str(PORT))
+    write_server(folder, SERVER)
+    return folder
+
+
+@pytest.fixture
+def token(cogrip: Cogrip) -> Callable[..., tuple[int, str, str]]:
+    """`cogrip token ... --port PORT`."""
+
+    def command(*arguments: object) -> tuple[int, str, str]:
+        return cogrip("token", *arguments, "--port", PORT)
+
+    return command
+
+
+@pytest.fixture
+def serving(folder: StateFolder) -> Iterator[list[Kick | Reload]]:
+    """A server that answers the commands; gives what it was asked."""
+    asked: list[Kick | Reload] = []
+    control, stop = Control(folder), threading.Event()
+
+    def serve() -> None:
+        while not stop.wait(0.001):
+            for request in control.poll():
+                asked.append(request.order)
+                words = f"done: {type(request.order).__name__}"
+                control.answer(
+                    request, words, ok=not (isinstance(request.order, Kick) and request.order.user == "nobody")
+                )
+
+    with ThreadPoolExecutor(1) as pool:
+        loop = pool.submit(serve)
+        yield asked
+        stop.set()
+        loop.result(LIMIT_S)
+    control.close()
+
+
+def only_token(folder: StateFolder) -> Token:
+    (token,) = TokenFile(folder).load().tokens
+    return token
+
+
+def new(token: Callable[..., tuple[int, str, str]], *arguments: object) -> tuple[JoinLink, str]:
+    """A link, and its id."""
+    code, out, err = token("new", *arguments)
+    assert code == 0, err
+    return parse_link(out), re.match(r"token ([0-9a-f]{8}): ", err)[1]  # type: ignore[index]
+
+
+# --- new --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_link_stands_alone_on_standard_output(token, folder) -> None:
+    code, out, err = token("new", "--room", "demo", "--name", "anna", "--once", "--device", "hid:", "--note", "for A.")
+    assert code == 0
+    assert out.count("\n") == 1
+    link = parse_link(out)
+    assert (link.host, link.port, link.room, link.fingerprint) == ("lab.example", PORT, "demo", SERVER.fingerprint)
+    made = only_token(folder)
+    assert err == f"token {made.id}: player, room demo, seat anna, device hid:, one time\n"
+    assert link.token not in err
+    assert (made.room, made.user, made.device, made.once, made.note) == ("demo", "anna", "hid:", True, "for A.")
+    book = TokenFile(folder).load()
+    assert book.admit(link.token, "player", "demo", time.time()) == Grant("player", made.id, "demo", "anna", "hid:")
+
+
+def test_an_observers_link_lets_nobody_play(token, folder) -> None:
+    link, ident = new(token, "--role", "observer")
+    book = TokenFile(folder).load()
+    assert book.admit(link.token, "observer", "wall", 0.0) == Grant("observer", ident)
+    assert isinstance(book.admit(link.token, "player", "wall", 0.0), Denied)
+    assert link.room == ""
+
+
+@pytest.mark.parametrize(
+    ("host", "place"),
+    [("192.0.2.7", ("192.0.2.7", PORT)), ("other:9", ("other", 9)), ("[::1]:9", ("::1", 9)), ("[::1]", ("::1", PORT))],
+)
+def test_another_way_to_the_server(token, folder, host, place) -> None:
+    link, _ = new(token, "--host", host)
+    assert (link.host, link.port) == place
+
+
+def test_as_json(token, folder) -> None:
+    code, out, err = token("new", "--expires", "2h", "--json", "-")
+    assert code == 0
+    assert err == ""
+    answer = json.loads(out)
+    made = only_token(folder)
+    assert answer["id"] == made.id
+    assert parse_link(answer["link"]).fingerprint == SERVER.fingerprint
+    assert answer["expires"] == made.expires
+    assert made.expires is not None
+    assert 7190 <= made.expires - made.created <= 7200
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--room", "dmo"], "--room 'dmo': the server has no such room; did you mean 'demo'?"),
+        (["--room", "xyz"], "--room 'xyz': the server has no such room; there is: demo, wall"),
+        (["--name", "bne"], "--name 'bne': the server has no such seat; did you mean 'ben'?"),
+        (["--room", "wall", "--name", "anna"], "--name 'anna': the server has no such seat; there is: carl"),
+        (["--role", "observer", "--name", "anna"], "an observer has neither seat nor device"),
+        (["--role", "king"], "king"),
+        (["--device", "d" * 41], "device: "),
+        (["--note", "\x07"], "note: "),
+        (["--host", "a b"], "--host: host 'a b': write a name"),
+        (["--host", "::1"], "an IPv6 address stands in brackets"),
+        (["--expires", "soon"], "--expires 'soon': write 30m, 2h, 3d, 1w, or a date such as 2026-12-24T18:00"),
+        (["--expires", "2001-01-01"], "that is past"),
+        (["--json", "file.json"], "have it on standard output"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_makes_no_token(token, folder, arguments, words) -> None:
+    code, out, err = token("new", *arguments)
+    assert code == 2
+    assert words in err + out
+    assert not folder.tokens.exists()
+    assert not Path("file.json").exists()
+
+
+def test_a_link_needs_a_sealed_server_and_a_way_to_it(cogrip, token, folder) -> None:
+    write_server(folder, msgspec.structs.replace(SERVER, host="0.0.0.0"))
+    code, _, err = token("new")
+    assert (code, "say by which one it is found: --host NAME" in err) == (2, True)
+    assert token("new", "--host", "lab")[0] == 0
+    write_server(folder, msgspec.structs.replace(SERVER, fingerprint=""))
+    code, _, err = token("new")
+    assert (code, "the server is plain, and asks nobody for a token" in err) == (2, True)
+    folder.server.unlink()
+    code, _, err = token("new")
+    assert (code, "no server has been started here" in err) == (2, True)
+    code, _, err = cogrip("token", "new", "--port", PORT + 1)
+    assert (code, "there is no such folder; name that of your server by --state or --port" in err) == (2, True)
+    code, _, err = cogrip("token", "new", "--port", 0)
+    assert (code, "--port 0 is outside 1 to 65535" in err) == (2, True)
+
+
+def test_where_the_state_is(cogrip, folder, monkeypatch) -> None:
+    code, _, _ = cogrip("token", "new", "--state", folder.path)
+    assert code == 0
+    monkeypatch.setenv("STATE_DIRECTORY", str(folder.path))
+    code, out, _ = cogrip("token", "list", "--json", "-")
+    assert code == 0
+    assert len(json.loads(out)["tokens"]) == 1
+
+
+NOW_S = 1_800_000_000.25
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("1s", 1), ("90m", 5400), ("2h", 7200), ("3d", 259200), (" 1w ", 604800)]
+)
+def test_an_end_some_time_from_now(text, seconds) -> None:
+    assert expiry(text, NOW_S) == 1_800_000_000 + seconds
+
+
+def test_an_end_at_a_date() -> None:
+    assert expiry("2027-12-24T18:00", NOW_S) == int(datetime(2027, 12, 24, 18, 0).astimezone().timestamp())
+    assert expiry("2027-12-24T18:00:00Z", NOW_S) == 1_829_671_200
+    assert expiry("2027-12-24T18:00+02:00", NOW_S) == 1_829_671_200 - 7200
+    assert expiry("2027-01-15T08:00:01Z", NOW_S) == 1_800_000_001
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["0s", "-1h", "2027-01-15T08:00:00Z", "4000d", "999999999w", "1e3s", "٣h", "", "9999-12-31T23:59:59-12:00", "1.5h"],
+)
+def test_an_end_that_is_none(text) -> None:
+    with pytest.raises(BadInput, match="--expires"):
+        expiry(text, NOW_S)
+
+
+# --- list -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_list_shows_what_became_of_each_and_no_secret(cogrip, token, folder) -> None:
+    links = [new(token, *arguments) for arguments in (
+        ["--room", "demo", "--name", "anna", "--note", "for [bold]A."],
+        ["--once"],
+        ["--expires", "1h"],
+        ["--role", "observer"],
+        ["--expires", "3d"],
+    )]  # fmt: skip
+    ids = [ident for _, ident in links]
+    file = TokenFile(folder)
+    file.change(lambda book: (book.use(ids[1], 1_800_000_000).revoke(ids[3], 1_800_000_000), None))
+    text = folder.tokens.read_text()
+    write_private(folder.tokens, re.sub(r'"expires": \d+', '"expires": 1000000000', text, count=1).encode())
+    code, out, _ = token("list")
+    assert code == 0
+    heading, *rows = out.splitlines()
+    assert heading.split() == ["id", "role", "room", "seat", "device", "good", "for", "state", "when", "note"]
+    assert [row.split()[0] for row in rows] == ids
+    for row, words in zip(
+        rows,
+        (
+            ["player", "demo", "anna", "any", "standing", "good", "since", "for [bold]A."],
+            ["player", "any", "one time", "used", "at 2027-01-15 08:00 UTC"],
+            ["expired", "at 2001-09-09 01:46 UTC"],
+            ["observer", "any", "-", "revoked", "at 2027-01-15 08:00 UTC"],
+            ["good", "until 20"],
+        ),
+        strict=True,
+    ):
+        assert [word for word in words if word not in row] == []
+    _, answer, _ = token("list", "--json", "-")
+    listed = json.loads(answer)["tokens"]
+    assert [(each["id"], each["state"]) for each in listed] == list(
+        zip(ids, ["good", "used", "expired", "revoked", "good"], strict=True)
+    )
+    for shown in (out, answer):
+        for secret in [link.token for link, _ in links] + [each.hash for each in file.load().tokens]:
+            assert secret not in shown
+    assert cogrip("token", "--port", PORT)[1] == out, "a list is what is meant by `token` alone"
+
+
+def test_an_empty_list(token, folder) -> None:
+    code, out, err = token("list")
+    assert (code, out, err) == (0, "", f"no tokens in {folder.path}\n")
+
+
+@pytest.mark.parametrize("command", [["list"], ["new"], ["revoke", "00000000"]])
+def test_a_file_that_cannot_be_trusted_is_a_problem(token, folder, command) -> None:
+    write_private(folder.tokens, b"{")
+    code, _, err = token(*command)
+    assert code == 1
+    assert "put back a good copy" in err
+    assert folder.tokens.read_bytes() == b"{"
+    folder.path.chmod(0o755)
+    code, _, err = token(*command)
+    assert code == 1
+    assert "chmod 700" in err
+
+
+# --- revoke -----------------------------------------------------------------------------------------------------------
+
+
+def test_revoked_with_no_server_running(token, folder) -> None:
+    (_, one), (_, two) = new(token), new(token)
+    code, out, _ = token("revoke", one, two.upper())
+    assert code == 0
+    assert out == f"{one} is revoked\n{two} is revoked\nno server is running there: it will know from its start\n"
+    assert all(each.revoked is not None for each in TokenFile(folder).load().tokens)
+    code, out, _ = token("revoke", one)
+    assert code == 0
+    assert out.startswith(f"{one} was revoked before\n")
+
+
+def test_a_running_server_is_told(token, folder, serving) -> None:
+    _, one = new(token)
+    code, out, _ = token("revoke", one)
+    assert code == 0
+    assert out == f"{one} is revoked\nthe server knows: done: Reload\n"
+    assert serving == [Reload()]
+
+
+def test_a_server_that_does_not_answer_is_said(token, folder, monkeypatch) -> None:
+    _, one = new(token)
+    control = Control(folder)
+    ask = control_module.ask
+    monkeypatch.setattr("cogrip.cli.token_revoke.ask", lambda folder, order: ask(folder, order, 0.01))
+    code, out, err = token("revoke", one)
+    control.close()
+    assert code == 1
+    assert out == f"{one} is revoked\n"
+    assert "whoever sits by it may still sit" in err
+    assert "did not answer within 0.01 s" in err
+    assert only_token(folder).revoked is not None
+
+
+def test_one_unknown_id_and_nothing_is_revoked(token, folder) -> None:
+    _, one = new(token)
+    near = one[:-1] + ("0" if one[-1] != "0" else "1")
+    code, _, err = token("revoke", one, near)
+    assert code == 2
+    assert f"no token has the id {near}; did you mean {one}? (nothing was changed)" in err
+    assert only_token(folder).revoked is None
+
+
+def test_a_token_in_an_ids_place_is_not_shown(token, folder) -> None:
+    link, _ = new(token)
+    for given in (link.token, link.text):
+        code, out, err = token("revoke", "--", given)
+        assert code == 2
+        assert "an id has 8 hexadecimal digits" in err
+        assert link.token not in out + err
+    code, _, err = token("revoke")
+    assert (code, "name at least one id" in err) == (2, True)
+
+
+# --- kick -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_kick_is_handed_on_whole(cogrip, serving) -> None:
+    code, out, _ = cogrip("kick", "anna", "--room", "demo", "--reason", "lunch", "--revoke", "--port", PORT)
+    assert (code, out) == (0, "done: Kick\n")
+    assert serving == [Kick("anna", "demo", "lunch", True)]
+    cogrip("kick", "an observer", "--port", PORT)
+    assert serving[1:] == [Kick("an observer")], "of observers only the server knows"
+
+
+def test_a_kick_that_the_server_refuses(cogrip, serving) -> None:
+    code, out, err = cogrip("kick", "nobody", "--port", PORT)
+    assert (code, out, err) == (1, "", "cogrip: kick: done: Kick\n")
+
+
+def test_a_kick_without_a_server(cogrip, folder) -> None:
+    code, _, err = cogrip("kick", "anna", "--port", PORT)
+    assert code == 1
+    assert f"no server is running with the state in {folder.path}" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["anna", "--room", "dmo"], "--room 'dmo': the server has no such room; did you mean 'demo'?"),
+        ([""], "name somebody"),
+        (["a" * 41], "user has 41 characters, more than 40"),
+        (["anna", "--reason", "r" * 201], "--reason has 201 characters, more than 200"),
+    ],
+)
+def test_a_kick_that_cannot_be(cogrip, serving, arguments, words) -> None:
+    code, _, err = cogrip("kick", *arguments, "--port", PORT)
+    assert code == 2
+    assert words in err
+    assert serving == []

@@ -1,0 +1,153 @@
+"""The line that lets a person in: there and back, every word of refusal, and a secret that shows nowhere."""
+
+import io
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, is_link, parse_link, split_place
+
+FINGERPRINT = "0123456789abcdef" * 4
+TOKEN = "Kq7-_xZz09QWERTYuiopAw"
+SECRET = f"{FINGERPRINT}.{TOKEN}"
+LINK = f"cogrip://lab.example:47801/demo#{SECRET}"
+
+tokens = st.from_regex(r"[A-Za-z0-9_-]{22}", fullmatch=True)
+rooms = st.from_regex(r"([A-Za-z0-9][A-Za-z0-9 ._-]{0,39})?", fullmatch=True)
+hosts = st.one_of(
+    st.from_regex(r"[a-z0-9_][A-Za-z0-9_.-]{0,9}", fullmatch=True),
+    st.ip_addresses().map(str),
+    st.sampled_from(["fe80::1%eth0", "fe80::1%25", "fe80::f%2525~x", "a" * 253]),
+)
+links = st.builds(JoinLink, hosts, st.integers(1, 65535), rooms, st.from_regex(r"[0-9a-f]{64}", fullmatch=True), tokens)
+
+
+def read(text: str) -> JoinLink | LinkError:
+    try:
+        return parse_link(text)
+    except LinkError as error:
+        return error
+
+
+@given(links)
+def test_there_and_back(link: JoinLink) -> None:
+    assert parse_link(link.text) == link
+    assert parse_link(f"  {link.text}\n") == link
+    assert link.text.isascii()
+    assert " " not in link.text
+    assert link.token not in repr(link)
+    assert link.token not in str(link)
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "room"),
+    [
+        (LINK, "lab.example", 47801, "demo"),
+        (LINK.replace(":47801", ""), "lab.example", DEFAULT_PORT, "demo"),
+        (LINK.replace("cogrip", "COGRIP").replace(FINGERPRINT, FINGERPRINT.upper()), "lab.example", 47801, "demo"),
+        (LINK.replace("/demo", "/"), "lab.example", 47801, ""),
+        (LINK.replace("/demo", ""), "lab.example", 47801, ""),
+        (LINK.replace("demo", "room%20B.2"), "lab.example", 47801, "room B.2"),
+        (LINK.replace("lab.example:47801", "[2001:db8::7]:9"), "2001:db8::7", 9, "demo"),
+        (LINK.replace("lab.example:47801", "[::1]"), "::1", DEFAULT_PORT, "demo"),
+        (LINK.replace("lab.example:47801", "[fe80::1%25eth0]:65535"), "fe80::1%eth0", 65535, "demo"),
+        (LINK.replace("lab.example:47801", "192.0.2.7:1"), "192.0.2.7", 1, "demo"),
+    ],
+)
+def test_what_people_paste(text: str, host: str, port: int, room: str) -> None:
+    assert parse_link(text) == JoinLink(host, port, room, FINGERPRINT, TOKEN)
+
+
+def test_what_is_written() -> None:
+    assert JoinLink("::1", 7, "room B", FINGERPRINT, TOKEN).text == f"cogrip://[::1]:7/room%20B#{SECRET}"
+    assert JoinLink("fe80::1%25x", 7, "", FINGERPRINT, TOKEN).text == f"cogrip://[fe80::1%2525x]:7/#{SECRET}"
+    assert JoinLink("a", 7, "", FINGERPRINT, TOKEN).text == f"cogrip://a:7/#{SECRET}"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "must begin with cogrip://"),
+        ("https://a/b", "must begin with cogrip://"),
+        ("cogrip:/a/b", "must begin with cogrip://"),
+        (LINK + "x" * 1000, "characters are more than 1000"),
+        (LINK[:30] + "\n" + LINK[30:], "paste it as one line"),
+        (LINK.replace("demo", "room B"), "a blank in a room is %20"),
+        (LINK.partition("#")[0], "there is no # with fingerprint and token"),
+        (LINK.replace("#", "/"), "there is no # with fingerprint and token"),
+        (LINK.partition(".Kq")[0], "must stand FINGERPRINT.TOKEN"),
+        (LINK.replace("#0", "#"), "the fingerprint has 63 characters, and must have 64 hexadecimal digits"),
+        (LINK.replace("#0", "#00"), "the fingerprint has 65 characters"),
+        (LINK.replace("#0", "#x"), "the fingerprint has other characters"),
+        (LINK[:-1], "the token has 21 characters, and must have 22"),
+        (LINK + "w", "the token has 23 characters"),
+        (LINK.replace("Kq7", "Kq+"), "the token has other characters"),
+        (LINK + "#", "the token has 23 characters"),
+        (LINK.replace("lab.example:47801", ""), "host: there is none"),
+        (LINK.replace("lab.example", "lab!"), "'lab!'"),
+        (LINK.replace("lab.example", "-lab"), "'-lab'"),
+        (LINK.replace("lab.example", "anna@lab"), "'anna@lab'"),
+        (LINK.replace("47801", "0"), "number from 1 to 65535"),
+        (LINK.replace("47801", "65536"), "number from 1 to 65535"),
+        (LINK.replace("47801", ""), "number from 1 to 65535"),
+        (LINK.replace("47801", "٣"), "number from 1 to 65535"),
+        (LINK.replace("47801", "1" * 5000), "characters are more than 1000"),
+        (LINK.replace("lab.example", "2001:db8::7"), "an IPv6 address stands in brackets"),
+        (LINK.replace("lab.example:47801", "[2001:db8::7"), "[ADDRESS]:PORT"),
+        (LINK.replace("lab.example:47801", "[::1]47"), "[ADDRESS]:PORT"),
+        (LINK.replace("lab.example", "[192.0.2.7]"), "brackets are for IPv6"),
+        (LINK.replace("lab.example", "[::g]"), "'::g': that is no IPv6 address"),
+        (LINK.replace("lab.example", "[fe80::1%25a!]"), "no IPv6 address with a zone"),
+        (LINK.replace("demo", "demo/"), "'demo/' is no room"),
+        (LINK.replace("demo", "demo?x=1"), "'demo?x=1' is no room"),
+        (LINK.replace("demo", "a" * 41), "at most 40 letters"),
+        (LINK.replace("demo", "%ff"), "is no room"),
+    ],
+)
+def test_what_is_wrong_is_said_and_nothing_secret(text: str, words: str) -> None:
+    with pytest.raises(LinkError) as caught:
+        parse_link(text)
+    assert words in str(caught.value)
+    assert not any(TOKEN[at : at + 6] in str(caught.value) for at in range(17))
+
+
+@given(st.integers(0, len(LINK)), st.integers(0, 2), st.text(max_size=2))
+def test_one_slip_never_shows_the_token(at: int, without: int, instead: str) -> None:
+    said = repr(read(LINK[:at] + instead + LINK[at + without :]))
+    assert not any(TOKEN[at : at + 6] in said for at in range(17))
+
+
+@given(st.text(max_size=60), st.sampled_from(["", "cogrip://", "cogrip://a:1/", "cogrip://a:1/#", "cogrip://["]))
+def test_any_text_is_refused_in_words(text: str, before: str) -> None:
+    assert isinstance(read(before + text), LinkError)
+    with suppress(LinkError):
+        split_place(text)
+
+
+def test_a_pretty_printer_shows_no_token() -> None:
+    console = Console(file=io.StringIO(), width=500)
+    console.print([parse_link(LINK)])
+    assert TOKEN not in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_what_is_meant_as_a_link() -> None:
+    assert is_link(LINK)
+    assert is_link(" Cogrip:/x")
+    assert not is_link("127.0.0.1:47800")
+    assert not is_link("cogrip")
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("lab", ("lab", None)),
+        ("lab:1", ("lab", 1)),
+        ("[::1]:65535", ("::1", 65535)),
+        ("[fe80::1%eth0]", ("fe80::1%eth0", None)),
+    ],
+)
+def test_a_place(text: str, place: tuple[str, int | None]) -> None:
+    assert split_place(text) == place

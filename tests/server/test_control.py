@@ -1,0 +1,279 @@
+"""A running server and the commands that ask it: real sockets, a server that never waits, and words for all that fails."""
+
+import json
+import os
+import socket
+import stat
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, suppress
+
+import pytest
+
+from cogrip.server.io.control import (
+    CALLER_LIMIT_NS,
+    MOST_ANSWER_BYTES,
+    MOST_CALLERS,
+    MOST_PATH_BYTES,
+    MOST_REQUEST_BYTES,
+    Answer,
+    Control,
+    ControlError,
+    Kick,
+    NotRunningError,
+    Reload,
+    Request,
+    Status,
+    ask,
+)
+from cogrip.server.io.state_folder import StateFolder, make_folder, write_private
+
+LIMIT_S = 20.0  # for anything that is waited for
+
+
+@pytest.fixture
+def folder(tmp_path) -> StateFolder:
+    return make_folder(tmp_path / "state")
+
+
+@pytest.fixture
+def control(folder: StateFolder) -> Iterator[Control]:
+    control = Control(folder)
+    yield control
+    control.close()
+
+
+@pytest.fixture
+def people() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(12) as pool:
+        yield pool
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Call it until it is true: a server's loop."""
+    pause = threading.Event()
+    for _ in range(int(LIMIT_S / 0.001)):
+        if condition():
+            return
+        pause.wait(0.001)
+    pytest.fail("never came true")
+
+
+def next_request(control: Control) -> Request:
+    found: list[Request] = []
+    until(lambda: found.extend(control.poll()) or found)
+    assert len(found) == 1
+    return found[0]
+
+
+def call(folder: StateFolder, said: bytes = b"") -> socket.socket:
+    caller = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    caller.settimeout(LIMIT_S)
+    caller.connect(os.fspath(folder.control))
+    caller.sendall(said)
+    return caller
+
+
+@pytest.mark.parametrize(
+    "order", [Kick("anna", "demo", "you pull too hard", True), Kick("é" * 40), Reload(), Status()], ids=str
+)
+def test_an_order_comes_as_it_was_given_and_is_answered(
+    control: Control, folder: StateFolder, people: ThreadPoolExecutor, order: Kick | Reload | Status
+) -> None:
+    for ok in (True, False):
+        answer = people.submit(ask, folder, order, LIMIT_S)
+        request = next_request(control)
+        assert request.order == order
+        control.answer(request, "said – done", ok=ok)
+        assert answer.result(LIMIT_S) == Answer(ok, "said – done")
+    assert control.dropped == {}
+
+
+def test_only_this_user_may_ask(control: Control, folder: StateFolder) -> None:
+    assert stat.S_IMODE(folder.control.stat().st_mode) == 0o600
+    assert stat.S_ISSOCK(folder.control.stat().st_mode)
+
+
+def test_nobody_asking_costs_nothing(control: Control) -> None:
+    assert control.poll() == []
+    assert control.dropped == {}
+
+
+def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
+    bare = len(b'{"ok":true,"text":""}\n')
+    for size, ok in ((MOST_ANSWER_BYTES - bare, True), (MOST_ANSWER_BYTES - bare + 1, False)):
+        answer = people.submit(ask, folder, Status(), LIMIT_S)
+        control.answer(next_request(control), "x" * size)
+        until(lambda answer=answer: control.poll() or answer.done())
+        assert answer.result().ok is ok
+    assert answer.result().text == f"the answer would have {MOST_ANSWER_BYTES + 1} bytes, too many"
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        (b"\n", "malformed"),
+        (b"hello\n", "malformed"),
+        (b"\xff\xfe\n", "malformed"),
+        (b"[" * 4000 + b"\n", "malformed"),
+        (b'{"verb":"fly"}\n', "malformed"),
+        (b'{"verb":"kick"}\n', "malformed"),
+        (b'{"verb":"kick","user":7}\n', "malformed"),
+        (b'{"verb":"kick","user":"a","usr":"b"}\n', "malformed"),
+        (json.dumps({"verb": "kick", "user": "a" * 41}).encode() + b"\n", "malformed"),
+        (json.dumps({"verb": "kick", "user": "a", "reason": "r" * 201}).encode() + b"\n", "malformed"),
+        (b'{"verb":"reload"}\n{"verb":"reload"}\n', "malformed"),
+        (b"x" * MOST_REQUEST_BYTES + b"\n", "too long"),
+        (b"x" * (MOST_REQUEST_BYTES + 1), "too long"),
+    ],
+)
+def test_what_is_no_order_is_counted_and_told(control: Control, folder: StateFolder, said: bytes, reason: str) -> None:
+    with call(folder, said) as caller:
+        until(lambda: control.poll() or control.dropped)
+        assert control.dropped == {reason: 1}
+        answer = json.loads(caller.recv(MOST_REQUEST_BYTES))
+    assert not answer["ok"]
+    assert answer["text"]
+    assert control.poll() == []
+
+
+def test_the_longest_order_is_read(control: Control, folder: StateFolder) -> None:
+    with call(folder, b'{"verb":"reload"}'.ljust(MOST_REQUEST_BYTES - 1) + b"\n"):
+        assert next_request(control).order == Reload()
+
+
+def test_an_order_may_come_in_pieces(control: Control, folder: StateFolder) -> None:
+    with call(folder, b'{"verb":"re') as caller:
+        assert control.poll() == []
+        assert control.poll() == []
+        caller.sendall(b'load"}\n')
+        assert next_request(control).order == Reload()
+
+
+def test_who_breaks_off_is_counted(control: Control, folder: StateFolder) -> None:
+    call(folder, b'{"verb":').close()
+    until(lambda: control.poll() or control.dropped)
+    assert control.dropped == {"cut short": 1}
+
+
+def test_who_asks_and_goes_is_counted(control: Control, folder: StateFolder) -> None:
+    caller = call(folder, b'{"verb":"status"}\n')
+    request = next_request(control)
+    caller.close()
+    control.answer(request, "done")
+    control.answer(request, "twice")
+    assert control.dropped == {"nobody waits": 2}
+
+
+def test_who_stays_silent_makes_room_in_time_and_keeps_nobody_waiting(control: Control, folder: StateFolder) -> None:
+    silent = [call(folder) for _ in range(MOST_CALLERS)]
+    try:
+        assert control.poll(0) == []
+        with call(folder, b'{"verb":"reload"}\n') as caller:  # in the socket's queue
+            assert control.poll(CALLER_LIMIT_NS) == []
+            assert control.dropped == {}
+            assert control.poll(CALLER_LIMIT_NS + 1) == []
+            assert control.dropped == {"silent": MOST_CALLERS}
+            (request,) = control.poll(CALLER_LIMIT_NS + 2)
+            assert request.order == Reload()
+            assert control.poll(2 * CALLER_LIMIT_NS + 2) == []
+            assert control.dropped == {"silent": MOST_CALLERS}
+            assert control.poll(2 * CALLER_LIMIT_NS + 3) == []
+            assert control.dropped == {"silent": MOST_CALLERS, "slow": 1}
+            for each in (*silent, caller):
+                assert each.recv(10) == b""
+    finally:
+        for each in silent:
+            each.close()
+
+
+def test_many_may_ask_at_once(control: Control, folder: StateFolder, people: ThreadPoolExecutor) -> None:
+    answers: dict[str, Future[Answer]] = {
+        name: people.submit(ask, folder, Kick(name), LIMIT_S) for name in map(str, range(MOST_CALLERS + 4))
+    }
+
+    def serve() -> bool:
+        for request in control.poll():
+            assert isinstance(request.order, Kick)
+            control.answer(request, f"kicked {request.order.user}")
+        return all(answer.done() for answer in answers.values())
+
+    until(serve)
+    assert {name: answer.result().text for name, answer in answers.items()} == {
+        name: f"kicked {name}" for name in answers
+    }
+
+
+# --- where there is no answer -----------------------------------------------------------------------------------------
+
+
+def test_no_server_is_told(folder: StateFolder) -> None:
+    words = (
+        f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
+    )
+    with pytest.raises(NotRunningError, match=words):
+        ask(folder, Reload())
+    control = Control(folder)
+    control.close()
+    with pytest.raises(NotRunningError, match=words):
+        ask(folder, Reload())
+
+
+def test_what_a_killed_server_left_is_no_server_and_in_nobodys_way(
+    folder: StateFolder, people: ThreadPoolExecutor
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left:
+        left.bind(os.fspath(folder.control))
+    with pytest.raises(NotRunningError):
+        ask(folder, Reload())
+    control = Control(folder)
+    answer = people.submit(ask, folder, Reload(), LIMIT_S)
+    control.answer(next_request(control), "done")
+    assert answer.result(LIMIT_S).ok
+    control.close()
+
+
+def test_a_server_that_hangs_is_told(control: Control, folder: StateFolder) -> None:
+    with pytest.raises(ControlError, match=r"did not answer within 0.01 s; if it is stopped or hangs, start it again"):
+        ask(folder, Reload(), 0.01)
+
+
+def test_a_server_that_does_not_look_at_its_queue_is_told(control: Control, folder: StateFolder) -> None:
+    with ExitStack() as waiting:
+        with suppress(BlockingIOError):
+            while True:
+                each = waiting.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+                each.setblocking(False)
+                each.connect(os.fspath(folder.control))
+        with pytest.raises(ControlError, match=r"did not answer within 0.01 s"):
+            ask(folder, Reload(), 0.01)
+
+
+def test_a_server_that_ends_before_it_answers_is_told(folder: StateFolder, people: ThreadPoolExecutor) -> None:
+    control = Control(folder)
+    answer = people.submit(ask, folder, Reload(), LIMIT_S)
+    next_request(control)
+    control.close()
+    with pytest.raises(ControlError, match="broke off before it answered"):
+        answer.result(LIMIT_S)
+
+
+def test_a_path_that_no_socket_takes_is_told(tmp_path) -> None:
+    rest = MOST_PATH_BYTES - len(os.fsencode(tmp_path)) - len("//control")
+    Control(make_folder(tmp_path / ("a" * rest))).close()
+    folder = make_folder(tmp_path / ("a" * (rest + 1)))
+    words = rf"{MOST_PATH_BYTES + 1} bytes are more than .* \({MOST_PATH_BYTES}\); give a shorter --state"
+    for use in (lambda: Control(folder), lambda: ask(folder, Reload())):
+        with pytest.raises(ControlError, match=words):
+            use()
+
+
+def test_a_place_that_cannot_be_had_is_told(folder: StateFolder) -> None:
+    folder.control.mkdir()
+    with pytest.raises(ControlError, match="cannot be listened on"):
+        Control(folder)
+    folder.control.rmdir()
+    write_private(folder.control, b"")
+    with pytest.raises(NotRunningError):
+        ask(folder, Reload())

@@ -1,0 +1,161 @@
+"""The tokens' file: nothing is lost by two writers or a killed one, and nothing is read that others could have changed."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cogrip.protocol.join_link import JoinLink
+from cogrip.server.io import token_file
+from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
+from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.server.tokens import TokenBook, TokenError
+
+WRITE = """
+import os, signal, sys
+from pathlib import Path
+from cogrip.server.io import state_folder
+from cogrip.server.io.token_file import TokenFile, draw_token
+file, what = TokenFile(state_folder.find_folder(Path(sys.argv[1]))), sys.argv[2]
+if what == "killed":
+    Path.replace = lambda path, target: os.kill(os.getpid(), signal.SIGKILL)
+print("ready", flush=True)
+sys.stdin.readline()
+for number in range(15):
+    file.change(lambda book: book.new(draw_token(), 0, note=f"{what} {number}"))
+"""
+
+
+def writer(folder: StateFolder, what: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-c", WRITE, str(folder.path), what]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def notes(file: TokenFile) -> list[str]:
+    return [token.note for token in file.load().tokens]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    return make_folder(tmp_path / "state")
+
+
+@pytest.fixture
+def file(folder: StateFolder) -> TokenFile:
+    return TokenFile(folder)
+
+
+def add(file: TokenFile, note: str) -> str:
+    return file.change(lambda book: book.new(draw_token(), 0, note=note)).id
+
+
+def test_drawn_tokens_fit_a_link_and_differ() -> None:
+    drawn = {draw_token() for _ in range(100)}
+    assert len(drawn) == 100
+    for token in drawn:
+        JoinLink("a", 1, "", "0" * 64, token)
+
+
+def test_it_begins_empty_and_private(file: TokenFile, folder: StateFolder) -> None:
+    assert file.load() == TokenBook()
+    assert file.stamp() is None
+    before = os.umask(0)
+    try:
+        add(file, "one")
+    finally:
+        os.umask(before)
+    assert notes(file) == ["one"]
+    for path in (folder.tokens, folder.tokens_lock):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+def test_its_stamp_tells_a_change_and_nothing_else(file: TokenFile) -> None:
+    ident = add(file, "one")
+    stamp = file.stamp()
+    file.change(lambda book: (book, None))
+    file.load()
+    assert file.stamp() == stamp
+    file.change(lambda book: (book.revoke(ident, 5), None))
+    assert file.stamp() != stamp
+
+
+def test_two_programs_that_write_at_once_lose_nothing(file: TokenFile, folder: StateFolder) -> None:
+    names = ("left", "right")
+    with writer(folder, "left") as left, writer(folder, "right") as right:
+        for each in (left, right):
+            assert each.stdout is not None
+            assert each.stdout.readline() == "ready\n"
+        for each in (left, right):
+            assert each.stdin is not None
+            each.stdin.write("\n")
+            each.stdin.flush()
+    assert left.returncode == right.returncode == 0
+    written = notes(file)
+    assert len(written) == 30
+    for name in names:
+        assert [note for note in written if note.startswith(name)] == [f"{name} {number}" for number in range(15)]
+
+
+def test_one_that_is_killed_before_it_replaces_leaves_the_old_file_and_no_lock(
+    file: TokenFile, folder: StateFolder
+) -> None:
+    add(file, "one")
+    before = folder.tokens.read_bytes()
+    with writer(folder, "killed") as killed:
+        killed.communicate("\n")
+    assert killed.returncode == -signal.SIGKILL
+    assert (folder.path / "tokens.json.new").stat().st_size > len(before), "it had written all of it"
+    assert folder.tokens.read_bytes() == before
+    add(file, "two")
+    assert notes(file) == ["one", "two"]
+    assert not (folder.path / "tokens.json.new").exists()
+
+
+def test_an_edit_that_fails_changes_nothing(file: TokenFile) -> None:
+    add(file, "one")
+    stamp = file.stamp()
+    with pytest.raises(TokenError):
+        file.change(lambda book: (book.revoke("00000000", 0), None))
+    assert file.stamp() == stamp
+    add(file, "two")
+
+
+def test_who_holds_the_lock_for_too_long_is_named(
+    file: TokenFile, folder: StateFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(token_file, "LOCK_LIMIT_S", 0.0)
+    with (
+        token_file.locked(folder.tokens_lock, "busy"),
+        pytest.raises(StateError, match="another program has been chang"),
+    ):
+        add(file, "one")
+    assert file.load() == TokenBook()
+
+
+@pytest.mark.parametrize("text", [b"", b"{", b'{"version": 2, "tokens": []}', b"\x00" * 100])
+def test_a_damaged_file_is_refused_with_the_cure_and_left_as_it_is(
+    file: TokenFile, folder: StateFolder, text: bytes
+) -> None:
+    folder.tokens.write_bytes(text)
+    folder.tokens.chmod(0o600)
+    cure = r"put back a good copy, or remove it together with server.key and server.crt: then all links are void"
+    with pytest.raises(StateError, match=cure):
+        file.load()
+    with pytest.raises(StateError, match=cure):
+        add(file, "one")
+    assert folder.tokens.read_bytes() == text
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
+def test_a_file_that_others_may_read_is_refused(file: TokenFile, folder: StateFolder, mode: int) -> None:
+    add(file, "one")
+    folder.tokens.chmod(mode)
+    for use in (file.load, lambda: add(file, "two")):
+        with pytest.raises(StateError, match=rf"mode {mode:04o}, must be 0600"):
+            use()
+    folder.tokens.chmod(0o600)
+    assert notes(file) == ["one"]
