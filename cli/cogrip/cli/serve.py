@@ -165,15 +165,19 @@ def serve(
             )
 
 
-def _conclude(server: LiveServer, folders: dict[str, Path], lines: LogLines, *, shown: bool, report: bool) -> int:
-    """Leave a summary for each room. Returns the exit code."""
-    console = Console(highlight=False, soft_wrap=True)
-    losses = {**server.drops(), **server.losses(), **({"log line": lines.lost} if lines.lost else {})}
+def _conclude(
+    server: LiveServer, folders: dict[str, Path], losses: dict[str, int], lines: LogLines, *, alone: bool, report: bool
+) -> int:
+    """Leave a summary for each room; beside a log for programs it is told on standard error. Returns the exit code."""
+    programs = lines.form == "json"
+    console = Console(highlight=False, soft_wrap=True, stderr=programs)
+    if lines.lost:
+        losses["log line"] = lines.lost
     passive = True
     for room in server.core.rooms:
         summary = of_room(room, server.elapsed_s, losses)
         passive = passive and bool(summary["passive"]) and not summary["diverged"]
-        leave_files(folders.get(room.name), summary, console, shown=shown, report=report)
+        leave_files(folders.get(room.name), summary, console, shown=alone and not programs, report=alone and report)
     return 0 if passive else 1
 
 

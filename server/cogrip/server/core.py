@@ -98,7 +98,8 @@ class ServerCore:
         if isinstance(message, Leave):
             self._bid_farewell(room, number, message)
             return
-        seat.clock.read(message.stamp, now_ns)
+        rtt_ns = seat.clock.read(message.stamp, now_ns)
+        seat.rtt_ns = seat.rtt_ns if rtt_ns is None else rtt_ns
         if isinstance(message, Heartbeat):
             return
         if seat.port is None or not seat.port.receive(message):

@@ -25,8 +25,8 @@ class Budget(NamedTuple):
 class Limits(NamedTuple):
     """What a server spends on whom."""
 
-    address: Budget = Budget(20, 250)  # first contacts of one address: a laboratory may sit behind one
-    contacts: Budget = Budget(300, 600)  # first contacts of all
+    address: Budget = Budget(20, 250)  # of one address, first contacts and handshakes each: many may sit behind one
+    contacts: Budget = Budget(300, 600)  # first contacts of all; as many again are kept for addresses that are proven
     handshakes: Budget = Budget(100, 300)  # handshakes of all, from addresses that have shown they are there
     peer: Budget = Budget(4096, 8192)  # datagrams of one peer that is known
 
@@ -34,6 +34,8 @@ class Limits(NamedTuple):
 LIMITS = Limits()
 ADDRESS_SLOTS = 4096
 PEER_SLOTS = 4096
+PROVEN_NS = 3_600_000_000_000  # a handshake was completed with an address so lately: it draws from the reserve
+NEVER_NS = -PROVEN_NS
 
 
 class Gate:
@@ -42,10 +44,12 @@ class Gate:
     def __init__(self, secret: bytes, limits: Limits = LIMITS) -> None:
         """secret: random bytes, 16 to 64; whoever knows them can aim at a bucket."""
         self._secret = secret
-        self._addresses = _Buckets(ADDRESS_SLOTS, limits.address)
-        self._peers = _Buckets(PEER_SLOTS, limits.peer)
-        self._contacts = _Buckets(1, limits.contacts)
-        self._handshakes = _Buckets(1, limits.handshakes)
+        self._addresses = Buckets(ADDRESS_SLOTS, limits.address)
+        self._peers = Buckets(PEER_SLOTS, limits.peer)
+        self._shaking = Buckets(ADDRESS_SLOTS, limits.address)
+        self._proven_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS
+        self._contacts = Buckets(2, limits.contacts)  # of strangers; of proven addresses
+        self._handshakes = Buckets(1, limits.handshakes)
 
     def size(self, datagram: bytes) -> str:
         """Asked first, of everything."""
@@ -59,15 +63,21 @@ class Gate:
 
     def contact(self, address: Address, now_ns: int) -> str:
         """A first word of a stranger, whose address may be forged: a plain hello, a ClientHello without a cookie."""
-        if not self._addresses.take(self._slot(address), now_ns):
+        slot = self._slot(address)
+        if not self._addresses.take(slot, now_ns):
             return "address budget"
-        return "" if self._contacts.take(0, now_ns) else "contact budget"
+        proven = now_ns - self._proven_ns[slot] < PROVEN_NS
+        return "" if self._contacts.take(int(proven), now_ns) else "contact budget"
 
     def handshake(self, address: Address, now_ns: int) -> str:
         """A handshake is to begin with an address that is not forged: its ClientHello had a cookie."""
-        if not self._addresses.take(self._slot(address), now_ns):
+        if not self._shaking.take(self._slot(address), now_ns):
             return "address budget"
         return "" if self._handshakes.take(0, now_ns) else "handshake budget"
+
+    def proven(self, address: Address, now_ns: int) -> None:
+        """A handshake was completed: a flood of forged addresses is not to keep this one out from now on."""
+        self._proven_ns[self._slot(address)] = now_ns
 
     def _slot(self, address: Address) -> int:
         text = network_of(address).encode("utf-8", "replace")
@@ -86,7 +96,7 @@ def network_of(address: Address) -> str:
     return str(number.ipv4_mapped) if number.ipv4_mapped else number.packed[:8].hex()
 
 
-class _Buckets:
+class Buckets:
     """Token buckets, one number each: the time at which the bucket is full again."""
 
     __slots__ = ("_all_ns", "_each_ns", "_full_ns")

@@ -70,6 +70,8 @@ class LiveServer:
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
     recorder: Recorder | None = field(init=False, default=None)
+    _received: int = field(init=False, default=0)
+    _sent: int = field(init=False, default=0)
     _socket: socket.socket = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
@@ -145,6 +147,11 @@ class LiveServer:
         stopped = {"recording stopped": 1} if self.recorder.trouble else {}
         return {**stopped, "not recorded": self.recorder.lost} if self.recorder.lost else stopped
 
+    @property
+    def datagrams(self) -> tuple[int, int]:
+        """(received, sent) at the socket so far."""
+        return self._received, self._sent
+
     def drops(self) -> dict[str, int]:
         """What went no further, by reason: in the kernel, at the door, in the core."""
         dropped = dict(self.core.dropped)
@@ -214,10 +221,11 @@ class LiveServer:
     def _drain(self, now_ns: int) -> None:
         receive, unseal, take = self._socket.recvfrom, self.channel.receive, self.core.receive
         renewed = self.channel.renewed
-        for _ in range(MOST_AT_ONCE):
+        for count in range(MOST_AT_ONCE):
             try:
                 datagram, address = receive(MAX_DATAGRAM_BYTES + 1)
             except BlockingIOError:
+                self._received += count
                 break
             except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
                 self.core.socket_failed(str(error.strerror))
@@ -227,6 +235,8 @@ class LiveServer:
                 self.core.disown(renewed.popleft())
             for message in carried:
                 take(message, address, now_ns)
+        else:
+            self._received += MOST_AT_ONCE
         self._flush()
 
     def _send(self) -> None:
@@ -238,6 +248,7 @@ class LiveServer:
 
     def _flush(self) -> None:
         outbox, put = self.channel.outbox, self._socket.sendto
+        self._sent += len(outbox)
         while outbox:
             address, datagram = outbox.popleft()
             try:

@@ -31,6 +31,7 @@ class Seat:
         self.nonce = 0
         self.last_heard_ns = 0
         self.clock = Clock()
+        self.rtt_ns: int | None = None  # the last round trip that was measured
         self.port: Port | None = None
         self.on_object = False
         self.line_margin_j = 0.0
@@ -77,7 +78,7 @@ class Room:
         seat = self.seats[number]
         seat.step("hello")
         seat.session, seat.nonce, seat.address, seat.last_heard_ns = session, nonce, address, now_ns
-        seat.clock = Clock()
+        seat.clock, seat.rtt_ns = Clock(), None
         seat.record, seat.reserved_until_ns = record, None
         seat.port = PORTS[seat.settings.coupling.kind](seat.settings, self.limits(number))
         seat.on_object = False

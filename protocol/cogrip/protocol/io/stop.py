@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
+from typing import Literal
 
 
 @dataclass(slots=True)
@@ -17,26 +18,43 @@ class Stop:
     reason: str = ""
     signals: int = 0
     rearm: bool = False  # somebody asked to leave a fault
+    reload: bool = False  # somebody asked to read files anew
 
     def take_rearm(self) -> bool:
         """Whether somebody has asked since the last time: by SIGUSR1, or with `r` and Enter at a terminal."""
-        asked = self.rearm or _typed_r()
+        typed = _typed_r()
+        if not self.rearm:  # looked at before it is taken back: a signal may come between any two steps
+            return typed
         self.rearm = False
-        return asked
+        return True
+
+    def take_reload(self) -> bool:
+        """Whether somebody has asked since the last time, by SIGHUP."""
+        if not self.reload:
+            return False
+        self.reload = False
+        return True
 
 
 @contextmanager
-def on_signals(stop: Stop) -> Iterator[Stop]:
+def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate") -> Iterator[Stop]:
     """While inside, Ctrl-C, SIGTERM and a terminal that closes set `stop`, and SIGUSR1 asks to re-arm.
 
-    A third one breaks whatever hangs.
+    hangup: what a SIGHUP asks that does not come of a terminal's end. A third signal to end breaks whatever hangs.
     """
+    had_terminal = _has_terminal()
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.signals += 1
         stop.reason = stop.reason or ("interrupted" if number == signal.SIGINT else "terminated")
         if stop.signals >= 3:
             raise KeyboardInterrupt
+
+    def hang_up(number: int, frame: FrameType | None) -> None:
+        if hangup == "reload" and not (had_terminal and not _has_terminal()):
+            stop.reload = True
+        else:
+            handle(number, frame)
 
     def rearm(number: int, frame: FrameType | None) -> None:
         stop.rearm = True
@@ -45,13 +63,24 @@ def on_signals(stop: Stop) -> Iterator[Stop]:
     if sys.platform != "win32":
         handlers[signal.SIGUSR1] = rearm
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # not under nohup
-            handlers[signal.SIGHUP] = handle
+            handlers[signal.SIGHUP] = hang_up
     before = [(number, signal.signal(number, handler)) for number, handler in handlers.items()]
     try:
         yield stop
     finally:
         for number, handler in before:
             signal.signal(number, handler)
+
+
+def _has_terminal() -> bool:
+    """Whether our session has a terminal: one that was closed is taken from it."""
+    if sys.platform == "win32":
+        return False
+    try:
+        os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY))
+    except OSError:
+        return False
+    return True
 
 
 def _typed_r() -> bool:

@@ -14,7 +14,7 @@ from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.loop import LiveServer
-from cogrip.server.snapshot import SnapshotMaker
+from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # checkpoints and metrics
 LOOK_EVERY_NS = 50_000_000  # for orders
@@ -89,21 +89,42 @@ class Keeper:
             self._tell_limited()
             self._write_checkpoints()
             if self._metrics is not None:
-                self._metrics.put(self._maker.look(self._server.elapsed_s, self._server.drops(), self._server.losses()))
+                self._metrics.put(self._look())
         every_ns = self._notifier.watchdog_every_ns
         if every_ns is not None and now_ns >= self._watchdog_ns:
             self._watchdog_ns = now_ns + every_ns
             self._notifier.watchdog()
 
-    def end(self) -> None:
-        """The server has said goodbye: nobody comes back to these seats."""
+    def counts(self) -> dict[str, int]:
+        """What went wrong in the keeping, by name."""
+        counts = {
+            "metrics not taken": self._metrics.not_taken if self._metrics else 0,
+            "checkpoint not written": sum(writer.failures for writer in self._writers.values()),
+            "service manager not told": self._notifier.failed,
+        }
+        return {name: count for name, count in counts.items() if count}
+
+    def _look(self) -> Snapshot:
+        server = self._server
+        rtt_ns = {
+            (room.name, number): seat.rtt_ns
+            for room in server.core.rooms
+            for number, seat in enumerate(room.seats)
+            if seat.rtt_ns is not None
+        }
+        drops = (server.drops(), server.losses(), self.counts())
+        return self._maker.look(server.elapsed_s, *drops, rtt_ns=rtt_ns, datagrams=server.datagrams)
+
+    def end(self, *, said_goodbye: bool) -> None:
+        """The server has ended. If it said goodbye nobody comes back to these seats; else the next server goes on from here."""
         self._notifier.stopping()
         if self._control is not None:
             self._control.close()
         for writer in self._writers.values():
             writer.close()
-            with suppress(OSError):
-                checkpoint_file.remove(writer.path)
+            if said_goodbye:
+                with suppress(OSError):
+                    checkpoint_file.remove(writer.path)
         if self._door is not None:
             self._door.close()
         if self._metrics is not None:

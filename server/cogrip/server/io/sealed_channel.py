@@ -28,7 +28,7 @@ from cogrip.protocol.io.dtls import (
 )
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
-from cogrip.server.gate import Budget, Buckets, Gate
+from cogrip.server.gate import Buckets, Budget, Gate
 from cogrip.server.happenings import Happening
 from cogrip.server.plain_channel import looks_like_hello
 
@@ -163,8 +163,10 @@ class SealedListener:
     def _greet(self, datagram: bytes, address: Address, now_ns: int) -> None:
         """A ClientHello. Until its cookie fits nothing is kept, and the answer is no longer than the question."""
         half, peer, nonce = self._half.get(address), self._open.get(address), client_random(datagram)
-        self._cookies = self._cookies_of(address, now_ns)
-        fits = self._fits(cookie_in(datagram))
+        cookie, fits = cookie_in(datagram), False
+        if len(cookie) == COOKIE_BYTES:
+            self._cookies = self._cookies_of(address, now_ns)
+            fits = self._fits(cookie)
         if fits and half is not None and half.nonce == nonce:  # repeated: its handshake goes on
             half.association.feed(datagram)
             self._take(half, address)
@@ -179,6 +181,7 @@ class SealedListener:
         if reason:
             self._drop(reason)
             return
+        self._cookies = self._cookies_of(address, now_ns)
         heard = self._door.listen(datagram)
         answers = self._door.take()
         if sum(map(len, answers)) > len(datagram):

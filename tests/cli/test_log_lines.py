@@ -1,0 +1,169 @@
+"""What a server says, for people and for programs; readers who go away, or do not read; names that strangers choose."""
+
+import io
+import json
+import os
+import pty
+import subprocess
+import sys
+import tty
+from datetime import UTC, datetime, timedelta, timezone
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.cli.log_lines import LONGEST_BYTES, LONGEST_TEXT, WARNINGS, LogLines
+from cogrip.server.happenings import EVENTS, Happening
+
+AT = datetime(2026, 3, 4, 5, 6, 7, 89_500, tzinfo=timezone(timedelta(hours=1)))
+JOINED = Happening("joined", "lab: anna joined from 10.0.0.7:5", "lab", "anna", "10.0.0.7:5", token="k3")
+ANY = st.text(st.characters(exclude_categories=()), max_size=60)  # lone surrogates as well
+
+
+def said(form: str, *what: Happening | str) -> str:
+    stream = io.StringIO()
+    lines = LogLines(form, stream, lambda: AT)
+    for each in what:
+        lines.say(each)
+    assert lines.lost == 0
+    return stream.getvalue()
+
+
+def test_text_is_the_words():
+    assert said("text", JOINED, "listening on [::1]:47800; rooms: lab") == (
+        "lab: anna joined from 10.0.0.7:5\nlistening on [::1]:47800; rooms: lab\n"
+    )
+
+
+def test_json_has_the_fields_that_are_set():
+    assert [json.loads(line) for line in said("json", JOINED, "listening", "warning: it is open").splitlines()] == [
+        {
+            "time": "2026-03-04T05:06:07.089+01:00", "level": "info", "event": "joined",
+            "text": "lab: anna joined from 10.0.0.7:5", "room": "lab", "user": "anna", "address": "10.0.0.7:5", "token": "k3",
+        },
+        {"time": "2026-03-04T05:06:07.089+01:00", "level": "info", "event": "notice", "text": "listening"},
+        {"time": "2026-03-04T05:06:07.089+01:00", "level": "warning", "event": "notice", "text": "warning: it is open"},
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("event", EVENTS)
+def test_what_a_keeper_should_look_at_is_a_warning(event):
+    level = json.loads(said("json", Happening(event, "x")))["level"]
+    assert level == (
+        "info" if event in ("joined", "observes", "resumed", "left", "restored", "reloaded") else "warning"
+    )
+    assert set(WARNINGS) <= set(EVENTS)
+
+
+def test_the_time_is_now_and_has_an_offset():
+    stream = io.StringIO()
+    before = datetime.now(UTC)
+    LogLines("json", stream).say("x")
+    found = datetime.fromisoformat(json.loads(stream.getvalue())["time"])
+    assert found.utcoffset() is not None
+    assert before - timedelta(milliseconds=1) <= found <= datetime.now(UTC)
+
+
+@given(ANY, ANY)
+def test_whatever_a_stranger_is_called_is_one_line(text, user):
+    happening = Happening("refused", text, user=user)
+    (line,) = said("json", happening).splitlines()
+    assert line.isascii()
+    assert line.isprintable()
+    told = json.loads(line)
+    assert (told["text"], told.get("user", "")) == (text, user)
+    for what in (happening, text):
+        shown = said("text", what)
+        assert shown.count("\n") == 1
+        assert shown[:-1].isprintable(), "nothing that moves a cursor, and nothing that runs backwards"
+
+
+@pytest.mark.parametrize("character", ["a", "é", "\U0001f600", "\0"])
+def test_a_line_fits_whole_into_a_pipe(character):
+    for length in (LONGEST_TEXT, 100 * LONGEST_TEXT):
+        line = said("json", Happening("refused", character * length, "r" * 40, "u" * 40))
+        assert len(line) <= LONGEST_BYTES
+        assert json.loads(line)["text"].startswith(character * 100)
+
+
+def test_a_stream_that_was_closed_is_counted():
+    stream = io.StringIO()
+    lines = LogLines("text", stream)
+    stream.close()
+    lines.say("x")
+    lines.say(JOINED)
+    assert lines.lost == 2
+
+
+SPEAKER = """
+import sys
+from cogrip.cli.log_lines import LogLines
+lines = LogLines(sys.argv[1])
+sys.stdin.readline()
+for number in range(int(sys.argv[2])):
+    lines.say(f"line {number}")
+print("the summary", flush=True)  # what others print there must not fail either
+print(lines.lost, file=sys.stderr, flush=True)
+"""
+
+
+def speak(stdout: int, form: str = "text", count: int = 10) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-c", SPEAKER, form, str(count)], stdin=subprocess.PIPE, stdout=stdout, stderr=subprocess.PIPE
+    )
+
+
+def ended(speaker: subprocess.Popen[bytes]) -> tuple[int, str]:
+    """(exit code, what it said on standard error) after it was told to speak."""
+    _, errors = speaker.communicate(b"\n", 30.0)
+    return speaker.returncode, errors.decode()
+
+
+@pytest.mark.parametrize("form", ["text", "json"])
+def test_a_closed_pipe_ends_nothing(form):
+    ours, its = os.pipe()
+    speaker = speak(its, form)
+    os.close(its)
+    os.close(ours)
+    assert ended(speaker) == (0, "10\n")
+
+
+def test_a_closed_terminal_ends_nothing():
+    ours, its = pty.openpty()
+    speaker = speak(its)
+    os.close(its)
+    os.close(ours)
+    assert ended(speaker) == (0, "10\n")
+
+
+def test_a_pipe_that_nobody_reads_holds_nothing_and_what_is_in_it_is_whole():
+    ours, its = os.pipe()
+    own = os.dup(its)
+    speaker = subprocess.Popen(
+        [sys.executable, "-c", SPEAKER.replace('print("the summary", flush=True)', ""), "text", "20000"],
+        stdin=subprocess.PIPE, stdout=its, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    os.close(its)
+    code, errors = ended(speaker)
+    os.close(own)
+    with open(ours) as pipe:
+        lines = pipe.read().splitlines()
+    assert code == 0
+    assert int(errors) == 20_000 - len(lines) > 0
+    assert lines == [f"line {number}" for number in range(len(lines))]
+
+
+def test_a_terminal_that_is_held_holds_nothing():
+    """Ctrl-S: whoever looks at the log may stop it, and not the hands."""
+    ours, its = pty.openpty()
+    tty.setraw(its)
+    speaker = subprocess.Popen(
+        [sys.executable, "-c", SPEAKER.replace('print("the summary", flush=True)', ""), "text", "20000"],
+        stdin=subprocess.PIPE, stdout=its, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    code, errors = ended(speaker)
+    os.close(its)
+    os.close(ours)
+    assert code == 0
+    assert int(errors) > 0

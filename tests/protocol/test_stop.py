@@ -1,0 +1,135 @@
+"""Signals: what ends a loop, what asks it to read its files anew, and a terminal that is closed."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import termios
+
+import pytest
+
+from cogrip.protocol.io.stop import Stop, on_signals
+
+LIMIT_S = 30.0
+LOOP = """
+import signal, sys
+from cogrip.protocol.io.stop import Stop, on_signals
+reloads = 0
+with on_signals(Stop(), *sys.argv[1:2]) as stop:
+    print("ready", file=sys.stderr, flush=True)
+    while not stop.reason:
+        if stop.take_reload():
+            reloads += 1
+            print(f"reloaded {reloads}", file=sys.stderr, flush=True)
+print(f"ended: {stop.reason}", file=sys.stderr, flush=True)
+"""
+
+
+class Loop:
+    """A process that runs until it is told to stop, and says what it was told."""
+
+    def __init__(self, *arguments: str, nohup: bool = False, terminal: int | None = None) -> None:
+        def before() -> None:
+            if nohup:
+                signal.signal(signal.SIGHUP, signal.SIG_IGN)
+            if terminal is not None:
+                fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
+
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", LOOP, *arguments], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, preexec_fn=before, pass_fds=() if terminal is None else (terminal,),
+        )  # fmt: skip
+        assert self.next() == "ready"
+
+    def next(self) -> str:
+        assert self.process.stderr is not None
+        return self.process.stderr.readline().strip()
+
+    def told(self, number: int) -> str:
+        self.process.send_signal(number)
+        return self.next()
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait(LIMIT_S)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+
+@pytest.fixture
+def loop():
+    begun: list[Loop] = []
+
+    def begin(*arguments: str, **more: object) -> Loop:
+        begun.append(Loop(*arguments, **more))
+        return begun[-1]
+
+    yield begin
+    for each in begun:
+        each.close()
+
+
+def test_a_reload_is_asked_for_once(monkeypatch):
+    stop = Stop()
+    assert not stop.take_reload()
+    with on_signals(stop, "reload"):
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert stop.take_reload()
+        assert not stop.take_reload()
+        for _ in range(5):  # none of them ends anything
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert stop.take_reload()
+        assert not stop.take_reload()
+    assert (stop.reason, stop.signals) == ("", 0)
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+def test_a_rearm_is_asked_for_once():
+    stop = Stop()
+    with on_signals(stop):
+        os.kill(os.getpid(), signal.SIGUSR1)
+    assert stop.take_rearm()
+    assert not stop.take_rearm()
+
+
+def test_a_hangup_terminates_where_nothing_else_was_asked():
+    stop = Stop()
+    with on_signals(stop):
+        os.kill(os.getpid(), signal.SIGHUP)
+    assert (stop.reason, stop.reload) == ("terminated", False)
+
+
+def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
+    stop = Stop()
+    with on_signals(stop, "reload"):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stop.reason == "interrupted"
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+def test_a_service_reloads_as_often_as_it_is_told_and_then_ends(loop):
+    service = loop("reload")
+    assert [service.told(signal.SIGHUP) for _ in range(3)] == ["reloaded 1", "reloaded 2", "reloaded 3"]
+    assert service.told(signal.SIGTERM) == "ended: terminated"
+    assert service.process.wait(LIMIT_S) == 0
+
+
+@pytest.mark.parametrize("hangup", ["terminate", "reload"])
+def test_under_nohup_a_hangup_is_nothing(loop, hangup):
+    kept = loop(hangup, nohup=True)
+    kept.process.send_signal(signal.SIGHUP)
+    assert kept.told(signal.SIGINT) == "ended: interrupted"
+
+
+def test_at_a_terminal_a_hangup_reloads_and_its_end_ends(loop):
+    """A server that somebody began by hand ends with the window, as every program does."""
+    ours, its = os.openpty()
+    server = loop("reload", terminal=its)
+    os.close(its)
+    assert server.told(signal.SIGHUP) == "reloaded 1"
+    os.close(ours)
+    assert server.next() == "ended: terminated"
+    assert server.process.wait(LIMIT_S) == 0

@@ -1,0 +1,154 @@
+"""A file that is whole at every moment, and a writer that never holds the loop: disks that fail or hang, kills at any time."""
+
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from cogrip.server.io import checkpoint_file
+from cogrip.server.io.checkpoint_file import CheckpointWriter, read, remove
+from cogrip.server.io.state_folder import StateError
+
+LIMIT_S = 30.0
+
+ENDLESS = """
+import hashlib, sys, threading
+from pathlib import Path
+from cogrip.server.io import checkpoint_file
+
+whole, done = checkpoint_file.write_private, threading.Semaphore(0)
+
+def noted(path, data):
+    whole(path, data)
+    print(int(data[64:].split()[0]), flush=True)
+    done.release()
+
+checkpoint_file.write_private = noted
+writer, number = checkpoint_file.CheckpointWriter(Path(sys.argv[1])), int(sys.argv[2])
+while True:
+    number += 1
+    body = f"{number} ".encode() * (1 + number * 7919 % 3000)
+    writer.put(hashlib.sha256(body).hexdigest().encode() + body)
+    if number % 3 == 0:
+        done.acquire()
+"""
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    tmp_path.chmod(0o700)
+    return tmp_path / "checkpoint-lab.json"
+
+
+def number_in(data: bytes) -> int:
+    """Of a whole version."""
+    assert hashlib.sha256(data[64:]).hexdigest().encode() == data[:64], "torn"
+    return int(data[64:].split()[0])
+
+
+def test_what_was_put_is_read(path):
+    assert read(path) is None
+    writer = CheckpointWriter(path)
+    writer.put(b"one")
+    writer.close()
+    assert read(path) == b"one"
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert (writer.written, writer.overtaken, writer.failures) == (1, 0, 0)
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_writer_that_had_nothing_leaves_nothing(path):
+    CheckpointWriter(path).close()
+    assert list(path.parent.iterdir()) == []
+
+
+def test_the_newest_wins_and_every_version_has_a_fate(path, monkeypatch):
+    held, begun = threading.Event(), threading.Event()
+    whole = checkpoint_file.write_private
+
+    def slow(there: Path, data: bytes) -> None:
+        begun.set()
+        assert held.wait(LIMIT_S)
+        whole(there, data)
+
+    monkeypatch.setattr(checkpoint_file, "write_private", slow)
+    writer = CheckpointWriter(path)
+    writer.put(b"0")
+    assert begun.wait(LIMIT_S)
+    for number in range(1, 100):  # the disk hangs meanwhile: nothing waits for it
+        writer.put(b"%d" % number)
+    held.set()
+    writer.close()
+    assert read(path) == b"99"
+    assert (writer.written, writer.overtaken, writer.failures) == (2, 98, 0)
+
+
+def test_failures_are_counted_and_said_once_by_whoever_puts(path, monkeypatch):
+    words: list[tuple[str, str]] = []
+    folder = path.parent / "gone"
+    writer = CheckpointWriter(folder / path.name, lambda text: words.append((text, threading.current_thread().name)))
+    for number in range(5):
+        before = writer.failures
+        writer.put(b"x")
+        while writer.failures == before:
+            pass
+        assert writer.failures == number + 1
+    folder.mkdir(0o700)  # a disk that has room again
+    writer.put(b"y")
+    writer.close()
+    ((text, thread),) = words
+    assert "No such file or directory" in text
+    assert str(folder) in text
+    assert thread == threading.current_thread().name
+    assert read(folder / path.name) == b"y"
+    assert (writer.written, writer.failures) == (1, 5)
+
+
+def test_a_failure_at_the_end_is_said_as_well(path):
+    words: list[str] = []
+    writer = CheckpointWriter(path.parent / "gone" / path.name, words.append)
+    writer.put(b"x")
+    writer.close()
+    assert (writer.failures, len(words)) == (1, 1)
+
+
+def test_a_file_that_others_can_read_is_not_believed(path):
+    path.write_bytes(b"{}")
+    path.chmod(0o644)
+    with pytest.raises(StateError, match=r"checkpoint-lab\.json"):
+        read(path)
+
+
+def test_removed_with_what_was_half_written(path):
+    half = path.with_name(f"{path.name}.new")
+    for each in (path, half):
+        each.write_bytes(b"x")
+    remove(path)
+    assert list(path.parent.iterdir()) == []
+    remove(path)
+
+
+def test_killed_at_any_moment_it_leaves_a_whole_version(path):
+    """And never one older than what was known to be written."""
+    chance, last = random.Random(6), 0
+    for _ in range(10):
+        process = subprocess.Popen(
+            [sys.executable, "-c", ENDLESS, str(path), str(last)], stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert process.stdout is not None
+        written = [int(process.stdout.readline()) for _ in range(chance.randrange(1, 20))]
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(LIMIT_S)
+        process.stdout.close()
+        data = read(path)
+        assert data is not None
+        last = number_in(data)
+        assert last >= written[-1]
+    beside = {each.name for each in path.parent.iterdir()} - {path.name}
+    assert beside <= {f"{path.name}.new"}, "one at most, however often"

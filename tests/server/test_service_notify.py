@@ -1,0 +1,99 @@
+"""sd_notify over real sockets, with a file's name and an abstract one; and silence where nobody listens."""
+
+import os
+import secrets
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from cogrip.server.io.service_notify import ServiceNotifier
+
+
+class Manager:
+    """Stands in for systemd."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind("\0" + name[1:] if name.startswith("@") else name)
+        self.socket.settimeout(10.0)
+
+    def heard(self) -> str:
+        return self.socket.recv(4096).decode()
+
+
+@pytest.fixture(params=["file", "abstract"])
+def manager(request, tmp_path) -> Iterator[Manager]:
+    name = f"@cogrip-{secrets.token_hex(8)}" if request.param == "abstract" else str(tmp_path / "notify")
+    there = Manager(name)
+    yield there
+    there.socket.close()
+
+
+def test_everything_that_systemd_asks(manager):
+    notifier = ServiceNotifier({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": "5000000"})
+    assert notifier.listened_to
+    assert notifier.watchdog_every_ns == 2_500_000_000
+    notifier.ready("2 rooms")
+    notifier.ready()
+    notifier.status("3 people\nREADY=0\n hold")
+    notifier.status("")
+    notifier.reloading(12_345_678_901)
+    notifier.watchdog()
+    notifier.stopping("terminated")
+    assert [manager.heard() for _ in range(7)] == [
+        "READY=1\nSTATUS=2 rooms",
+        "READY=1",
+        "STATUS=3 people READY=0 hold",
+        "STATUS=",
+        "RELOADING=1\nMONOTONIC_USEC=12345678",
+        "WATCHDOG=1",
+        "STOPPING=1\nSTATUS=terminated",
+    ]
+    notifier.close()
+    notifier.close()
+    notifier.ready()
+    assert notifier.failed == 0
+
+
+@pytest.mark.parametrize("environ", [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "vsock:2:1234"}])
+def test_nobody_asked(environ):
+    notifier = ServiceNotifier(environ)
+    assert not notifier.listened_to
+    assert notifier.watchdog_every_ns is None
+    notifier.ready("x")
+    notifier.watchdog()
+    notifier.close()
+    assert notifier.failed == 0
+
+
+def test_a_manager_that_is_gone_or_does_not_read_holds_nothing(manager):
+    notifier = ServiceNotifier({"NOTIFY_SOCKET": manager.name})
+    sent = 0
+    while not notifier.failed:  # its queue is full then: else this never ends
+        notifier.watchdog()
+        sent += 1
+    assert sent > 1
+    manager.socket.close()
+    before = notifier.failed
+    notifier.watchdog()
+    assert notifier.failed == before + 1
+    notifier.close()
+
+
+@pytest.mark.parametrize(
+    ("environ", "every_ns"),
+    [
+        ({"WATCHDOG_USEC": "1"}, 500),
+        ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": str(os.getpid())}, 1_500_000_000),
+        ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": str(os.getpid() + 1)}, None),
+        ({"WATCHDOG_USEC": "0"}, None),
+        ({"WATCHDOG_USEC": "-3"}, None),
+        ({"WATCHDOG_USEC": "soon"}, None),
+        ({"WATCHDOG_USEC": "³"}, None),
+        ({"WATCHDOG_USEC": ""}, None),
+    ],
+)
+def test_how_often_the_watchdog_wants_to_hear(environ, every_ns):
+    assert ServiceNotifier(environ).watchdog_every_ns == every_ns
