@@ -59,7 +59,10 @@ def test_the_longest_message_fits_one_datagram_and_one_byte_more_is_counted(fold
     assert {len(datagram) for *_, datagram in wire.log[-2:]} == {MAX_DATAGRAM_BYTES}
     assert not call.send(longest + b"x", PEER)
     assert not wire.listener.send(longest + b"x", ANNA)
-    assert call.dropped["too large"] == wire.listener.dropped["too large"] == 1
+    assert not call.send(b"", PEER)
+    assert not wire.listener.send(b"", ANNA)
+    for dropped in (call.dropped, wire.listener.dropped):
+        assert dropped["too large"] == dropped["empty"] == 1
     wire.talk()
 
 

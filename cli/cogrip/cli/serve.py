@@ -227,7 +227,7 @@ def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
     """Sealed where there is a folder for the key."""
     gate = Gate(secrets.token_bytes(16))
     if folder is None:
-        return PlainListener(gate, core.knows)
+        return PlainListener(gate, core.listens_to)
     return SealedListener(folder.path, gate, core.knows)
 
 

@@ -56,10 +56,20 @@ class ServerCore:
         """The socket refused to send or receive: counted as a drop."""
         self.drop(f"socket: {reason}")
 
+    @property
+    def addresses(self) -> list[Address]:
+        """Of all who sit or look on, or did when their seat was last had."""
+        return [*self._seated, *self._observing]
+
     def knows(self, address: Address) -> bool:
         """Whether somebody who sits or looks on here is at this address."""
         place = self._seated.get(address)
         return address in self._observing or (place is not None and place[0].seats[place[1]].state == "seated")
+
+    def listens_to(self, address: Address) -> bool:
+        """Whether what comes from this address is more than a stranger's: of a seat that was just left as well, whose
+        goodbye may have to be said again."""
+        return address in self._seated or address in self._observing
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
         """Take in one message. Whatever does not belong is dropped and counted by name."""

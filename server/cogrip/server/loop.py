@@ -216,6 +216,9 @@ class LiveServer:
             self._drain(now_ns)
             self._send()
             time.sleep(0.002)
+        for address in self.core.addresses:
+            self.channel.close(address)
+        self._flush()
         self._tell()
 
     def _drain(self, now_ns: int) -> None:

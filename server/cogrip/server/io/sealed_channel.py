@@ -79,8 +79,8 @@ class SealedListener:
         if peer is None:
             self._drop("no seal")
             return False
-        if len(message) > MAX_MESSAGE_BYTES:
-            self._drop("too large")
+        if not 0 < len(message) <= MAX_MESSAGE_BYTES:
+            self._drop("too large" if message else "empty")
             return False
         datagram = peer.association.send(message)
         if not datagram:

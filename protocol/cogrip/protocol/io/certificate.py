@@ -1,0 +1,144 @@
+"""The server's key and self-signed certificate: made on the first start, pinned by its fingerprint ever after.
+
+`server.key` is an EC P-256 key that nobody else may read, `server.crt` says who has it. Both are PEM, both are written whole
+or not at all. Nobody signs for the certificate, so its name and dates say nothing: the fingerprint in a link does.
+"""
+
+import hashlib
+import os
+import tempfile
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from stat import S_IMODE
+from typing import NamedTuple
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+from cryptography.x509.oid import NameOID
+
+KEY_FILE = "server.key"
+CERTIFICATE_FILE = "server.crt"
+LASTS = timedelta(days=30 * 365)
+BACKDATED = timedelta(days=1)
+COMMON_NAME = "cogrip"
+SECRET_LABEL = b"cogrip: secret of this server, 1"
+SECRET_BYTES = 32
+
+
+class CertificateError(Exception):
+    """The key or the certificate cannot be used. The text names the file and the cure."""
+
+
+class Identity(NamedTuple):
+    """What a server proves itself with. `fingerprint`: SHA-256 of the certificate's DER, 64 lower-case hex digits."""
+
+    key: ec.EllipticCurvePrivateKey
+    certificate: x509.Certificate
+    fingerprint: str
+
+
+def fingerprint_of(der: bytes) -> str:
+    """SHA-256 of a certificate's DER as 64 lower-case hex digits."""
+    return hashlib.sha256(der).hexdigest()
+
+
+def load(folder: Path) -> Identity:
+    """The identity in `folder`, made where there is none yet. Raises CertificateError."""
+    key = _key(folder)
+    path = folder / CERTIFICATE_FILE
+    try:
+        certificate = x509.load_pem_x509_certificate(path.read_bytes())
+    except FileNotFoundError:
+        certificate = _signed(key)
+        _write(path, certificate.public_bytes(serialization.Encoding.PEM))
+    except OSError as error:
+        raise CertificateError(f"{path}: {error.strerror}; let this user read it") from None
+    except ValueError:
+        raise CertificateError(f"{path} holds no certificate; delete it: a new one is made, and links change") from None
+    if certificate.public_key() != key.public_key():
+        raise CertificateError(
+            f"{path} does not belong to {folder / KEY_FILE}; put the right one back, or delete {CERTIFICATE_FILE}: "
+            "a new one is made, and links change"
+        )
+    return Identity(key, certificate, fingerprint_of(certificate.public_bytes(serialization.Encoding.DER)))
+
+
+def secret_of(folder: Path) -> bytes:
+    """SECRET_BYTES that follow from the private key, to derive other secrets from. Raises CertificateError."""
+    scalar = _key(folder).private_numbers().private_value.to_bytes(32, "big")
+    return HKDF(hashes.SHA256(), SECRET_BYTES, salt=None, info=SECRET_LABEL).derive(scalar)
+
+
+def _key(folder: Path) -> ec.EllipticCurvePrivateKey:
+    path = folder / KEY_FILE
+    try:
+        with path.open("rb") as file:
+            mode = S_IMODE(os.fstat(file.fileno()).st_mode)
+            pem = file.read()
+    except FileNotFoundError:
+        return _new_key(path)
+    except OSError as error:
+        raise CertificateError(f"{path}: {error.strerror}; let this user read it, and no one else") from None
+    if mode & 0o077:
+        raise CertificateError(
+            f"{path} has mode {mode:04o}, so others may have read it, and 0600 is the most; `chmod 600 {path}` "
+            "if nobody has, else delete it: a new key is made, and links change"
+        )
+    try:
+        key = serialization.load_pem_private_key(pem, None)
+    except (ValueError, TypeError):
+        key = None
+    if not isinstance(key, ec.EllipticCurvePrivateKey) or not isinstance(key.curve, ec.SECP256R1):
+        raise CertificateError(
+            f"{path} holds no EC P-256 key without a passphrase; put the right one back, or delete it and "
+            f"{CERTIFICATE_FILE}: new ones are made, and links change"
+        )
+    return key
+
+
+def _new_key(path: Path) -> ec.EllipticCurvePrivateKey:
+    certificate = path.with_name(CERTIFICATE_FILE)
+    if certificate.exists():
+        raise CertificateError(
+            f"{certificate} is there and {path} is not; put the key back, or delete {CERTIFICATE_FILE}: "
+            "new ones are made, and links change"
+        )
+    key = ec.generate_private_key(ec.SECP256R1())
+    pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    _write(path, pem)
+    return key
+
+
+def _signed(key: ec.EllipticCurvePrivateKey) -> x509.Certificate:
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, COMMON_NAME)])
+    begins = datetime.now(UTC) - BACKDATED
+    return (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begins)
+        .not_valid_after(begins + LASTS)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+
+
+def _write(path: Path, content: bytes) -> None:
+    """All of it or nothing, for this user alone."""
+    try:
+        number, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")  # mkstemp gives mode 0600
+        try:
+            with os.fdopen(number, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise CertificateError(f"{path} cannot be written: {error.strerror}; name another --state folder") from None
