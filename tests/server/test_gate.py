@@ -51,7 +51,7 @@ def test_a_budget_gives_its_burst_then_its_rate(question: str, budget: str, says
 def test_the_limits_that_are_there_by_default() -> None:
     assert Limits() == LIMITS == Limits(Budget(20, 250), Budget(300, 600), Budget(100, 50), Budget(4096, 8192))
     doors = Gate(b"s")
-    assert [doors.handshake((f"10.0.{number}.1", 1), 1) for number in range(301)].count("") == 300
+    assert [doors.handshake((f"10.0.{number}.1", 1), 1) for number in range(51)].count("") == 50
     assert [doors.contact((f"10.0.{number >> 8}.{number & 255}", 1), 1) for number in range(601)].count("") == 600
     laboratory = [doors.contact(("192.0.2.1", 1000 + number), 10**10) for number in range(251)]
     assert laboratory == [""] * 250 + ["address budget"]

@@ -27,7 +27,7 @@ class Limits(NamedTuple):
 
     address: Budget = Budget(20, 250)  # of one address, first contacts and handshakes each: many may sit behind one
     contacts: Budget = Budget(300, 600)  # first contacts of all; as many again are kept for addresses that are proven
-    handshakes: Budget = Budget(100, 50)  # of all, from addresses that have shown they are there: 0.4 ms each, so not many at once
+    handshakes: Budget = Budget(100, 50)  # of all, from addresses that are there: 0.4 ms each, so few at once
     peer: Budget = Budget(4096, 8192)  # datagrams of one peer that is known
 
 
