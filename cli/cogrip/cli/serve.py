@@ -158,11 +158,10 @@ def serve(
             try:
                 server.run()
             finally:
-                keeper.end()
+                keeper.end(said_goodbye=bool(stop.reason))
             say(f"stopped: {stop.reason}")
-            return _conclude(
-                server, folders, lines, shown=into is None and log == "text", report=into is None and report
-            )
+            losses = {**server.drops(), **server.losses(), **keeper.counts()}
+            return _conclude(server, folders, losses, lines, alone=into is None, report=report)
 
 
 def _conclude(

@@ -141,7 +141,8 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self._with(msgspec.structs.replace(token, used=int(now_s)))
 
     def admit(self, token: str, role: Role, room: str, now_s: float) -> Grant | Denied:
-        """What a hello with this token may do. A wrong guess costs the same whatever it is."""
+        """What a hello with this token may do: whoever wants to play by an observer's token looks on. A wrong guess costs the
+        same whatever it is."""
         hashed = token_hash(token)
         found: Token | None = None
         for known in self.tokens:  # all of them, always
@@ -152,14 +153,10 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return Denied("token", f"{words}; ask for a new link")
         if ails := why_not(found, now_s):
             return Denied("token", f"this token {ails}; ask for a new link")
-        if role == "player" and found.role == "observer":
-            return Denied(
-                "role", "this token lets one observe, not play; join as an observer, or ask for a player's link"
-            )
         if found.room and room not in ("", found.room):
             return Denied("room", f"this token is for room {found.room!r}, not {room!r}; use the link as it is")
-        if role == "observer":  # holds nothing, so that seat and device do not matter
-            return Grant(role, found.id, found.room)
+        if "observer" in (role, found.role):  # holds nothing, so that seat and device do not matter
+            return Grant("observer", found.id, found.room)
         return Grant(role, found.id, found.room, found.user, found.device)
 
     def standing(self, secret: bytes, rooms: Sequence[str], now_s: float) -> tuple["TokenBook", list[StartLink]]:
