@@ -15,8 +15,12 @@ from cogrip.protocol.messages import (
     HELLO_BYTES,
     MAGIC,
     MAX_DATAGRAM_BYTES,
+    MAX_MESSAGE_BYTES,
+    NO_BOUND,
     PROTOCOL_VERSION,
+    SEAL_BYTES,
     TEXT_BYTES,
+    VIEWED_SEATS,
     AnyMessage,
     Farewell,
     Heartbeat,
@@ -26,6 +30,7 @@ from cogrip.protocol.messages import (
     Refuse,
     Stamp,
     State,
+    View,
     Waves,
     Welcome,
     clipped,
@@ -38,7 +43,10 @@ from cogrip.protocol.session import nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
 
 BIG = 2**63 - 1
-COUNT = LinkCount(*[2**53] * 7)
+WIDE = "\U0001f600"  # 4 bytes
+WORDS = WIDE * 40
+SECRET = "x" * 32
+COUNT = LinkCount(*[BIG] * 7)
 TIMES = Percentiles(0.1, 0.1, 0.1, 0.1)
 ROW = (0.1, 0.1, 0.1)
 CLIENT = ClientAccount(
@@ -52,13 +60,13 @@ CLIENT = ClientAccount(
     0.1,
     COUNT,
     TIMES,
-    TickCount(2**53, 2**53, TIMES, TIMES),
+    TickCount(BIG, BIG, TIMES, TIMES),
     True,
     "s" * 40,
     "r" * 300,
 )
 SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT)
-ROOM = RoomAccount(ROW, ROW, 0.1, False, 0.1, TickCount(2**53, 2**53, TIMES, TIMES))
+ROOM = RoomAccount(ROW, ROW, 0.1, False, 0.1, TickCount(BIG, BIG, TIMES, TIMES))
 STAMP = Stamp(BIG, BIG, BIG)
 
 LONGEST_SEAT = seat_settings(
@@ -77,17 +85,23 @@ LONGEST_SEAT = seat_settings(
 )
 
 LARGEST: dict[str, AnyMessage] = {
-    "hello": Hello(MAGIC, 2**53, "s" * 40, BIG, "r" * 40, "n" * 40, "d" * 40, "d" * 40, 6, 1e6, bytes(HELLO_BYTES)),
-    "welcome": Welcome(PROTOCOL_VERSION, BIG, BIG, "d" * 40, "s" * 40, LONGEST_SEAT),
-    "refuse": Refuse(2**53, BIG, "c" * 40, "r" * TEXT_BYTES),
+    "hello": Hello(MAGIC, 2**53, WORDS, BIG, WORDS, WORDS, WORDS, WORDS, 6, 1.1, 0.1, 0.1, "observer", SECRET, SECRET),
+    "welcome": Welcome(2**53, BIG, BIG, WORDS, WORDS, LONGEST_SEAT, SECRET, "observer"),
+    "refuse": Refuse(2**53, BIG, WORDS, "r" * TEXT_BYTES),
     "waves": Waves(BIG, 2**53, (0.1,) * 96, ROW, ROW, 0.1, 0.1, 2**53, STAMP, (0.1,) * 6),
     "state": State(BIG, 2**53, ROW, ROW, 0.1, 2**53, STAMP),
     "heartbeat": Heartbeat(BIG, STAMP),
     "leave": Leave(BIG, "r" * TEXT_BYTES, CLIENT),
     "farewell": Farewell(BIG, "r" * TEXT_BYTES, SEAT, ROOM),
+    "view": View(
+        BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
+    ),
 }
 
 short_texts = st.text(max_size=40)
+secrets = st.from_regex(r"[A-Za-z0-9_-]{0,32}", fullmatch=True)
+roles = st.sampled_from(["player", "observer"])
+bounds = st.floats(0.0, NO_BOUND)
 texts = st.text(max_size=TEXT_BYTES)
 counters = st.integers(0, 2**53)
 sessions = st.integers(1, BIG)
@@ -102,11 +116,13 @@ def tuples(values: st.SearchStrategy[float], low: int, high: int) -> st.SearchSt
 
 hellos = st.builds(
     Hello, st.just(MAGIC), counters, short_texts, nanoseconds, short_texts, short_texts, short_texts, short_texts,
-    st.integers(1, 6), st.floats(1.0, 1e6),
+    st.integers(1, 6), st.floats(1.0, 1e6), bounds, bounds, roles, secrets, secrets,
 )  # fmt: skip
 anything = st.one_of(
     hellos,
-    st.builds(Welcome, counters, nanoseconds, sessions, short_texts, short_texts, st.just(LONGEST_SEAT)),
+    st.builds(
+        Welcome, counters, nanoseconds, sessions, short_texts, short_texts, st.just(LONGEST_SEAT), secrets, roles
+    ),
     st.builds(Refuse, counters, nanoseconds, short_texts, texts),
     st.builds(
         Waves, sessions, counters, tuples(st.floats(-1e4, 1e4), 1, 96), tuples(totals, 1, 3), tuples(totals, 1, 3),
@@ -119,17 +135,22 @@ anything = st.one_of(
     st.builds(Heartbeat, sessions, stamps),
     st.builds(Leave, sessions, texts, st.sampled_from([None, CLIENT])),
     st.builds(Farewell, sessions, texts, st.sampled_from([None, SEAT]), st.sampled_from([None, ROOM])),
+    st.builds(
+        View, sessions, counters, tuples(st.floats(-1e4, 1e4), 2, 6),
+        st.lists(st.integers(0, 255), max_size=VIEWED_SEATS).map(tuple), tuples(st.floats(-1e3, 1e3), 0, 3 * VIEWED_SEATS),
+        tuples(st.floats(-1e9, 1e9), 0, 3 * VIEWED_SEATS), stamps,
+    ),
 )  # fmt: skip
 
 
 @given(anything)
 def test_round_trip(message: AnyMessage) -> None:
     datagram = encode(message)
-    if len(datagram) <= MAX_DATAGRAM_BYTES:
+    if len(datagram) <= MAX_MESSAGE_BYTES:
         assert decode(datagram) == message
         assert encode(decode(datagram)) == datagram
     else:
-        with pytest.raises(MalformedError, match="more than 1232"):
+        with pytest.raises(MalformedError, match="more than 1195"):
             decode(datagram)
 
 
@@ -233,12 +254,20 @@ def test_a_padded_hello_has_exactly_its_length(hello: Hello) -> None:
     assert msgspec.structs.replace(decode(datagram), padding=b"") == hello
 
 
-@pytest.mark.parametrize("letter", ["a", "é", "\U0001f600"])  # 1, 2 and 4 bytes
-def test_a_padded_hello_has_exactly_its_length_at_every_length_of_its_texts(letter: str) -> None:
+@pytest.mark.parametrize("letter", ["a", "é", WIDE])  # 1, 2 and 4 bytes
+@pytest.mark.parametrize("secret", ["", SECRET])
+def test_a_padded_hello_has_exactly_its_length_at_every_length_of_its_texts(letter: str, secret: str) -> None:
     for length in range(5 * 40 + 1):
-        parts = [letter * max(0, min(40, length - 40 * part)) for part in range(5)]
-        hello = Hello(MAGIC, 1, parts[0], BIG, parts[1], parts[2], parts[3], parts[4], 6, 0.1)
+        software, *texts = [letter * max(0, min(40, length - 40 * part)) for part in range(5)]
+        hello = Hello(MAGIC, 2**53, software, BIG, *texts, 6, 1.1, 0.1, 0.1, "observer", secret, secret)
         assert len(padded(hello)) == HELLO_BYTES
+
+
+def test_the_longest_hello_leaves_room_for_its_padding() -> None:
+    longest = LARGEST["hello"]
+    assert isinstance(longest, Hello)
+    assert len(encode(longest)) == 944 + 2  # as `SPEC.md` says, and a padding of nothing
+    assert len(padded(longest)) == HELLO_BYTES
 
 
 @pytest.mark.parametrize("name", LARGEST)
@@ -247,8 +276,35 @@ def test_the_largest_legal_message_is_read(name: str) -> None:
     if isinstance(message, Hello):
         message = decode(padded(message))
     datagram = encode(message)
-    assert len(datagram) <= MAX_DATAGRAM_BYTES
+    assert len(datagram) <= MAX_MESSAGE_BYTES
     assert decode(datagram) == message
+
+
+def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
+    assert MAX_MESSAGE_BYTES + SEAL_BYTES == MAX_DATAGRAM_BYTES
+    largest = {name: len(encode(message)) for name, message in LARGEST.items()}
+    assert largest == {
+        "hello": 946, "welcome": 926, "refuse": 485, "waves": 1053, "state": 122, "heartbeat": 39, "leave": 965,
+        "farewell": 594, "view": 1008,
+    }  # fmt: skip
+
+
+@given(texts, short_texts, texts)
+def test_a_leave_with_any_texts_fits_once_they_are_cut(reason: str, state: str, account_reason: str) -> None:
+    account = msgspec.structs.replace(CLIENT, state=clipped(state), reason=clipped(account_reason))
+    leave = Leave(BIG, clipped(reason), account)
+    assert len(encode(leave)) <= MAX_MESSAGE_BYTES
+    assert decode(encode(leave)) == leave
+
+
+def test_a_message_may_have_its_largest_size_and_not_a_byte_more() -> None:
+    longest = LARGEST["hello"]
+    assert isinstance(longest, Hello)
+    fits = msgspec.structs.replace(longest, padding=bytes(MAX_MESSAGE_BYTES - len(encode(longest))))
+    assert len(encode(fits)) == MAX_MESSAGE_BYTES
+    assert decode(encode(fits)) == fits
+    with pytest.raises(MalformedError, match="1196 bytes, more than 1195"):
+        decode(encode(msgspec.structs.replace(fits, padding=fits.padding + b"\0")))
 
 
 def test_no_answer_to_a_stranger_is_longer_than_the_hello() -> None:
@@ -264,6 +320,29 @@ def test_the_widest_line_fits_a_datagram_and_its_own_bound() -> None:
     assert len(encode(widest)) == 1053
     with pytest.raises(MalformedError, match="length <= 96"):
         decode(encode(msgspec.structs.replace(widest, waves=(*widest.waves, 0.1))))
+
+
+def test_the_fullest_view_fits_and_has_its_own_bounds() -> None:
+    fullest = LARGEST["view"]
+    assert isinstance(fullest, View)
+    assert len(fullest.seats) == VIEWED_SEATS
+    for change in (
+        {"seats": (*fullest.seats, 0)}, {"seats": (256,)}, {"proxies_m": (*fullest.proxies_m, 0.1)},
+        {"forces_n": (*fullest.forces_n, 0.1)}, {"object": (*fullest.object, 0.1)}, {"object": (0.1,)},
+    ):  # fmt: skip
+        with pytest.raises(MalformedError):
+            decode(encode(msgspec.structs.replace(fullest, **change)))
+    nobody = msgspec.structs.replace(fullest, seats=(), proxies_m=(), forces_n=())
+    assert decode(encode(nobody)) == nobody
+
+
+@pytest.mark.parametrize("wrong", ["x" * 33, "x=", "x ", "x\n", "\n", "é", "x\0", 7, None, b"x", [], True])
+def test_a_secret_is_of_few_letters(wrong: Any) -> None:
+    for name, places in (("hello", (14, 15)), ("welcome", (7,))):
+        good = msgpack.unpackb(encode(LARGEST[name]))
+        for place in places:
+            assert read(msgpack.packb(replaced(good, (place,), "aZ09-_"))) is not None
+            assert read(msgpack.packb(replaced(good, (place,), wrong))) is None
 
 
 @given(st.text())
@@ -291,11 +370,11 @@ def foreign(version: int) -> bytes:
 
 
 def test_a_hello_of_another_version_is_recognised_by_its_fixed_part() -> None:
-    datagram = foreign(2)
+    datagram = foreign(PROTOCOL_VERSION + 1)
     assert len(datagram) == HELLO_BYTES
     with pytest.raises(MalformedError):
         decode(datagram)
-    assert (foreign_version(datagram), nonce_of(datagram)) == (2, 77)
+    assert (foreign_version(datagram), nonce_of(datagram)) == (PROTOCOL_VERSION + 1, 77)
     assert foreign_version(foreign(PROTOCOL_VERSION)) is None
 
 
@@ -307,5 +386,5 @@ def test_another_magic_is_no_hello() -> None:
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9]
     assert messages.encode is encode

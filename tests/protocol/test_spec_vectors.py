@@ -6,20 +6,37 @@
 import json
 import re
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import msgpack
 import msgspec
 import pytest
 
-from cogrip.protocol import line, messages, session
+from cogrip.client import dialler
+from cogrip.protocol import line, messages, session, settings
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.channel import PEER
+from cogrip.protocol.io import dtls, sealed_call
+from cogrip.protocol.io.sealed_call import SealedCall
+from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
 from cogrip.protocol.line import LineReceiver, LineSender
 from cogrip.protocol.messages import MalformedError, decode, encode
+from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Coupling, LinkProfile, Object, Playout, SeatSettings, resolve
+from cogrip.server import gallery, gate, limits, loop, plain_channel, room, tokens
+from cogrip.server.admission import Denied, Grant
 from cogrip.server.core import ServerCore
+from cogrip.server.gate import LIMITS, Budget, Gate
+from cogrip.server.io import control, sealed_channel
+from cogrip.server.io.sealed_channel import SealedListener
+from cogrip.server.limits import SeatLimits, WaveLimiter
+from cogrip.server.plain_channel import PlainListener
+from cogrip.server.tokens import TokenBook
 
-SPEC = (Path(__file__).parents[2] / "protocol" / "SPEC.md").read_text(encoding="utf-8")
+HERE = Path(__file__).parents[2]
+SPEC = (HERE / "protocol" / "SPEC.md").read_text(encoding="utf-8")
+SECURITY = (HERE / "docs" / "security.md").read_text(encoding="utf-8")
 VECTOR = re.compile(r"^```vector (.+?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINE = re.compile(r"^([0-9a-f]*(?:00\*(\d+))?)(?: +(.*))?$")
 
@@ -65,6 +82,11 @@ def parse(body: str) -> tuple[bytes, list[tuple[list[int], str, bytes, str]]]:
 VECTORS = {name: parse(body) for name, body in VECTOR.findall(SPEC)}
 
 
+def header(length: int) -> bytes:
+    """The shortest header of a MessagePack array."""
+    return bytes([0x90 | length]) if length < 16 else b"\xdc" + length.to_bytes(2, "big")
+
+
 def said(value: Any) -> Any:
     """A value as the page writes it."""
     if isinstance(value, bytes):
@@ -74,7 +96,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({datagram[1] for datagram, _ in VECTORS.values()}) == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == [1, 2, 3, 4, 5, 6, 7, 8, 9]
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -86,7 +108,7 @@ def test_the_independent_reader_finds_what_the_page_says(name: str) -> None:
         for step in place:
             value = value[step]
         if text.startswith(": "):
-            assert raw == bytes([0x90 | len(value)])
+            assert raw == header(len(value))
         else:
             assert said(value) == json.loads(text)
             assert msgpack.unpackb(raw) == value
@@ -115,14 +137,14 @@ def test_lengths_are_what_the_page_says(name: str) -> None:
     assert f"\n{title}, {len(VECTORS[name][0])} bytes:\n" in SPEC
 
 
-@pytest.mark.parametrize(("name", "digits", "why"), rows(section("12.2"), "vector"))
+@pytest.mark.parametrize(("name", "digits", "why"), rows(section("15.2"), "vector"))
 def test_other_forms_of_a_message_are_the_same_message(name: str, digits: str, why: str) -> None:
     datagram = bytes.fromhex(digits.strip("`"))
     assert datagram != VECTORS[name][0], why
     assert decode(datagram) == decode(VECTORS[name][0]), why
 
 
-@pytest.mark.parametrize(("digits", "why"), rows(section("12.3"), "bytes"))
+@pytest.mark.parametrize(("digits", "why"), rows(section("15.3"), "bytes"))
 def test_what_is_malformed_is_refused(digits: str, why: str) -> None:
     datagram = bytes.fromhex(digits.strip("`"))
     with pytest.raises(MalformedError):
@@ -131,7 +153,7 @@ def test_what_is_malformed_is_refused(digits: str, why: str) -> None:
 
 def test_the_line_plays_what_the_page_says() -> None:
     sender, receiver = LineSender(1, 2), LineReceiver(1, 1, 1 / 128)
-    table = rows(section("12.4"), "frame")
+    table = rows(section("15.4"), "frame")
     assert [int(row[0]) for row in table] == list(range(len(table)))
     for _, wave, first, waves, total, squares, played, counts in table:
         sender.push((float(wave),))
@@ -159,6 +181,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.10 Farewell", "", messages.Farewell, "farewell", []),
     ("3.10 Farewell", "Seat's account:", SeatAccount, "farewell", [3]),
     ("3.10 Farewell", "Room's account:", RoomAccount, "farewell", [4]),
+    ("3.11 View", "", messages.View, "view", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -227,15 +250,20 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
     if kind == "text":
         low, _, high = bound.rpartition(" to ")
         return [("x" * int(high), True), ("x" * (int(high) + 1), False), ("", not low)]
+    if kind == "secret":
+        most = int(bound)
+        letters = "azAZ09-_" + "x" * (most - 8)
+        wrong = ["x" * (most + 1), "x=", "x x", "x\n", "é", 7, b"x", None]
+        return [(letters, True), ("", True), *((value, False) for value in wrong)]
     if kind == "bool":
         return [(True, True), (False, True), (1, False), (None, False)]
-    lengths = re.fullmatch(r"list of (\d+) to (\d+) reals", kind)
+    lengths = re.fullmatch(r"list of (\d+) to (\d+) (reals|ints)", kind)
     if lengths:
         short, long = int(lengths[1]), int(lengths[2])
-        top = number(bound.removeprefix("+-"))
-        one = [old[0]]
-        sizes = [(one * short, True), (one * (short - 1), False), (one * long, True), (one * (long + 1), False)]
-        return [*sizes, ([top] * short, True), ([-top] * short, True), ([top * 1.001] * short, False)]
+        one, some = [old[0]], max(1, short)
+        sizes = [(one * short, True), (one * long, True), (one * (long + 1), False)]
+        sizes += [(one * (short - 1), False)] if short else []
+        return sizes + [([value] * some, allowed) for value, allowed in cases(lengths[3][:-1], bound, None)]
     return []
 
 
@@ -277,32 +305,211 @@ def test_both_sides_of_every_bound_of_the_page(name: str, place: list[Any], kind
                 decode(datagram)
 
 
+@pytest.mark.parametrize("name", VECTORS)
+def test_what_may_be_left_out_may_and_then_means_what_the_page_says(name: str) -> None:
+    """Optional elements are the last ones of a message."""
+    title = next(title for title, words, _, vector, _ in ARRAYS if name.startswith(vector.split()[0]) and not words)
+    table = table_of(title, "")
+    least = len([row for row in table if not row[-1].startswith("*optional*")])
+    whole = msgpack.unpackb(VECTORS[name][0])
+    for length in range(least, len(whole)):
+        decode(msgpack.packb(whole[:length]))
+    with pytest.raises(MalformedError):
+        decode(msgpack.packb(whole[: least - 1]))
+
+
+def test_a_hello_without_what_is_optional_is_a_players() -> None:
+    table = table_of("3.3 Hello", "")
+    least = len([row for row in table if not row[-1].startswith("*optional*")])
+    hello = decode(msgpack.packb(msgpack.unpackb(VECTORS["hello"][0])[:least]))
+    assert isinstance(hello, messages.Hello)
+    assert (hello.role, hello.token, hello.ticket, hello.padding) == ("player", "", "", b"")
+    assert VECTORS["hello"][0].startswith(b"\xdc\x00\x11" + plain_channel.HELLO_BEGINS)
+    assert plain_channel.HELLO_BEGINS.hex(" ") == "01 a6 63 6f 67 72 69 70"
+    assert plain_channel.HELLO_BEGINS.hex(" ") in SPEC.replace("\n", " ")
+
+
 @pytest.mark.parametrize(("words", "table"), [("Client:", session.CLIENT), ("Seat, at the server:", session.SEAT)])
 def test_states_are_those_of_the_page(words: str, table: session.Table) -> None:
     found = rows(section("4.2").partition(words)[2], "state")
     assert {(state, event): after for state, event, after in found} == dict(table)
 
 
-def test_refusal_codes_are_those_of_the_page() -> None:
-    """Every way to be refused, tried on a server with one room of one seat."""
-    settings = resolve({"name": "lab", "object": {"axes": 2}})
-    core = ServerCore([settings], "1", lambda: 1)
+class OneToken:
+    """A doorkeeper with one player's and one observer's token, and one that is revoked."""
+
+    def __init__(self) -> None:
+        book, _ = TokenBook().new(PLAYS, 0.0)
+        book, _ = book.new(LOOKS, 0.0, role="observer")
+        book, gone = book.new(GONE, 0.0)
+        self.book = book.revoke(gone.id, 1.0)
+
+    def admit(self, hello: messages.Hello) -> Grant | Denied:
+        return self.book.admit(hello.token, hello.role, hello.room, 2.0)
+
+    def admitted(self, grant: Grant) -> None:
+        pass
+
+
+PLAYS, LOOKS, GONE = "p" * 22, "o" * 22, "g" * 22
+
+
+def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
+    """Every way to be refused, tried on a sealed server with one room of one seat; both sides get code and words."""
+    settings = resolve({"name": "lab", "object": {"axes": 2}, "admission": {"force_n": 9.0, "observers": 1}})
+    core = ServerCore([settings], "1", lambda: 1, OneToken(), lambda: "ticket", lambda ticket: f"mark of {ticket}")
     fit = session.make_hello(
-        software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0
-    )
-    wrong: list[dict[str, Any]] = [
-        {"version": 2}, {"room": "attic"}, {"name": "eve"}, {"digest": "x"}, {"device_axes": 1}, {"device_rate_hz": 1.0},
-        {}, {"name": ""}, {},
+        software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0, token=PLAYS,
+        force_n=8.0,
+    )  # fmt: skip
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"version": 3}, "version"), ({"token": ""}, "token"), ({"token": GONE}, "token"), ({"token": LOOKS}, ""),
+        ({"room": "attic"}, "room"), ({"name": "eve"}, "name"), ({"digest": "x"}, "settings"), ({"device_axes": 1}, "axes"),
+        ({"device_rate_hz": 1.0}, "rate"), ({"device_force_n": 9.1}, "device"), ({"role": "observer"}, "full"), ({}, ""),
+        ({}, "taken"), ({"name": ""}, "full"), ({"ticket": "ticket", "device_force_n": 7.0}, "device"),
     ]  # fmt: skip
-    for number, change in enumerate(wrong):
+    channel = SealedListener(tmp_path, Gate(b"s" * 16), core.knows)
+    channel.receive(messages.padded(fit), ("10.0.0.1", 1), 0)
+    answers = [(channel.outbox.popleft()[1], "sealed")]
+    for number, (change, code) in enumerate(wrong):
         core.receive(messages.padded(msgspec.structs.replace(fit, **change)), number, 0)
-    codes = [row[0] for row in rows(section("4.3"), "code")]
-    assert sorted(core.dropped) == sorted(f"refused: {code}" for code in codes)
+        answers.append((core.outbox.popleft()[1], code))
+    seen, roles = set(), []
+    for answer, code in answers:
+        assert len(answer) <= messages.HELLO_BYTES
+        called = ClientSession(fit)
+        called.call(0)
+        called.receive(answer, 0)
+        assert (f"[{code}]" in called.failed) if code else called.state == "seated"
+        seen |= {code} - {""}
+        roles += [called.welcome.role] if called.welcome else []
+    assert roles == ["observer", "player"]  # by the observer's token, by the player's
+    assert sorted(seen) == sorted(row[0] for row in rows(section("4.3"), "code"))
+    assert set(core.dropped) == {f"refused: {code}" for code in seen - {"sealed"}}
 
 
-@pytest.mark.parametrize(("name", "value", "unit"), rows(section("10."), "name"))
-def test_limits_are_those_of_the_page(name: str, value: str, unit: str) -> None:
-    holders = [module for module in (messages, session, line) if hasattr(module, name)]
-    assert holders
-    assert all(getattr(module, name) == float(value) for module in holders)
-    assert name.endswith(f"_{unit.upper()}") or unit not in ("ns", "bytes")
+PROTOCOL = (messages, session, line, room, gallery, limits)
+SEAL = (sealed_channel, sealed_call, gate, dialler)
+
+
+@pytest.mark.parametrize(
+    ("holders", "name", "value", "unit"),
+    [(holders, *row) for title, holders in (("10.", PROTOCOL), ("11.5", SEAL)) for row in rows(section(title), "name")],
+)
+def test_limits_are_those_of_the_page(holders: tuple[ModuleType, ...], name: str, value: str, unit: str) -> None:
+    held = [getattr(module, name) for module in holders if hasattr(module, name)]
+    assert held
+    said = [float(part) for part in value.split(",")]
+    assert all((list(each) if isinstance(each, tuple) else [each]) == said for each in held)
+    assert name.endswith(f"_{unit.upper()}") or unit not in ("ns", "s", "bytes")
+
+
+def test_budgets_are_those_of_the_page() -> None:
+    table = {row[0]: Budget(int(row[1]), int(row[2])) for row in rows(section("11.4"), "name")}
+    assert table == LIMITS._asdict()
+
+
+def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
+    """What a client's first datagram offers, read by hand: headers 13 and 12, version 2, random 32, session id, cookie."""
+    table = rows(section("11.1"), "number")
+    assert dtls.CIPHERS.decode() == ":".join(row[2] for row in table)
+    association = dtls.Association(dtls.client_context("0" * 64, lambda _: None))
+    association.dial()
+    (hello,) = association.take()
+    assert hello[25:27] == bytes.fromhex("fefd")
+    assert hello[59:61] == b"\0\0"  # neither session id nor cookie
+    size = int.from_bytes(hello[61:63], "big")
+    offered = [hello[63 + at : 65 + at].hex() for at in range(0, size, 2)]
+    assert [each for each in offered if each != "00ff"] == [row[0] for row in table]  # 00ff is no suite: RFC 5746
+    assert hello[63 + size : 65 + size] == b"\x01\0"  # no compression
+    assert max(int(row[3]) for row in table) == messages.SEAL_BYTES
+
+
+def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
+    """The table of section 11.3, row by row, from a stranger."""
+    assert len(rows(section("11.3"), "to")) == 4
+    hello, stranger = VECTORS["hello"][0], ("192.0.2.1", 9)
+    sealed = SealedListener(tmp_path, Gate(b"s" * 16), lambda _: False)
+    assert sealed.receive(hello, stranger, 0) == ()
+    (_, answer) = sealed.outbox.popleft()
+    refuse = decode(answer)
+    assert isinstance(refuse, messages.Refuse)
+    assert (refuse.code, refuse.nonce) == ("sealed", 42)
+    others = [datagram for datagram, _ in VECTORS.values() if datagram is not hello]
+    for datagram in others:
+        assert sealed.receive(datagram, stranger, 0) == ()
+    assert not sealed.outbox
+    assert sealed.dropped == {"refused: sealed": 1, "stranger": len(others)}
+    call = SealedCall(sealed.fingerprint)
+    call.poll(0)
+    (_, first) = call.outbox.popleft()
+    plain = PlainListener(Gate(b"s" * 16), lambda _: False)
+    assert plain.receive(first, stranger, 0) == ()
+    assert (plain.dropped, list(plain.outbox)) == ({"stranger": 1}, [])
+    for datagram, _ in VECTORS.values():
+        assert call.receive(datagram, PEER, 0) == ()
+    assert call.dropped == {"not sealed": len(VECTORS)}
+    assert not call.failed
+    assert not call.outbox
+
+
+@pytest.mark.parametrize(("what", "numbers", "where"), rows(SECURITY.partition("## Numbers")[2], "what"))
+def test_numbers_of_the_security_page_are_the_codes(what: str, numbers: str, where: str) -> None:
+    modules = {
+        each.__name__.rpartition(".")[2]: each
+        for each in (messages, gate, sealed_channel, loop, tokens, limits, settings, room, control)
+    }
+    found: list[float] = []
+    for path in re.findall(r"`([\w.]+)`", where):
+        first, *names = path.split(".")
+        value: Any = modules[first]
+        for name in names:
+            default = isinstance(value, type) and issubclass(value, msgspec.Struct)
+            value = getattr(value() if default else value, name)
+        scale = 1e-9 if names[-1].endswith("_NS") else 1.0
+        found += [scale * each for each in (value if isinstance(value, tuple) else (value,))]
+    assert [float(number) for number in numbers.split(",")] == pytest.approx(found), what
+
+
+FINGERPRINT, TOKEN = "0123456789abcdef" * 4, "AAECAwQFBgcICQoLDA0ODw"
+
+
+def written_out(text: str) -> str:
+    """A link of the page with f and t in full."""
+    place, mark, secret = text.strip("`").partition("#")
+    return place + mark + secret.replace("t", TOKEN).replace("f", FINGERPRINT)
+
+
+@pytest.mark.parametrize(("link", "host", "port", "room", "form"), rows(section("15.5"), "link"))
+def test_links_are_read_and_written_as_the_page_says(link: str, host: str, port: str, room: str, form: str) -> None:
+    made = JoinLink(host, int(port), room, FINGERPRINT, TOKEN)
+    assert parse_link(written_out(link)) == made
+    assert made.text == written_out(link if form == "as it is" else form)
+
+
+@pytest.mark.parametrize(("text", "why"), rows(section("15.5"), "text"))
+def test_what_is_no_link_is_refused(text: str, why: str) -> None:
+    with pytest.raises(LinkError):
+        raise AssertionError(f"{why}: read as {parse_link(written_out(text))!r}")
+
+
+def test_a_seat_brings_in_what_the_page_says() -> None:
+    """The table of section 15.6, by the code and by the formulas of section 13."""
+    b, force, speed, power, frame_s = 20.0, 8.0, 0.1, 0.1, 1 / 128
+    limiter = WaveLimiter(b, frame_s, SeatLimits(force, speed, power))
+    full = level = limits.BURST_S * power
+    before = 0.0
+    for wave, applied, returned, level_j, counts in rows(section("15.6"), "wave"):
+        u, v = float(wave), float(returned)
+        bound = min(((b * speed + force) / (2 * b) ** 0.5) ** 2, before**2 + max(0.0, level) / (frame_s / 2))
+        expected = u * min(1.0, (bound / u**2) ** 0.5) if u else 0.0
+        level = min(full, level + power * frame_s - (expected**2 - v**2) * frame_s / 2)
+        before = v
+        assert float(applied) == pytest.approx(expected, abs=1e-12)
+        assert float(level_j) == pytest.approx(level, abs=1e-12)
+        (let,) = limiter.limit((u,))
+        limiter.book((v,))
+        assert let == pytest.approx(expected, abs=1e-12)
+        assert [limiter.counts.get(name, 0) for name in ("wave clipped", "power limited")] == [
+            int(count) for count in counts.split()
+        ]
