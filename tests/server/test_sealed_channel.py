@@ -17,7 +17,15 @@ from cogrip.protocol.io.sealed_call import SealedCall
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
 from cogrip.protocol.session import make_hello
 from cogrip.server.gate import LIMITS, Budget, Gate
-from cogrip.server.io.sealed_channel import COOKIE_NS, MOST_HALF_OPEN, TOLD, WAITS_NS, SealedListener
+from cogrip.server.io.sealed_channel import (
+    COOKIE_NS,
+    MOST_ASKED,
+    MOST_HALF_OPEN,
+    MOST_LEFT,
+    TOLD,
+    WAITS_NS,
+    SealedListener,
+)
 
 from tests.protocol.foreign_peers import foreign
 from tests.server.sealed_wire import ANNA, BEN, FAULTS, NO_LIMITS, Wire
@@ -323,6 +331,28 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(fold
     wire.rest(WAITS_NS / 1e9 + 0.6)
     assert wire.listener.counts()["open"] == 0
     assert anna.failed
+
+
+def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
+    """Behind a seal a stranger costs a decoding and a look at the tokens each time."""
+    wire = Wire(folder)
+    wire.seats.discard(BEN)
+    anna, ben = wire.seal(ANNA), wire.seal(BEN)
+    heard = len(wire.heard)
+    for _ in range(MOST_ASKED + 1):
+        ben.send(b"may I?", PEER)
+        wire.inject(ben.outbox.pop()[1], BEN)
+    assert len(wire.heard) - heard == MOST_ASKED
+    assert wire.listener.dropped["asked too often"] == 1
+    assert not wire.listener.ready(BEN)
+    wire.talk(ANNA)
+    wire.seats.discard(ANNA)
+    heard = len(wire.heard)
+    for _ in range(MOST_LEFT + 1):
+        anna.send(b"goodbye", PEER)
+        wire.inject(anna.outbox.pop()[1], ANNA)
+    assert len(wire.heard) - heard == MOST_LEFT
+    assert not wire.listener.ready(ANNA)
 
 
 def test_closing_tells_the_other_end(folder: Path) -> None:

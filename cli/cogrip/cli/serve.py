@@ -22,7 +22,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.protocol.io.certificate import CertificateError, load, secret_of
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_host
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import Settings, for_strangers
 from cogrip.protocol.version import VERSION
 from cogrip.server.core import ServerCore
 from cogrip.server.gate import Gate
@@ -114,6 +114,8 @@ def serve(
     sealed = not insecure and (seal or not _is_loopback(host))
     if seal and insecure:
         raise BadInput("--seal and --insecure exclude each other; leave one out")
+    if sealed:
+        rooms = [for_strangers(room) for room in rooms]
     names = [room.name for room in rooms]
     stop = Stop()
     with ExitStack() as stack:
@@ -147,6 +149,11 @@ def serve(
                     "anyone may join, listen, and forge what moves a motor"
                 )
             for settings in rooms:
+                if sealed and settings.coupling.kind == "coupling":
+                    say(
+                        f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
+                        "serve people you trust, or waves"
+                    )
                 _warn(settings, say)
             if folder is not None:
                 _tell_commands(folder, public, bound, rooms, sealed, links, say)

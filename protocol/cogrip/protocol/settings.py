@@ -38,6 +38,8 @@ Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
+STRANGERS_FORCE_N = 40.0  # as strong as the arms on the market
+STRANGERS_SPEED_MPS = 4.0
 ONLY_USER = "anna"  # where a file names no users
 
 
@@ -120,8 +122,10 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # at once, in this room
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
-    force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 1e6  # records that claim more are refused
-    speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] = 1e6
+    # of device records: those that claim more are refused, those without a bound get this one. None: any, but under a seal
+    # what `for_strangers` says
+    force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
+    speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
     power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = 0.0  # a seat may bring in on average; 0: its device's own
 
 
@@ -211,6 +215,17 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
         raise SettingsError(_readable(str(error), merged)) from None
     _check_fit(settings)
     return settings
+
+
+def for_strangers(settings: Settings) -> Settings:
+    """A room that people may enter from elsewhere: device records have bounds in any case."""
+    admission = settings.admission
+    bounded = msgspec.structs.replace(
+        admission,
+        force_n=STRANGERS_FORCE_N if admission.force_n is None else admission.force_n,
+        speed_mps=STRANGERS_SPEED_MPS if admission.speed_mps is None else admission.speed_mps,
+    )
+    return msgspec.structs.replace(settings, admission=bounded)
 
 
 def parse_override(text: str) -> tuple[str, str]:

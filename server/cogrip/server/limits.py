@@ -1,6 +1,7 @@
 """What a seat may bring in, whoever sits there: a hostile player can be unpleasant, never dangerous.
 
-    waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed
+    waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
+              has no bound, [admission]'s
     power     into the object on average over BURST_S; the device's own F V, or what the settings say
     states    (virtual coupling) speed V, and no farther in one frame than V lets a hand go
 
@@ -45,26 +46,26 @@ def record_of(hello: Hello) -> Record:
 
 def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
     """Of seat `number` for whoever comes with this device record."""
-    force = record.force_n if record.force_n < NO_BOUND else inf
-    speed = record.speed_mps if record.speed_mps < NO_BOUND else inf
+    admission = settings.admission
+    force = record.force_n if record.force_n < NO_BOUND else admission.force_n or inf
+    speed = record.speed_mps if record.speed_mps < NO_BOUND else admission.speed_mps or inf
     asked = settings.users[number].power_w
-    power = settings.admission.power_w if asked is None else asked
+    power = admission.power_w if asked is None else asked
     return SeatLimits(force, speed, power or force * speed)
 
 
 def misclaimed(record: Record, settings: Settings, number: int) -> str:
     """Why this record cannot be taken at seat `number`, "" if it can."""
     admission, user = settings.admission, settings.users[number]
-    if record.force_n < NO_BOUND and record.force_n > admission.force_n:
-        return (
-            f"{record.device} claims {record.force_n:g} N, more than admission.force_n = {admission.force_n:g}: "
-            "use a weaker device, or ask for a higher limit"
-        )
-    if record.speed_mps < NO_BOUND and record.speed_mps > admission.speed_mps:
-        return (
-            f"{record.device} claims {record.speed_mps:g} m/s, more than admission.speed_mps = {admission.speed_mps:g}: "
-            "use a slower device, or ask for a higher limit"
-        )
+    for claim, bound, unit, key, kind in (
+        (record.force_n, admission.force_n, "N", "force_n", "weaker"),
+        (record.speed_mps, admission.speed_mps, "m/s", "speed_mps", "slower"),
+    ):
+        if bound is not None and bound < claim < NO_BOUND:
+            return (
+                f"{record.device} claims {claim:g} {unit}, more than admission.{key} = {bound:g}: "
+                f"use a {kind} device, or ask for a higher limit"
+            )
     listed, claimed = kind_of_device(user.device), kind_of_device(record.device)
     if admission.devices == "listed" and claimed != listed:
         return f"the seat of {user.name!r} is for {listed}, and {claimed} is claimed: join with the listed device"

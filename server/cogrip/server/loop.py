@@ -26,12 +26,14 @@ from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Doorkeeper, OpenDoor
+from cogrip.server.gate import Buckets, Budget
 from cogrip.server.happenings import Happening
 from cogrip.server.recorded import WHO, RecordedServer, server_topics
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
+REFUSALS_TOLD = Budget(1, 20)
 SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
 
 
@@ -75,6 +77,8 @@ class LiveServer:
     _socket: socket.socket = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
+    _voice: Buckets = field(init=False, default_factory=lambda: Buckets(1, REFUSALS_TOLD))
+    _unsaid: int = field(init=False, default=0)
 
     def listen(self) -> tuple[str, int]:
         """Bind, and give the address. Raises ServeError."""
@@ -204,9 +208,18 @@ class LiveServer:
                 chore(now_ns)
 
     def _tell(self) -> None:
+        """Say what has happened; of refusals no more than a log can bear, and how many there were."""
+        now_ns = time.monotonic_ns()
         for events in (self.channel.events, self.core.events):
             while events:
-                self.say(events.popleft())
+                happening = events.popleft()
+                if happening.event == "refused" and not self._voice.take(0, now_ns):
+                    self._unsaid += 1
+                    continue
+                self.say(happening)
+        if self._unsaid and self._voice.take(0, now_ns):
+            self.say(Happening("refused", f"{self._unsaid} more were refused; the counts say why"))
+            self._unsaid = 0
 
     def _farewell(self) -> None:
         self.core.stop(self.stop.reason)

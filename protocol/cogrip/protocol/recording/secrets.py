@@ -11,17 +11,19 @@ import msgspec
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Welcome
 
+HEAD_BYTES = 24  # in which a hello's magic stands, however its array and tag are written
+FIRST_TAG, LAST_TAG = 3, 9  # of the messages that hold no secret
 Mark = Callable[[str], str]
 
 
 def without_secrets(message: bytes, mark: Mark) -> bytes:
-    """`message` as it may be kept. Anything but a hello or a welcome with a secret in it is given back as it is."""
-    if _tag(message) not in (1, 2):
+    """`message` as it may be kept. Anything but a hello or a welcome is given back as it is."""
+    if not _may_hold_any(message):
         return message
     try:
         read = messages.decode(message)
     except messages.MalformedError:
-        return _foreign(message) if _tag(message) == 1 else message
+        return _spoiled(message) if messages.MAGIC.encode() in message[:HEAD_BYTES] else message
     if isinstance(read, Hello) and (read.token or read.ticket):
         return messages.padded(msgspec.structs.replace(read, token="", ticket=read.ticket and mark(read.ticket)))
     if isinstance(read, Welcome) and read.ticket:
@@ -29,21 +31,20 @@ def without_secrets(message: bytes, mark: Mark) -> bytes:
     return message
 
 
-def _foreign(hello: bytes) -> bytes:
-    """A hello of another version, cut to what all versions share (`SPEC.md` section 3), as long as it was."""
+def _may_hold_any(message: bytes) -> bool:
+    """Not if it is an array with one of the other tags, each one byte as senders write it: nearly all messages are."""
+    place = 1 if message[:1] and message[0] & 0xF0 == 0x90 else 3
+    return not (len(message) > place and FIRST_TAG <= message[place] <= LAST_TAG)
+
+
+def _spoiled(hello: bytes) -> bytes:
+    """A hello that is not understood, of another version or broken: what all versions share (`SPEC.md` section 3), as long as
+    it was; nothing at all where that cannot be read. A core makes the same of either: refused, or malformed.
+    """
     try:
         shared = msgspec.msgpack.decode(hello, type=list[msgspec.Raw])[:5]
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return hello
+        return bytes(len(hello))
     head = bytes([0x90 | len(shared) + 1]) + b"".join(map(bytes, shared)) + b"\xc5"
     zeros = len(hello) - len(head) - 2
-    return head + zeros.to_bytes(2, "big") + bytes(zeros) if zeros >= 0 else hello
-
-
-def _tag(message: bytes) -> int:
-    """The tag of a MessagePack array, -1 where it is none. Tags are below 128, so they are one byte."""
-    if not message:
-        return -1
-    head = message[0]
-    place = 1 if head & 0xF0 == 0x90 else {0xDC: 3, 0xDD: 5}.get(head, 0)
-    return message[place] if place and len(message) > place else -1
+    return head + zeros.to_bytes(2, "big") + bytes(zeros) if zeros >= 0 else bytes(len(hello))

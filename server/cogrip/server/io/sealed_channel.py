@@ -34,6 +34,8 @@ from cogrip.server.plain_channel import looks_like_hello
 
 MOST_OPEN = 1024
 MOST_HALF_OPEN = 256
+MOST_ASKED = 24  # datagrams of an association without a seat: a client says hello four times a second, for five seconds
+MOST_LEFT = 1024  # of one whose seat has ended: waves that were under way, and the account
 WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
 SWEEP_EVERY_NS = 500_000_000
 COOKIE_NS = 30_000_000_000  # a cookie fits for so long, and at most twice
@@ -110,6 +112,8 @@ class SealedListener:
         if half is not None and (peer is None or _of_handshake(datagram)):
             return self._shake(half, datagram, address, now_ns)
         assert peer is not None
+        if not peer.seated and not self._may_ask(peer, address):
+            return ()
         heard = peer.association.feed(datagram)
         if not heard:
             self._drop("not of this seal")
@@ -117,6 +121,19 @@ class SealedListener:
             if peer.association.failed:
                 self._end(address, peer)
         return heard
+
+    def _may_ask(self, peer: "_Peer", address: Address) -> bool:
+        """Who has no seat may ask for one a few times: a seal costs the stranger little, each refusal the server some."""
+        peer.seated = self._seated(address)
+        if peer.seated:
+            peer.asked, peer.may_ask = 0, MOST_LEFT
+            return True
+        peer.asked += 1
+        if peer.asked <= peer.may_ask:
+            return True
+        self._drop("asked too often")
+        self.close(address)
+        return False
 
     def poll(self, now_ns: int) -> None:
         for address, peer in list(self._half.items()):
@@ -244,7 +261,8 @@ class SealedListener:
         """Close what nobody sits behind."""
         seated = self._seated
         for address, peer in list(self._open.items()):
-            if seated(address):
+            peer.seated = seated(address)
+            if peer.seated:
                 peer.since_ns = now_ns
             elif now_ns - peer.since_ns >= WAITS_NS:
                 self._drop("no seat in time")
@@ -271,12 +289,15 @@ class SealedListener:
 class _Peer:
     """An association, which handshake it is of, and since when it has been without the next step."""
 
-    __slots__ = ("association", "nonce", "since_ns")
+    __slots__ = ("asked", "association", "may_ask", "nonce", "seated", "since_ns")
 
     def __init__(self, association: Association, nonce: bytes, now_ns: int) -> None:
         self.association = association
         self.nonce = nonce
         self.since_ns = now_ns
+        self.seated = False  # as far as was looked at
+        self.asked = 0  # datagrams since there was no seat
+        self.may_ask = MOST_ASKED
 
 
 def _of_handshake(datagram: bytes) -> bool:
