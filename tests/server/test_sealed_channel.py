@@ -347,6 +347,7 @@ def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Pat
     assert not wire.listener.ready(BEN)
     wire.talk(ANNA)
     wire.seats.discard(ANNA)
+    wire.rest(0.6)  # until it was looked at again
     heard = len(wire.heard)
     for _ in range(MOST_LEFT + 1):
         anna.send(b"goodbye", PEER)
