@@ -19,6 +19,7 @@ from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_forme
 DEVICE_HZ, M = 1024, 8
 START_NS = 1_000_000_000  # of tick 0
 SESSION = 7
+TOKEN, TICKET = "t0ken-t0ken-t0ken-t0ke", "tick3t-tick3t-tick3t-t"
 Word = tuple[str, int, float]  # what, which of that kind, how large
 
 
@@ -38,12 +39,14 @@ class Person(RecordedEnd):
         what = {"axes": axes, **world.get("object", {})}
         self.settings = resolve({**world, "object": what, "users": [{"name": "anna"}]})
         hello = make_hello(
-            software="test", nonce=1, room="", name="anna", digest="", device="test", axes=axes, rate_hz=1024.0
+            software="test", nonce=1, room="", name="anna", digest="", device="test", axes=axes, rate_hz=1024.0,
+            token=TOKEN,
         )  # fmt: skip
         super().__init__(RecordedClient(hello, capability(axes, gives_velocity)), client_topics("anna"))
         self.axes, self.gives_velocity = axes, gives_velocity
         self.tick, self.now_ns = -1, 0
         self.heard = False
+        self.session = SESSION
         self.line = LineSender(axes, 4)
         self.said: list[bytes] = [b""]
 
@@ -52,7 +55,7 @@ class Person(RecordedEnd):
 
     def welcome(self) -> bytes:
         seat = seat_settings(self.settings, 0)
-        return messages.encode(Welcome(1, 1, SESSION, digest(self.settings), "test", seat))
+        return messages.encode(Welcome(2, 1, self.session, digest(self.settings), "test", seat, TICKET))
 
     def sit(self) -> None:
         self.core.call(self.now_ns)
@@ -64,17 +67,21 @@ class Person(RecordedEnd):
         """The next frame of the line down."""
         stamp = Stamp(self.now_ns + 1, max(0, self.now_ns - 5_000_000), 1_000_000)
         coupled = self.settings.coupling.kind == "coupling"
-        return next_frame(self.line, SESSION, (value,) * self.axes, stamp, coupled)
+        return next_frame(self.line, self.session, (value,) * self.axes, stamp, coupled)
 
     def word(self, kind: str, number: int, value: float) -> bytes:
         """A datagram as it may arrive; `number` tells which of that kind."""
         known = {
             **mangled(self.said, number),
-            **well_formed(SESSION, number, (value,) * self.axes, value),
+            **well_formed(self.session, number, (value,) * self.axes, value),
             "welcome": self.welcome(),
-            "farewell": messages.encode(Farewell(SESSION, "enough")),
+            "farewell": messages.encode(Farewell(self.session, "enough")),
             "refuse": messages.encode(Refuse(1, 1, "full", "the room is full")),
         }
+        if kind == "renewed":  # the server was started anew
+            self.session += 1
+            self.line = LineSender(self.axes, 4)
+            known[kind] = self.welcome()
         datagram = self.frame(value) if kind == "next" else known[kind]
         self.said.append(datagram)
         return datagram
@@ -141,3 +148,22 @@ def scripted() -> Person:
 
 
 SCRIPT = scripted()
+
+
+def outages() -> Person:
+    """A session that comes back to its line, and then to a new one."""
+    person = Person(1)
+    person.poll(0)
+    person.sit()
+    person.run(40)
+    person.run(550, answered=False)
+    person.run_tick(1, person.sample((0.0,) * 3, ()), [("welcome", 0, 0.0)])
+    person.run(60)
+    person.run(530, answered=False)
+    person.run_tick(3, person.sample((0.01,) * 3, ()), [("renewed", 0, 0.0), ("next", 0, 0.1)])
+    person.run(60)
+    person.core.stop()
+    person.run(5)
+    person.end("the session is over")
+    person.poll(1_000_000, [("farewell", 0, 0.0)])
+    return person

@@ -39,12 +39,24 @@ class Client:
         )  # fmt: skip
         self.core = ClientCore(hello, capability(axes, gives_velocity, latency))
         self.core.call(0)
-        welcome = Welcome(PROTOCOL_VERSION, 1, 7, digest(settings), "test", seat_settings(settings, 0))
-        self.core.receive(messages.encode(welcome), 0)
+        self.settings, self.session = settings, 7
+        self.welcome(0)
         assert self.core.seated
         self.core.outbox.clear()
         self.line = LineSender(axes, 8)
         self.axes = axes
+
+    def welcome(self, now_ns: int) -> None:
+        """The server gives, or confirms, the seat."""
+        seat = seat_settings(self.settings, 0)
+        answer = Welcome(PROTOCOL_VERSION, 1, self.session, digest(self.settings), "test", seat, "a-ticket")
+        self.core.receive(messages.encode(answer), now_ns)
+
+    def renew(self, now_ns: int) -> None:
+        """Another server at the old one's place: another session, and a line that begins with frame 0."""
+        self.session += 1
+        self.line = LineSender(self.axes, 8)
+        self.welcome(now_ns)
 
     @property
     def waves(self) -> WaveCoupling:
@@ -58,7 +70,7 @@ class Client:
             return
         first, waves, total, squares = self.line.contents()
         state = (0.0,) * (2 * self.axes)
-        message = Waves(7, first, waves, total, squares, 0.0, 0.0, 0, Stamp(now_ns + 1), state)
+        message = Waves(self.session, first, waves, total, squares, 0.0, 0.0, 0, Stamp(now_ns + 1), state)
         self.core.receive(messages.encode(message), now_ns)
 
     def tick(self, number: int, *position_m: float, velocity: Sequence[float] = (), age: int = 0) -> tuple[float, ...]:

@@ -11,10 +11,12 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.recorded import COMMAND, EVENT, KINDS, RecordedClient, start_of
-from cogrip.protocol.recording.records import Command
+from cogrip.client.recorded import COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, KINDS, TICK, RecordedClient, start_of
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Hello, Welcome
+from cogrip.protocol.recording.records import Command, Datagram, Tick
 
-from tests.client.recorded_person import SCRIPT, Person, Word, capability
+from tests.client.recorded_person import SCRIPT, TICKET, TOKEN, Person, Word, capability, outages
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 
 FINITE = st.floats(-0.1, 0.1)
@@ -29,7 +31,7 @@ def words(*kinds: str, most: int = 3) -> st.SearchStrategy[list[Word]]:
 
 
 NOISE = ("garbage", "stranger", "heartbeat", "hostile")
-WORDS = words("next", "next", "next", "again", "flipped", "cut", "too long", "state", "welcome", *NOISE)
+WORDS = words("next", "next", "next", "again", "flipped", "cut", "too long", "state", "welcome", "renewed", *NOISE)
 LAST_WORDS = words("farewell", "refuse", "garbage", "cut", "stranger", "hostile", most=1)
 REASONS = st.text(max_size=20)
 GAPS = st.sampled_from([1] * 8 + [2, 8, 9, 50, 120, 2500])
@@ -118,6 +120,33 @@ def test_a_scripted_session_has_everything() -> None:
         "live", "fault", "live", "fault", "degraded", "live", "fault", "idle",
     ]  # fmt: skip
     assert all(one <= other for one, other in pairwise(time for _, time, _ in SCRIPT.noted))
+
+
+def test_silences_play_again_exactly_and_no_secret_is_noted() -> None:
+    """Back on the same line, then on a new one. Token and ticket stood in what was said, not in what was noted of it."""
+    person = outages()
+    person.exact()
+    session = person.core.session
+    assert (session.resumed, session.renewed) == (1, 1)
+    ticks = [msgspec.json.decode(payload, type=Tick) for topic, _, payload in person.noted if topic == TICK]
+    assert "degraded" in {tick.state for tick in ticks}
+    datagrams = [
+        msgspec.json.decode(payload, type=Datagram).data
+        for topic, _, payload in person.noted
+        if topic in (DATAGRAM_IN, DATAGRAM_OUT)
+    ]
+    noted = [*datagrams, *(payload for _, _, payload in person.noted), person.core.start.encode()]
+    said = [session.hello, *person.said]
+    for secret in (TOKEN.encode(), TICKET.encode()):
+        assert any(secret in datagram for datagram in said)
+        assert not any(secret in each for each in noted)
+    heard = [messages.decode(datagram) for datagram in datagrams]
+    hellos = [message for message in heard if isinstance(message, Hello)]
+    assert {(hello.token, hello.ticket) for hello in hellos} == {("", ""), ("", "-")}
+    assert {len(each) for each, message in zip(datagrams, heard, strict=True) if isinstance(message, Hello)} == {
+        messages.HELLO_BYTES
+    }
+    assert [message.ticket for message in heard if isinstance(message, Welcome)] == ["-"] * 3
 
 
 @given(st.integers(1, 3), st.floats(0.0, allow_nan=False), st.booleans())

@@ -15,6 +15,8 @@ from cogrip.protocol.recording.records import Step
 from cogrip.server.recorded import step_topic
 from cogrip.sim.replay.verify import Verdict, verify
 
+from tests.live.held_arms import until
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
 
@@ -122,7 +124,8 @@ def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
 
 def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
     server, port = serve(DEMO)
-    people = [run("join", f"127.0.0.1:{port}", "--runs", tmp_path / name) for name in ("one", "two")]
+    one = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "one")
+    people = [one, run("join", f"127.0.0.1:{port}", *leaving(tmp_path / "two"))]
     for person in people:
         person.hear("holds cube")
     server.signal(signal.SIGKILL)
@@ -132,8 +135,8 @@ def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
         assert "silent" in person.said
         user = summary_in(tmp_path / name)["users"][0]
         assert user["force_n"] == [0.0]
-        (folder,) = (tmp_path / name).iterdir()
-        assert (folder / "report.html").exists()
+    (folder,) = (tmp_path / "one").iterdir()
+    assert (folder / "report.html").exists()
 
 
 def test_a_killed_client_loses_its_seat_and_the_other_goes_on(run, serve, tmp_path):
@@ -180,9 +183,9 @@ def test_strangers_are_refused_and_counted(serve, tmp_path):
             msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)])
         )
         tag, version, nonce, code, reason = msgpack.unpackb(stranger.recv(2000))
-    assert (tag, version, nonce, code) == (3, 1, 4711, "version")
-    assert "client speaks protocol 99, the server 1" in reason
-    server.hear("client speaks protocol 99, the server 1")
+    assert (tag, version, nonce, code) == (3, 2, 4711, "version")
+    assert "client speaks protocol 99, the server 2" in reason
+    server.hear("client speaks protocol 99, the server 2")
     server.signal(signal.SIGTERM)
     server.end()
     dropped = summary_in(tmp_path / "server")["server"]["dropped"]
@@ -228,7 +231,7 @@ def test_several_rooms_in_one_daemon(run, tmp_path):
 
 
 def test_the_demo(run, tmp_path):
-    demo = run("demo", "--seconds", "4", "--runs", tmp_path)
+    demo = run("demo", "--seconds", "2", "--runs", tmp_path)
     assert demo.end() == 0, demo.said
     (folder,) = tmp_path.iterdir()
     assert summary_in(tmp_path)["passive"]
@@ -250,8 +253,7 @@ def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
     lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path)
-    while lab.popen.poll() is None and steps_in(tmp_path) < 10:
-        pass
+    until(lambda: lab.popen.poll() is not None or steps_in(tmp_path) >= 10, "ten steps on the disk")
     lab.signal(number)
     assert lab.end() == 130, lab.said
     (folder,) = tmp_path.iterdir()

@@ -1,10 +1,8 @@
 """The session: its tables, its timers, and two ends that talk."""
 
 from collections.abc import Sequence
-from itertools import count
 
 import msgpack
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,11 +14,9 @@ from cogrip.protocol.messages import (
     MAGIC,
     Farewell,
     Heartbeat,
-    Hello,
     Leave,
     Refuse,
     Stamp,
-    Waves,
     Welcome,
 )
 from cogrip.protocol.session import (
@@ -36,48 +32,13 @@ from cogrip.protocol.session import (
     ClientSession,
     Clock,
     Table,
-    make_hello,
     refusal,
     unfit,
 )
-from cogrip.protocol.settings import digest, resolve
+from cogrip.protocol.settings import digest
 from cogrip.server.core import ServerCore
 
-MS = 1_000_000
-SETTINGS = resolve({"name": "lab", "users": [{"name": "anna"}, {"name": "ben", "side": "right"}]})
-
-
-def hello(name: str = "anna", nonce: int = 7, **other: object) -> Hello:
-    made = make_hello(
-        software="1", nonce=nonce, room="lab", name=name, digest="", device="sim:phantom", axes=1, rate_hz=1024.0
-    )
-    return msgspec.structs.replace(made, **other)
-
-
-def server() -> ServerCore:
-    numbers = count(100)
-    return ServerCore([SETTINGS], "1", lambda: next(numbers))
-
-
-def waves(session: int, number: int = 0) -> bytes:
-    return messages.encode(Waves(session, number, (0.0,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0)))
-
-
-def exchange(client: ClientSession, core: ServerCore, now_ns: int, address: str = "anna's") -> None:
-    while client.outbox:
-        core.receive(client.outbox.popleft(), address, now_ns)
-    while core.outbox:
-        to, datagram = core.outbox.popleft()
-        if to == address:
-            client.receive(datagram, now_ns)
-
-
-def seated(now_ns: int = 0) -> tuple[ClientSession, ServerCore]:
-    client, core = ClientSession(hello()), server()
-    client.call(now_ns)
-    exchange(client, core, now_ns)
-    assert client.state == "seated"
-    return client, core
+from tests.protocol.two_ends import MS, SETTINGS, exchange, hello, seated, server, waves
 
 
 @pytest.mark.parametrize(("table", "start"), [(CLIENT, "idle"), (SEAT, "free")])
@@ -87,15 +48,17 @@ def test_every_state_of_a_table_is_reached_and_no_step_stands_still(table: Table
         before = set(reached)
         reached |= {after for (state, _), after in table.items() if state in before}
     assert reached == {state for state, _ in table} | set(table.values())
-    assert all(after != state for (state, _), after in table.items())
+    standing = {(state, event) for (state, event), after in table.items() if after == state}
+    assert standing == ({("seated", "resume")} if table is SEAT else set()), "whose address changes keeps the seat"
 
 
 def test_closed_is_the_end_and_a_seat_can_always_be_taken_again() -> None:
     assert "closed" not in {state for state, _ in CLIENT}
     assert all(
-        "silence" in {event for at, event in CLIENT if at == state} for state in ("calling", "seated", "leaving")
+        "silence" in {event for at, event in CLIENT if at == state}
+        for state in ("calling", "seated", "resuming", "leaving")
     )
-    assert {after for (state, _), after in SEAT.items() if state == "seated"} == {"free"}
+    assert {after for (state, event), after in SEAT.items() if state == "seated" and event != "resume"} == {"free"}
 
 
 events = st.one_of(
@@ -111,7 +74,7 @@ events = st.one_of(
             messages.padded(hello()),
         ]
     ),
-    st.just(b"welcome"),
+    st.sampled_from([b"welcome", b"renewed"]),
 )
 
 
@@ -127,7 +90,10 @@ class Watched(ClientSession):
 @given(st.lists(events, max_size=30))
 def test_a_client_moves_along_its_table_and_nowhere_else(steps: list[str | int | bytes]) -> None:
     seat = server().rooms[0].seats[0].settings
-    welcome = messages.encode(Welcome(1, 7, 5, "", "1", seat))
+    words = {
+        b"welcome": messages.encode(Welcome(2, 7, 5, "", "1", seat, "a-ticket")),
+        b"renewed": messages.encode(Welcome(2, 7, 6, "", "1", seat, "a-ticket")),
+    }
     client, now_ns = Watched(hello()), 0
     for step in steps:
         before = client.state
@@ -136,7 +102,7 @@ def test_a_client_moves_along_its_table_and_nowhere_else(steps: list[str | int |
         elif step == "leave":
             client.leave("enough", None, now_ns)
         elif isinstance(step, bytes):
-            client.receive(welcome if step == b"welcome" else step, now_ns)
+            client.receive(words.get(step, step), now_ns)
         elif isinstance(step, int):
             now_ns += step
         client.poll(now_ns)
@@ -156,7 +122,7 @@ def test_hellos_are_repeated_until_the_client_gives_up() -> None:
     assert (client.state, client.failed) == ("closed", "no server answered within 3 s")
 
 
-def test_a_silent_server_is_given_up_and_staleness_comes_long_before() -> None:
+def test_a_silent_server_without_a_ticket_is_given_up_and_staleness_comes_long_before() -> None:
     client, _ = seated(now_ns=5)
     client.poll(5 + LOST_NS)
     assert client.state == "seated"
@@ -239,7 +205,7 @@ def test_nothing_foreign_reaches_the_coupling() -> None:
 def both_print(client: ClientSession, core: ServerCore) -> str:
     """The reason that the client's failure and the server's event have in common."""
     [event] = core.events
-    reason = event.partition(": ")[2]
+    reason = event.text.partition(": ")[2]
     assert client.failed == f"the server refused: {reason}"
     assert client.state == "closed"
     return reason
@@ -248,7 +214,7 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
 @pytest.mark.parametrize(
     ("change", "code", "text"),
     [
-        ({"version": 2}, "version", "the client speaks protocol 2, the server 1: install the same cogrip on both"),
+        ({"version": 3}, "version", "the client speaks protocol 3, the server 2: install the same cogrip on both"),
         ({"room": "attic"}, "room", "there is no room 'attic' here; there is: lab"),
         ({"name": "eve"}, "name", "no seat is kept for 'eve'; seats are: anna, ben"),
         ({"digest": "0123"}, "settings", f"your settings (0123) are not the server's ({digest(SETTINGS)})"),
@@ -297,7 +263,7 @@ def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print
     core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
     client.outbox.clear()
     exchange(client, core, 0)
-    assert both_print(client, core).startswith("the client speaks protocol 9, the server 1")
+    assert both_print(client, core).startswith("the client speaks protocol 9, the server 2")
 
 
 def test_strangers_who_ask_briefly_get_no_answer() -> None:

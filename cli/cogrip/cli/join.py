@@ -1,8 +1,11 @@
-"""`cogrip join`: one person, one device, one server."""
+"""`cogrip join`: one person, one device, one server; or one who looks on."""
 
 import secrets
 import sys
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,17 +13,22 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.leave_files import leave_files
+from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.serve import DEFAULT_PORT
 from cogrip.cli.settings_file import load
-from cogrip.client.loop import Ended, JoinError, LiveClient
+from cogrip.client.io.calls import Calls, JoinError, Server, find
+from cogrip.client.loop import Ended, LiveClient
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make
+from cogrip.protocol.channel import Channel, PlainChannel
+from cogrip.protocol.io.sealed_call import SealedCall
 from cogrip.protocol.io.stop import Stop, on_signals
-from cogrip.protocol.session import make_hello
+from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, parse_link, split_place
+from cogrip.protocol.messages import Hello
+from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
@@ -37,6 +45,8 @@ def join(
     /,
     *,
     device: str | None = None,
+    observe: Annotated[bool, Parameter(negative="")] = False,
+    insecure: Annotated[bool, Parameter(negative="")] = False,
     name: str = "",
     room: str = "",
     config: Path | None = None,
@@ -55,14 +65,21 @@ def join(
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
 
+    A link is all that is needed. An observer's shows the room and needs no device. A server that falls silent is sought
+    again for 10 s, without force.
     Exit code 0 when the session ended as it should and was passive; 1 when it was refused, lost or broke off.
 
     Parameters
     ----------
     server
-        HOST:PORT, or HOST for the usual port.
+        The join link that the server printed, in quotes: 'cogrip://...'. Or HOST:PORT, or HOST for the usual port, of a
+        server that is not sealed. - reads it from standard input, where no other user of this machine sees it.
     device
         Device address (`cogrip devices`), with its keys: sim:phantom?hand=reach&amplitude_m=0.02.
+    observe
+        Look on: see the object and the hands, hold nothing.
+    insecure
+        Talk to a HOST:PORT that is not this machine without a seal: everyone on the way can read it, and move your hand.
     name
         Which seat to take; the first free one if not given.
     room
@@ -100,14 +117,19 @@ def join(
     settings = load(config, overrides) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
-    where = _address(server)
+    if server == "-":
+        server = sys.stdin.readline()
+    place = _place(server, room or (settings.name if settings else ""), insecure)
+    wanted = Wanted(place, name, digest(settings) if settings else "")
+    stop = Stop()
+    if observe:
+        if device is not None:
+            raise BadInput("--observe needs no --device: leave one of them out")
+        with on_signals(stop), closing(_calls(place, insecure)) as calls:
+            return look_on(ClientSession(wanted.to_look_on()), calls, stop, seconds, console)
+    named = device is not None
     device = _play_back(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
     arm, address = _device(settings, name, device, axes)
-    hello = make_hello(
-        software=VERSION, nonce=secrets.randbelow(2**62) + 1, room=room or (settings.name if settings else ""),
-        name=name, digest=digest(settings) if settings else "", device=address, axes=arm.capability.axes,
-        rate_hz=float(arm.capability.rate_hz),
-    )  # fmt: skip
     folder: Path | None = into
 
     def record_at(seat: SeatSettings) -> Path | None:
@@ -116,15 +138,95 @@ def join(
         folder = folder or live_run_folder(runs, f"{seat.room}-{seat.user}", console.print)
         return folder / client_recording(seat.user) if folder and record else None
 
-    stop = Stop()
     rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
-    client = LiveClient(arm, hello, where, stop, console.print, LinkEmulator, record_at, seconds, rearms)
-    with on_signals(stop):
+    with on_signals(stop), closing(_calls(place, insecure)) as calls:
+        hello = wanted.to_hold(arm.capability, address)
+        say = partial(console.print, markup=False)
+        client = LiveClient(arm, hello, calls, stop, say, LinkEmulator, record_at, seconds, rearms)
         try:
             ended = client.run()
         except (JoinError, DeviceError) as error:
             raise Problem(str(error)) from None
+        if isinstance(ended, ClientSession):
+            if named:
+                console.print(f"this link is for looking on: {address} is left alone", markup=False)
+            return look_on(ended, calls, stop, seconds, console)
         return _finish(ended, folder, console, alone=into is None, report=report)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """What a link or an address says. fingerprint: of the server's certificate, "" where there is no seal."""
+
+    host: str
+    port: int
+    room: str
+    fingerprint: str = ""
+    token: str = field(default="", repr=False)
+
+    @property
+    def channel(self) -> Callable[[], Channel]:
+        return (lambda: SealedCall(self.fingerprint)) if self.fingerprint else PlainChannel
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What to ask the server for."""
+
+    place: Place
+    name: str
+    digest: str
+
+    def to_hold(self, record: Capability, address: str) -> Hello:
+        return make_hello(
+            software=VERSION, nonce=_nonce(), room=self.place.room, name=self.name, digest=self.digest, device=address,
+            axes=record.axes, rate_hz=float(record.rate_hz), force_n=record.peak_force_n, speed_mps=record.speed_mps,
+            token=self.place.token,
+        )  # fmt: skip
+
+    def to_look_on(self) -> Hello:
+        return make_hello(
+            software=VERSION, nonce=_nonce(), room=self.place.room, name=self.name, digest=self.digest, device="none",
+            axes=1, rate_hz=1.0, role="observer", token=self.place.token,
+        )  # fmt: skip
+
+
+def _nonce() -> int:
+    return secrets.randbelow(2**62) + 1
+
+
+def _place(server: str, room: str, insecure: bool) -> Place:
+    """Raises BadInput."""
+    try:
+        if is_link(server):
+            link = parse_link(server)
+            if insecure:
+                raise BadInput("--insecure is for HOST:PORT; with a link everything is sealed: leave it out")
+            if room and link.room and room != link.room:
+                raise BadInput(f"room {room!r} is asked for, and the link is for {link.room!r}: leave one of them out")
+            return Place(link.host, link.port, room or link.room, link.fingerprint, link.token)
+        host, port = split_place(server)
+    except LinkError as error:
+        words = str(error)
+        cure = (
+            "" if is_link(server) else f"; write HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}, or the server's join link"
+        )
+        raise BadInput(f"server {words}{cure}" if cure else words) from None
+    return Place(host, DEFAULT_PORT if port is None else port, room)
+
+
+def _calls(place: Place, insecure: bool) -> Calls:
+    """Raises Problem where the server's name is not known, or it would be spoken to in the open."""
+    try:
+        found: Server = find(place.host, place.port)
+    except JoinError as error:
+        raise Problem(str(error)) from None
+    if not place.fingerprint and not insecure and not found.loopback:
+        raise Problem(
+            f"{place.host} is not this machine, and without a seal everyone on the way could read the session and move your "
+            "hand: use the join link that the server printed (cogrip://...); --insecure does without it"
+        )
+    return Calls(found, place.channel)
 
 
 def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
@@ -136,7 +238,7 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     if counts:
         console.print(f"{ended.seat.user}: dealt with: {counts}", markup=False)
     if ended.failed:
-        console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}")
+        console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}", markup=False)
     if alone:
         leave_files(folder, summary, console, shown=report or folder is None, report=report)
     return 0 if not ended.failed and summary["passive"] and not summary["diverged"] else 1
@@ -150,17 +252,6 @@ def _warn(seat: SeatSettings, record: Capability, console: Console) -> None:
         warnings = (f"no advice: {error}",)
     for text in warnings:
         console.print(f"warning: {text}", markup=False)
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, colon, port = text.rpartition(":")
-    if not colon:
-        return text, DEFAULT_PORT
-    if not port.isdigit() or not 0 < int(port) < 65536 or not host:
-        raise BadInput(
-            f"server {text!r}: write HOST:PORT with a port from 1 to 65535, such as 127.0.0.1:{DEFAULT_PORT}"
-        )
-    return host.strip("[]"), int(port)
 
 
 def _play_back(device: str | None, **options: float | None) -> str | None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import Literal, TextIO
 
+from cogrip.protocol.messages import shown
 from cogrip.server.happenings import Happening
 
 WARNINGS = ("lost", "kicked", "refused", "limited", "trouble")  # of the events; the others are well and good
@@ -83,10 +84,7 @@ def _descriptor(stream: TextIO) -> int | None:
 
 def _as_text(what: Happening | str, at: datetime) -> str:
     """The words. What strangers name themselves may not move the cursor, or look like a line of ours."""
-    text = (what if isinstance(what, str) else what.text)[:LONGEST_TEXT]
-    if not text.isprintable():
-        text = "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
-    return f"{text}\n"
+    return f"{shown((what if isinstance(what, str) else what.text)[:LONGEST_TEXT])}\n"
 
 
 def _as_json(what: Happening | str, at: datetime) -> str:

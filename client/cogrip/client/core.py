@@ -4,6 +4,9 @@ A tick has two halves. `sense(tick, sample, now_ns)` books what the hand did sin
 leaves the frame in `outbox`; `act(now_ns)` applies the wave that has come and gives the force to hold until the next
 tick. Live they follow each other at once; in virtual time the laboratory puts the server's step between them, which is
 the order of theory section 6. A tick that was skipped had its force held: its waves are booked all the same.
+
+A server that was started anew gives another session: a new line begins with frame 0 where the hand is, and the books go on
+over all lines.
 """
 
 from collections import deque
@@ -11,16 +14,19 @@ from collections.abc import Sequence
 from math import dist, hypot
 
 from cogrip.client.coupling import COUPLINGS, Coupling
+from cogrip.client.past_lines import PastLines
 from cogrip.client.rest import RestStiffness
 from cogrip.client.safety import Safety
 from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Hello, encode
+from cogrip.protocol.messages import Hello, View, clipped, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
+LET_GO_S = 0.5  # from `stop`, in which the line lets go of the object
+MOST_LOOP_S = 0.5  # for which it is waited that the server has heard of it
 RECKON_TICKS = 12  # without a sample, for which the hand is taken to go on as it did
 
 
@@ -59,11 +65,14 @@ class ClientCore:
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
+        welcome = self.session.welcome
         if self.seat is None:
-            if self.session.welcome is not None:
-                self._take_seat(self.session.welcome.settings, self.session.welcome.session)
+            if welcome is not None and welcome.role == "player":
+                self._take_seat(welcome.settings, welcome.session)
             return
-        if message is None:
+        if welcome is not None and welcome.session != self._session_id:
+            self._renew(welcome.session)
+        if message is None or isinstance(message, View):
             return
         if self.tick < 0:  # the device is still being opened: what comes now must not set the playout
             self.session.drop("before the first tick")
@@ -80,6 +89,10 @@ class ClientCore:
         self.seat = seat
         self.capability = self.capability.first(axes)
         self.coupling: Coupling = COUPLINGS[seat.coupling.kind](seat)
+        self._past = PastLines()
+        self._acted = -1  # the tick of the last `act`
+        self._stopped: int | None = None  # the tick of `stop`
+        self._parting: Sequence[float] = (0.0,) * axes  # how the hand moved when it was told to stop
         self.safety = Safety(self.capability, rates.tick_s)
         self._session_id = session
         self._ticks_per_frame = rates.ticks_per_frame
@@ -103,6 +116,22 @@ class ClientCore:
         self._forces = deque([*[(0.0,) * len(self.force_n)] * ticks, *self._forces], maxlen=ticks)
         self.coupling.set_latency(ticks)
 
+    def _renew(self, session: int) -> None:
+        """A new line, whose first frame began at the last border: with nothing, up to the place where the hand is now."""
+        assert self.seat is not None
+        self._past.close(self.coupling)
+        self._session_id = session
+        self.coupling = coupling = COUPLINGS[self.seat.coupling.kind](self.seat)
+        coupling.set_latency(self._latency)
+        if self._origin is not None:
+            self._origin = self.position_m
+        ticks = self.tick % self._ticks_per_frame
+        if self.tick < 0 or (ticks == 0 and self._acted != self.tick):
+            return  # `act` begins the frame
+        coupling.start_frame()
+        for _ in range(ticks):
+            coupling.elapse_absent()
+
     def equip(self, capability: Capability) -> None:
         """The device says of itself what it can do, now that it is open."""
         self.capability = capability.first(len(self.force_n))
@@ -110,9 +139,17 @@ class ClientCore:
         self._fit()
 
     def stop(self) -> None:
-        """Let the force go; `safety.quiet` tells when it has."""
-        if self.seat is not None:
-            self.safety.event("stop")
+        """Let go, of the hand and of the object; `released` tells when that is done."""
+        if self.seat is not None and self.safety.event("stop"):
+            self._stopped = self.tick
+
+    @property
+    def released(self) -> bool:
+        """No force is left on the hand, and the server knows that the line has let go: leaving is no jolt to those who stay."""
+        if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
+            return self.safety.quiet
+        loop_s = (self.coupling.loop_frames() or 0.0) * self._ticks_per_frame / self._rate
+        return self.tick - self._stopped >= (LET_GO_S + min(loop_s, MOST_LOOP_S)) * self._rate
 
     def rearm(self) -> None:
         """Leave a latched fault. The caller has seen to its cause."""
@@ -134,7 +171,7 @@ class ClientCore:
 
     def leave(self, reason: str, account: ClientAccount, now_ns: int) -> None:
         """Say goodbye with what this end knows; or answer the goodbye of a server that stopped first."""
-        if self.session.state == "seated":
+        if self.session.state in ("seated", "resuming"):
             self.session.leave(reason, account, now_ns)
         elif self.session.farewell is not None:
             self.session.answer_farewell(account)
@@ -238,16 +275,21 @@ class ClientCore:
             self.work_j += work
             self.leak_j += work
         first = self.tick - elapsed + 1
-        border = False
-        faulty = self.safety.state == "fault"
-        velocity, ticks_per_frame = self.velocity_mps, self._ticks_per_frame
+        border, velocity = False, self.velocity_mps
+        faulty, hold = self.safety.state == "fault", 1.0
+        if self._stopped is None:
+            self._parting = mean
+        else:  # a hand whose force fades runs off: the line hears of one that goes on as it did, and lets go
+            hold = max(0.0, 1.0 - (self.tick - self._stopped) / (LET_GO_S * self._rate))
+            velocity = mean = self._parting
+        ticks_per_frame = self._ticks_per_frame
         for tick in range(first, self.tick + 1):
             if border:  # a frame border inside the ticks that were skipped
                 coupling.start_frame()
             if faulty:
                 coupling.elapse_absent()
             else:
-                coupling.elapse(mean, velocity)
+                coupling.elapse(mean, velocity, hold)
             border = tick % ticks_per_frame == 0
             if border:
                 coupling.end_frame()
@@ -278,14 +320,16 @@ class ClientCore:
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         """The force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
+        coupling = self.coupling
         if self.tick % self._ticks_per_frame == 0:
-            self.coupling.start_frame()
-        if self.session.stale(now_ns):
+            coupling.start_frame()
+        self._acted = self.tick
+        if self.session.state == "resuming" or self.session.stale(now_ns):
             self.safety.event("stale", "no datagram from the server")
         elif self.safety.state == "degraded":
             self.safety.event("fresh")
-        wish = self.coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
-        force = self.safety.limit(wish)
+        wish = coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
+        force = self.safety.limit(wish, coupling.gap)
         self.force_n = force
         size = abs(force[0]) if len(force) == 1 else hypot(*force)
         if size > self.peak_force_n:
@@ -296,6 +340,21 @@ class ClientCore:
         """The device gives this force, not the one that `act` asked for: the books are to hold what the hand feels."""
         self.safety.note("force limited by the device")
         self.force_n = force_n
+
+    @property
+    def port_j(self) -> float:
+        """Energy that went into all lines so far."""
+        return self._past.port_j(self.coupling)
+
+    @property
+    def down_margin_j(self) -> float | None:
+        """Least margin of the lines down so far; None without waves."""
+        return self._past.down_margin_j(self.coupling)
+
+    @property
+    def lost(self) -> int:
+        """Frames from the server that were lost so far."""
+        return self._past.lost(self.coupling)
 
     @property
     def diverged(self) -> str:
@@ -313,12 +372,12 @@ class ClientCore:
             travel_m=self.travel_m,
             felt_stiffness_npm=self._rest.stiffness_npm() if self._rest else None,
             predicted_stiffness_npm=None if loop is None else self.seat.predicted_stiffness(loop),
-            down_margin_j=self.coupling.down_margin_j,
+            down_margin_j=self.down_margin_j,
             device_leak_j=self.least_leak_j,
-            down=self.coupling.count(),
+            down=self._past.count(self.coupling),
             rtt_ms=Percentiles.of(self.rtt, 1e6),
             ticks=ticks,
             diverged=bool(self.diverged),
             state=self.safety.state,
-            reason=(self.session.failed or self.diverged or self.safety.reason)[:300],
+            reason=clipped(self.session.failed or self.diverged or self.safety.reason),
         )

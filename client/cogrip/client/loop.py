@@ -1,10 +1,9 @@
-"""The live client: one thread owns the device, the socket and the core (design: Client process).
+"""The live client: one thread owns the device, the sockets and the core (design: Client process).
 
 A tick: read the device, let the core sense it, send what it leaves, drain what has come, let it act, write the force.
 """
 
 import os
-import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cogrip.client.handle import Handle
+from cogrip.client.io.calls import POLL_S, Calls
 from cogrip.client.recorded import RecordedClient, client_topics
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.first_axes import first_axes
@@ -20,9 +20,10 @@ from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Farewell, Hello
+from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
+from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import LinkProfile, SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
@@ -36,10 +37,6 @@ class Link(Protocol):
     def next_ns(self) -> int | None: ...
     def send(self, payload: bytes, now_ns: int) -> None: ...
     def due(self, now_ns: int) -> list[bytes]: ...
-
-
-class JoinError(Exception):
-    """No seat was had. The text says why and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +58,7 @@ class LiveClient:
 
     device: Device
     hello: Hello
-    server: tuple[str, int]
+    calls: Calls
     stop: Stop
     say: Callable[[str], None]
     make_link: Callable[[LinkProfile, str], Link]
@@ -69,47 +66,26 @@ class LiveClient:
     seconds: float | None = None
     rearms: bool = False  # stay after a fault, without force, until the person re-arms; else a fault ends the session
     _core: RecordedClient = field(init=False)
-    _socket: socket.socket = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
     _counts: dict[str, int] = field(init=False, default_factory=dict)
 
-    def run(self) -> Ended:
-        """Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened."""
-        self._core = RecordedClient(self.hello, self.device.capability)
-        host, port = self.server
-        try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        except OSError as error:
-            raise JoinError(f"{host}: {error.strerror}; check the server's name") from None
-        self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        with self._socket:
-            self._socket.connect(family[4])
-            # before there is a seat to lose: locking memory can take a second on a busy machine
-            measures = engage(name for name in NAMES if name != "fifo")
-            try:
-                self._call()
-                return self._session(measures)
-            finally:
-                release(measures)
+    def run(self) -> Ended | ClientSession:
+        """The session, once it has ended; or at once, and still open, where the server lets this client only look on.
 
-    def _call(self) -> None:
-        core = self._core
-        core.call(time.monotonic_ns())
-        while not core.seated:
-            if self.stop.reason:
-                raise JoinError(f"{self.stop.reason} before a seat was had")
-            if core.session.state == "closed":
-                host, port = self.server
-                refused = self._counts.get("connection refused", 0)
-                hint = f"; nothing listens on {host}:{port}: is the server running there?" if refused else ""
-                raise JoinError(f"{core.session.failed}{hint} (server {host}:{port})")
-            now_ns = time.monotonic_ns()
-            core.poll(now_ns)
-            self._send(now_ns)
-            self._drain(now_ns)
-            time.sleep(0.002)
+        Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened.
+        """
+        core = self._core = RecordedClient(self.hello, self.device.capability)
+        # before there is a seat to lose: locking memory can take a second on a busy machine
+        measures = engage(name for name in NAMES if name != "fifo")
+        try:
+            self.calls.call(core, self.stop)
+            if not core.seated:
+                core.record(Nowhere())
+                return core.session
+            return self._session(measures)
+        finally:
+            release(measures)
 
     def _session(self, measures: list[Measure]) -> Ended:
         core, seat = self._core, self._core.seat
@@ -141,7 +117,10 @@ class LiveClient:
             **core.session.dropped,
             **core.safety.counts,
             **device.counts,
+            **self.calls.counted(),
             **self._counts,
+            "came back": core.session.resumed,
+            "line begun anew": core.session.renewed,
             "skipped tick": pacer.skipped,
         }
         if recorder is not None and recorder.trouble:
@@ -182,10 +161,10 @@ class LiveClient:
 
     def _loop(self, pacer: Pacer, handle: Handle) -> str:
         """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
-        core, safety = self._core, self._core.safety
+        core, safety, session = self._core, self._core.safety, self._core.session
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
-        said, failed, ending = safety.state, "", False
+        said, told, failed, ending = safety.state, session.state, "", False
         work_us = 0
         while True:
             tick = pacer.wait()
@@ -195,21 +174,25 @@ class LiveClient:
             self._drain(now_ns)
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
             handle.write(core.act(now_ns))
+            self.calls.poll(now_ns, session.state == "resuming")
+            if session.state != told:
+                self._tell_session(told, session.state)
+                told = session.state
             if safety.state != said:
                 self._tell(said, safety.state)
                 said = safety.state
             if safety.state == "fault" and self.rearms and not ending:
                 self._rearm(handle)
             if not ending:
-                failed = core.session.failed or (safety.reason if safety.state == "fault" and not self.rearms else "")
+                failed = self._failed() or (safety.reason if safety.state == "fault" and not self.rearms else "")
                 over = last_tick is not None and tick >= last_tick
-                if failed or self.stop.reason or over or core.session.state == "closed":
+                if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
                     if safety.state == "fault":
                         failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
                         core.stop()
-            elif safety.quiet:
+            elif core.released:
                 return failed
             work_us = (clock() - now_ns) // 1000
             pacer.done()
@@ -219,11 +202,24 @@ class LiveClient:
         if self.stop.take_rearm():
             self._keep_seat()  # opening may take a while
             refused = handle.rearm()
-            self._drain(time.monotonic_ns())  # what waited meanwhile, before the server is taken for silent
+            now_ns = time.monotonic_ns()
+            self._drain(now_ns)  # what waited meanwhile, before the server is taken for silent
+            self._core.poll(now_ns)  # noted, so that a replay hears it before the next tick, too
             self.say(f"not re-armed: {refused}" if refused else "re-arming")
         if handle.refusal:
             self.say(f"not re-armed: {handle.refusal}")
             handle.refusal = ""
+
+    def _failed(self) -> str:
+        """Why the session broke off, "" if it did not."""
+        failed, trouble = self._core.session.failed, self.calls.failed
+        return f"{failed}; the last way to it: {trouble}" if failed and trouble else failed
+
+    def _tell_session(self, before: str, after: str) -> None:
+        if after == "resuming":
+            self.say("the server is silent: trying to come back")
+        elif before == "resuming" and after == "seated":
+            self.say(f"back after {self._core.session.away_ns / 1e9:.1f} s")
 
     def _tell(self, before: str, after: str) -> None:
         reason = self._core.safety.reason
@@ -243,9 +239,8 @@ class LiveClient:
         """Say goodbye and wait a moment for the answer."""
         core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
-        answers = session.state != "seated"
         core.leave((failed or self.stop.reason or "the session is over")[:300], account, now_ns)
-        if answers:  # the server stopped first: it waits for our account
+        if session.state != "leaving":  # the server stopped first: it waits for our account
             self._up = None
             self._send(now_ns)
         while session.state == "leaving":
@@ -253,44 +248,24 @@ class LiveClient:
             core.poll(now_ns)
             self._send(now_ns)
             self._drain(now_ns)
-            time.sleep(0.002)
+            self.calls.poll(now_ns, resuming=False)
+            time.sleep(POLL_S)
 
     def _send(self, now_ns: int) -> None:
-        outbox, up = self._core.outbox, self._up
+        outbox, up, hello = self._core.outbox, self._up, self._core.session.hello
         while outbox:
-            datagram = outbox.popleft()
+            message = outbox.popleft()
             if up is None:
-                self._put(datagram)
+                self.calls.send(message, message == hello)
             else:
-                up.send(datagram, now_ns)
+                up.send(message, now_ns)
         if up is not None and up.next_ns is not None:
-            for datagram in up.due(now_ns):
-                self._put(datagram)
-
-    def _put(self, datagram: bytes) -> None:
-        try:
-            self._socket.send(datagram)
-        except OSError as error:
-            self._note(error)
+            for message in up.due(now_ns):
+                self.calls.send(message, message == hello)
 
     def _drain(self, now_ns: int) -> None:
         down, core = self._down, self._core
-        while True:
-            try:
-                datagram = self._socket.recv(MAX_DATAGRAM_BYTES + 1)
-            except BlockingIOError:
-                break
-            except OSError as error:
-                self._note(error)
-                break
-            if down is None:
-                core.receive(datagram, now_ns)
-            else:
-                down.send(datagram, now_ns)
+        self.calls.drain(now_ns, core.receive if down is None else down.send, core.session.answers)
         if down is not None and down.next_ns is not None:
-            for datagram in down.due(now_ns):
-                core.receive(datagram, now_ns)
-
-    def _note(self, error: OSError) -> None:
-        name = "connection refused" if isinstance(error, ConnectionRefusedError) else f"socket: {error.strerror}"
-        self._counts[name] = self._counts.get(name, 0) + 1
+            for message in down.due(now_ns):
+                core.receive(message, now_ns)

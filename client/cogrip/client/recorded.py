@@ -1,7 +1,7 @@
 """A client core that notes every call and everything that comes of it: the same core, live, in virtual time, in replay.
 
 What is noted stands in the order in which it happened. A tick is noted when its force is known, so the datagrams that
-came between its two halves stand before it.
+came between its two halves stand before it. Tokens and tickets are not noted: a replay plays what was noted.
 """
 
 import json
@@ -16,6 +16,7 @@ from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.noted import Noted
 from cogrip.protocol.recording.records import Command, Datagram, Event, Ledger, Tick
+from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import Held, Sink, encode, topics
 
 KINDS = ("tick", "datagram_in", "datagram_out", "command", "event", "account", "gap", "clock")
@@ -47,7 +48,7 @@ class RecordedClient(ClientCore):
         self._held.pour(sink)
 
     def _sent(self, datagram: bytes) -> None:
-        self._sink.put(DATAGRAM_OUT, self._now_ns, encode(Datagram(datagram)))
+        self._sink.put(DATAGRAM_OUT, self._now_ns, encode(Datagram(without_secrets(datagram, _blank))))
 
     def _command(self, verb: str, now_ns: int, reason: str = "", ticks: str = "") -> None:
         self._now_ns = now_ns
@@ -97,7 +98,7 @@ class RecordedClient(ClientCore):
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         self._now_ns = now_ns
-        self._sink.put(DATAGRAM_IN, now_ns, encode(Datagram(datagram)))
+        self._sink.put(DATAGRAM_IN, now_ns, encode(Datagram(without_secrets(datagram, _blank))))
         super().receive(datagram, now_ns)
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
@@ -120,9 +121,9 @@ class RecordedClient(ClientCore):
         late_us, work_us, skipped = self.timing
         rtt_ms = self.rtt_ms
         tick = Tick(
-            self.tick, late_us, work_us, position, velocity, force, self.work_j, coupling.port_j,
-            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], coupling.down_margin_j,
-            rtt_ms if rtt_ms == rtt_ms else None, coupling.lost(), safety.state, skipped, given, unfit,
+            self.tick, late_us, work_us, position, velocity, force, self.work_j, self.port_j,
+            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], self.down_margin_j,
+            rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped, given, unfit,
             sample.age_ticks if sample is not None else 0,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
@@ -132,6 +133,11 @@ class RecordedClient(ClientCore):
                 EVENT, now_ns, encode(Event(f"{safety.state}: {safety.reason}" if safety.reason else safety.state))
             )
         return force
+
+
+def _blank(ticket: str) -> str:
+    """In place of a ticket; that there was one stays known."""
+    return "-"
 
 
 def _texts(values: Iterable[float]) -> tuple[str, ...]:
@@ -150,8 +156,9 @@ def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
 
 
 def start_text(hello: Hello, capability: Capability) -> str:
-    """What a client core is made from, as JSON text (Python's: a record's bounds may be Infinity)."""
-    return json.dumps({"hello": msgspec.to_builtins(hello), "capability": msgspec.to_builtins(capability)})
+    """What a client core is made from, as JSON text (Python's: a record's bounds may be Infinity), less its token."""
+    asked = msgspec.structs.replace(hello, token="", ticket="")
+    return json.dumps({"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)})
 
 
 def start_of(text: str) -> tuple[Hello, Capability]:

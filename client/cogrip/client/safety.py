@@ -5,7 +5,8 @@
 
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
 RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, and its
-change to the device's slope.
+change to the device's slope; where waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. What that takes
+or gives is in the ledger (docs/decisions/0004-leaks.md).
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,8 @@ FAULT_OUT_S = 0.015
 STALL_S = 0.02  # so much time without samples, less what was forgiven: the device has stalled
 FORGIVEN = 0.5  # of a tick without a sample, by each that comes
 WATCHDOG_S = 0.1  # the loop was away for so long: the hand held an old force
+SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
+SOFT_S = 0.05  # after a gap, for which the force may be on its way back to the law
 AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
 
 TRANSITIONS: Mapping[tuple[str, str], str] = {
@@ -46,6 +49,9 @@ class Safety:
         self._stall_ticks = max(1, round(STALL_S / tick_s))
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
         self._limit_ticks = round(AT_LIMIT_S / tick_s)
+        self._soft_n = SOFT_SLOPE_NPS * tick_s
+        self._soft_ticks = round(SOFT_S / tick_s)
+        self._soft_left = 0
         self._gain = 0.0
         self._good: Sequence[float] = (0.0,) * capability.axes
         self._out: tuple[float, ...] = (0.0,) * capability.axes
@@ -122,8 +128,8 @@ class Safety:
                 self.diverged = self.diverged or f"the hand left the workspace at {position:.4g} m"
         return True
 
-    def limit(self, force_n: Sequence[float] | None) -> tuple[float, ...]:
-        """The force that may go to the motors, for the law's wish (None: it has none)."""
+    def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
+        """The force that may go to the motors, for the law's wish (None: it has none). gap: the law's wave is missing."""
         gain = self._gain
         if self.state == "live" and force_n is not None:
             gain = min(1.0, gain + self._rise)
@@ -144,18 +150,33 @@ class Safety:
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
         out = tuple(self._good) if gain == 1.0 else tuple([gain * value for value in self._good])
+        if gap or self._soft_left:
+            out = self._soften(out, gap)
         if self._slope_n < inf:
-            out = self._slew(out)
+            out = self._slew(out, self._slope_n, "slew limited")
         self._out = out
         return out
 
-    def _slew(self, wanted: tuple[float, ...]) -> tuple[float, ...]:
+    def _soften(self, wanted: tuple[float, ...], gap: bool) -> tuple[float, ...]:
+        """In a gap, and after it until the force has met the law again. A fault lets go as fast as ever."""
+        most = max(self._soft_n, self._peak_n * self._drop) if self.state == "fault" else self._soft_n
+        out = self._slew(wanted, most, "gap softened")
+        if gap:
+            self._soft_left = self._soft_ticks
+        elif out is wanted:
+            self._soft_left = 0
+        else:
+            self._soft_left -= 1
+        return out
+
+    def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
+        """No more than `most_n` away from the last force."""
         step = [new - old for new, old in zip(wanted, self._out, strict=True)]
         change = hypot(*step)
-        if change <= self._slope_n:
+        if change <= most_n:
             return wanted
-        self.note("slew limited")
-        share = self._slope_n / change
+        self.note(name)
+        share = most_n / change
         return tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
 
     def _clipped(self, gain: float) -> None:

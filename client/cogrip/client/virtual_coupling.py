@@ -13,7 +13,12 @@ from cogrip.protocol.settings import SeatSettings
 
 
 class VirtualCoupling:
-    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves."""
+    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
+
+    A state that is missing leaves no gap: the last one stands.
+    """
+
+    gap = False
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
@@ -43,7 +48,8 @@ class VirtualCoupling:
         late.append(self._last_force)  # drops the oldest
         return force
 
-    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float]) -> None:
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        """One tick has passed. There is no wave that could let go."""
         power = 0.0
         for force, speed in zip(self._booked(), mean_velocity_mps, strict=True):
             power += force * speed

@@ -18,6 +18,8 @@ from cogrip.protocol.line import LineReceiver, LineSender
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
+OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
+
 
 class WaveCoupling:
     """`elapse` books the tick that has passed, `end_frame` and `start_frame` stand at frame borders, `force` is the law."""
@@ -64,14 +66,25 @@ class WaveCoupling:
         late.append(self.returning)  # drops the oldest
         return wave
 
-    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float]) -> None:
-        """One tick has passed, with the displacement it shows / T_c and the velocity sample it began with."""
+    @property
+    def gap(self) -> bool:
+        """Whether the wave held now stands for one that is missing."""
+        return self._receiver.gap
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        """One tick has passed, with the displacement it shows / T_c and the velocity sample it began with.
+
+        hold: how firmly a hand that takes its leave still holds, from 1 down to 0, where the line's end is half open
+        (u = v would be a free one) and the object goes almost free.
+        """
         root = self._root
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
         for axis, v in enumerate(self._booked() if self._late else self.returning):
             u = root * velocity[axis] - v
+            if hold != 1.0:
+                u = hold * u + (1.0 - hold) * OPEN * v
             forward.append(u)
             made += u * u
             used += v * v

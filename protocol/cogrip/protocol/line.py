@@ -92,6 +92,7 @@ class LineReceiver:
         self.realigned = 0
         self.played_j = 0.0  # energy of all waves played so far
         self.mark: Mark | None = None  # of the frame just taken, where a datagram ended with it
+        self.gap = False  # whether the frame just taken was not there
 
     @property
     def heard(self) -> int:
@@ -160,7 +161,7 @@ class LineReceiver:
         else:
             for _ in range(frames - 1):
                 self._pass_over()
-        stall = self._realign() if self._fresh else False
+        self.gap = stall = self._realign() if self._fresh else False
         if stall:
             return self._play(self._zero)
         number = self._cursor
@@ -172,6 +173,7 @@ class LineReceiver:
         else:
             if number >= 0:
                 self._missing.add(number)
+                self.gap = True
             frame, fades = self._fade(fades)
         self._advance(number, frame, fades)
         played = self._play(frame)

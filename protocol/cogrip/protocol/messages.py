@@ -200,3 +200,10 @@ def padded(hello: Hello) -> bytes:
 def clipped(text: str) -> str:
     """`text` cut to what a message may carry: TEXT_BYTES of UTF-8."""
     return text.encode("utf-8", "replace")[:TEXT_BYTES].decode("utf-8", "ignore")
+
+
+def shown(text: str) -> str:
+    """What the other end says, as one may put it on a terminal: nothing in it moves a cursor or looks like a line of ours."""
+    if text.isprintable():
+        return text
+    return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])

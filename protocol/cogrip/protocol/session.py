@@ -2,8 +2,11 @@
 
     client   idle --call--> calling --welcome--> seated --leave--> leaving --farewell--> closed
              calling: a hello every HELLO_EVERY; refused, or no answer in GIVE_UP_NS: closed
-             seated: silence of LOST_NS: closed; farewell (server stops): closed
+             seated: nothing heard for QUIET_NS: resuming; farewell (server stops): closed
+             resuming: a hello with the ticket every HELLO_EVERY; welcome, or the session heard again: seated;
+             refused, or silence of RESUME_GIVE_UP_NS: closed
     seat     free --hello--> seated --leave | silence of LOST_NS | server stops--> free
+             seated --hello with its ticket--> seated, at another address
 
 Both tables below are the only place that changes a state. A step that is not in the table leaves the state as it is.
 """
@@ -26,6 +29,9 @@ from cogrip.protocol.messages import (
     Refuse,
     Role,
     Stamp,
+    State,
+    View,
+    Waves,
     Welcome,
 )
 
@@ -34,6 +40,8 @@ GIVE_UP_NS = 3_000_000_000
 HEARTBEAT_EVERY_NS = 250_000_000
 STALE_NS = 100_000_000  # no datagram for so long: the hand's force goes to zero, the seat is kept
 LOST_NS = 2_000_000_000  # no datagram for so long: the other end is gone
+QUIET_NS = 500_000_000  # nothing heard for so long: the client tries to come back
+RESUME_GIVE_UP_NS = 10_000_000_000  # nothing heard for so long: nor does it try any more
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
 
@@ -47,7 +55,14 @@ CLIENT: Table = {
     ("calling", "leave"): "closed",
     ("seated", "leave"): "leaving",
     ("seated", "farewell"): "closed",
-    ("seated", "silence"): "closed",
+    ("seated", "silence"): "closed",  # without a ticket there is no way back
+    ("seated", "quiet"): "resuming",
+    ("resuming", "welcome"): "seated",
+    ("resuming", "heard"): "seated",
+    ("resuming", "refuse"): "closed",
+    ("resuming", "silence"): "closed",
+    ("resuming", "farewell"): "closed",
+    ("resuming", "leave"): "leaving",
     ("leaving", "farewell"): "closed",
     ("leaving", "silence"): "closed",
 }
@@ -85,20 +100,27 @@ class Clock:
 
 
 class ClientSession:
-    """The client's half. `outbox` is what to send; `failed` says why it ended badly, "" if it did not."""
+    """The client's half. `outbox` is what to send; `failed` says why it ended badly, "" if it did not.
+
+    welcome          the newest: another session number in it than before means that the seat is a new one
+    away_ns          how long the last silence was that a session came back from
+    resumed, renewed how often it came back: to its own seat, and to a new one
+    """
 
     def __init__(self, hello: Hello) -> None:
-        self._hello = messages.padded(hello)
-        self._nonce = hello.nonce
+        self._asked = hello
+        self.hello = messages.padded(hello)  # what is said while nobody has answered
         self._since_ns = 0
         self._next_ns = 0
-        self._leave: Leave | None = None
+        self._leave = b""
         self.state = "idle"
         self.outbox: deque[bytes] = deque()
         self.clock = Clock()
         self.welcome: Welcome | None = None
         self.farewell: Farewell | None = None
         self.last_heard_ns = 0
+        self.away_ns = 0
+        self.resumed = self.renewed = 0
         self.failed = ""
         self.dropped: dict[str, int] = {}
 
@@ -117,7 +139,7 @@ class ClientSession:
     def leave(self, reason: str, account: ClientAccount | None, now_ns: int) -> None:
         """Say goodbye, repeated until the farewell comes or LEAVE_GIVE_UP_NS have passed."""
         if self._step("leave") and self.welcome:
-            self._leave = Leave(self.welcome.session, messages.clipped(reason), account)
+            self._leave = messages.encode(Leave(self.welcome.session, messages.clipped(reason), account))
             self._since_ns = self._next_ns = now_ns
             self.poll(now_ns)
 
@@ -129,8 +151,19 @@ class ClientSession:
     def drop(self, reason: str) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
-    def receive(self, datagram: bytes, now_ns: int) -> messages.Waves | messages.State | None:
-        """Take in a datagram; what belongs to the coupling is handed back. Anything unfit is counted by name."""
+    def answers(self, datagram: bytes) -> bool:
+        """Whether this is a welcome to our hello: the way that it came by is the one to go on with."""
+        try:
+            message = messages.decode(datagram)
+        except messages.MalformedError:
+            return False
+        return isinstance(message, Welcome) and message.nonce == self._asked.nonce
+
+    def receive(self, datagram: bytes, now_ns: int) -> Waves | State | View | None:
+        """Take in a datagram; what belongs to the coupling, or to an observer, is handed back.
+
+        Anything unfit is counted by name.
+        """
         try:
             message = messages.decode(datagram)
         except messages.MalformedError:
@@ -139,18 +172,24 @@ class ClientSession:
         if isinstance(message, Welcome | Refuse):
             self._answer(message, now_ns)
             return None
-        if isinstance(message, Hello | Leave) or self.welcome is None:
+        welcome = self.welcome
+        if isinstance(message, Hello | Leave) or welcome is None:
             self.drop("unexpected")
             return None
-        if message.session != self.welcome.session:
+        if message.session != welcome.session:
             self.drop("other session")
             return None
+        if isinstance(message, Waves | State | View) and isinstance(message, View) is (welcome.role == "player"):
+            self.drop("unexpected")
+            return None
+        if self._step("heard"):
+            self._back(now_ns)
         self.last_heard_ns = now_ns
         if isinstance(message, Farewell):
             asked = self.state == "leaving"
             if self._step("farewell"):
                 self.farewell = message
-                self.failed = self.failed if asked else f"the server said goodbye: {message.reason}"
+                self.failed = self.failed if asked else f"the server said goodbye: {messages.shown(message.reason)}"
             return None
         if isinstance(message, Heartbeat):
             self.clock.read(message.stamp, now_ns)
@@ -158,14 +197,31 @@ class ClientSession:
         return message
 
     def _answer(self, message: Welcome | Refuse, now_ns: int) -> None:
-        if message.nonce != self._nonce:
+        if message.nonce != self._asked.nonce:
             self.drop("other nonce")
-        elif isinstance(message, Refuse):
+            return
+        before = self.welcome
+        if isinstance(message, Refuse):
             if self._step("refuse"):
-                self.failed = f"the server refused: {message.reason} [{message.code}]"
+                self.failed = f"the server refused: {messages.shown(message.reason)} [{messages.shown(message.code)}]"
+        elif before is not None and _other_seat(before, message):
+            if self._step("refuse"):
+                self.failed = "the server came back with another seat or other settings: join anew"
+                self.outbox.append(messages.encode(Leave(message.session, "not the seat that was left")))
         elif self._step("welcome"):
+            if before is not None:
+                self._back(now_ns, message.session != before.session)
             self.welcome = message
+            self.hello = messages.padded(_resuming(self._asked, message))
             self.last_heard_ns = now_ns
+
+    def _back(self, now_ns: int, renewed: bool = False) -> None:
+        self.away_ns = now_ns - self.last_heard_ns
+        if renewed:
+            self.renewed += 1
+            self.clock = Clock()
+        else:
+            self.resumed += 1
 
     def stale(self, now_ns: int) -> bool:
         return now_ns - self.last_heard_ns > STALE_NS
@@ -175,24 +231,56 @@ class ClientSession:
         if self.state == "calling":
             if now_ns - self._since_ns >= GIVE_UP_NS and self._step("silence"):
                 self.failed = f"no server answered within {GIVE_UP_NS / 1e9:g} s"
-            elif now_ns >= self._next_ns:
-                self._next_ns += HELLO_EVERY_NS
-                self.outbox.append(self._hello)
-        elif self.state == "seated":
-            if now_ns - self.last_heard_ns > LOST_NS and self._step("silence"):
-                self.failed = f"the server has been silent for {LOST_NS / 1e9:g} s"
+            else:
+                self._repeat(self.hello, HELLO_EVERY_NS, now_ns)
+        elif self.state in ("seated", "resuming"):
+            self._miss(now_ns - self.last_heard_ns, now_ns)
         elif self.state == "leaving":
             if now_ns - self._since_ns >= LEAVE_GIVE_UP_NS:
                 self._step("silence")
-            elif now_ns >= self._next_ns and self._leave:
-                self._next_ns += LEAVE_EVERY_NS
-                self.outbox.append(messages.encode(self._leave))
+            elif self._leave:
+                self._repeat(self._leave, LEAVE_EVERY_NS, now_ns)
+
+    def _miss(self, silent_ns: int, now_ns: int) -> None:
+        """The server has been silent for so long."""
+        assert self.welcome is not None
+        if not self.welcome.ticket:
+            if silent_ns > LOST_NS and self._step("silence"):
+                self.failed = f"the server has been silent for {LOST_NS / 1e9:g} s"
+            return
+        if silent_ns >= QUIET_NS and self._step("quiet"):
+            self._next_ns = now_ns
+        if self.state == "resuming":
+            if silent_ns >= RESUME_GIVE_UP_NS and self._step("silence"):
+                self.failed = f"no server for {RESUME_GIVE_UP_NS / 1e9:g} s"
+            else:
+                self._repeat(self.hello, HELLO_EVERY_NS, now_ns)
+
+    def _repeat(self, datagram: bytes, every_ns: int, now_ns: int) -> None:
+        if now_ns >= self._next_ns:
+            self._next_ns += every_ns
+            self.outbox.append(datagram)
 
     def heartbeat(self, now_ns: int) -> None:
         """In place of waves while there are none to send."""
-        if self.welcome and now_ns >= self._next_ns:
+        if self.state == "seated" and self.welcome and now_ns >= self._next_ns:
             self._next_ns = now_ns + HEARTBEAT_EVERY_NS
             self.outbox.append(messages.encode(Heartbeat(self.welcome.session, self.clock.stamp(now_ns))))
+
+
+def _resuming(hello: Hello, welcome: Welcome) -> Hello:
+    """The hello that asks for this very seat again."""
+    name = welcome.settings.user if welcome.role == "player" else hello.name
+    return msgspec.structs.replace(
+        hello, room=welcome.settings.room, name=name, role=welcome.role, ticket=welcome.ticket
+    )  # fmt: skip
+
+
+def _other_seat(before: Welcome, after: Welcome) -> bool:
+    """Whether a person cannot simply go on with what this welcome gives."""
+    if before.role == after.role == "observer":
+        return False
+    return (before.role, before.settings) != (after.role, after.settings)
 
 
 def make_hello(

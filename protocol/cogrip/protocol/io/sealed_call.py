@@ -141,7 +141,7 @@ class SealedCall:
         except messages.MalformedError:
             return
         if isinstance(message, messages.Refuse):
-            self._hint = f"{message.reason} [{message.code}]"
+            self._hint = messages.shown(f"{message.reason} [{message.code}]")
 
     def _judge(self) -> None:
         """The association failed: for good, or for this time."""

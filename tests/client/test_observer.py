@@ -1,0 +1,112 @@
+"""One who looks on: the newest view wins, the place is kept, and whatever does not fit is counted."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.observer import ObserverCore
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Stamp, View, Waves, Welcome
+from cogrip.protocol.session import HEARTBEAT_EVERY_NS, QUIET_NS, ClientSession, make_hello
+from cogrip.protocol.settings import resolve, seat_settings
+
+MS = 1_000_000
+SEAT = msgspec.structs.replace(seat_settings(resolve({"users": [{"name": "anna"}]}), 0), user="observer 1")
+
+
+def view(number: int, session: int = 5, seats: tuple[int, ...] = (0,), axes: int = 1, sent_ns: int = 1) -> bytes:
+    row = (0.001 * number,) * axes
+    shown = View(session, number, row * 2, seats, row * len(seats), row * len(seats), Stamp(sent_ns))
+    return messages.encode(shown)
+
+
+def looking(now_ns: int = 0) -> ObserverCore:
+    hello = make_hello(
+        software="1", nonce=7, room="", name="", digest="", device="none", axes=1, rate_hz=1.0, role="observer"
+    )  # fmt: skip
+    core = ObserverCore(ClientSession(hello))
+    core.call(now_ns)
+    core.receive(messages.encode(Welcome(2, 7, 5, "", "1", SEAT, "a-ticket", "observer")), now_ns)
+    core.outbox.clear()
+    assert core.session.state == "seated"
+    return core
+
+
+def test_the_newest_view_is_shown_with_its_age() -> None:
+    core = looking()
+    assert (core.view, core.age_ns(5)) == (None, None)
+    core.receive(view(3), 10)
+    assert core.view == messages.decode(view(3))
+    assert (core.views, core.age_ns(25)) == (1, 15)
+
+
+@given(st.permutations(range(8)))
+def test_late_and_repeated_views_change_nothing(order: list[int]) -> None:
+    core = looking()
+    newest = -1
+    for number in order:
+        core.receive(view(number), 1)
+        newest = max(newest, number)
+        assert core.view is not None
+        assert core.view.number == newest
+    core.receive(view(newest), 2)
+    assert core.session.dropped["late view"] == 9 - core.views
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        View(5, 9, (0.0, 0.0, 0.0), (), (), (), Stamp(1)),
+        View(5, 9, (0.0, 0.0), (0, 1), (0.0,), (0.0, 0.0), Stamp(1)),
+        View(5, 9, (0.0, 0.0), (0,), (0.0,), (), Stamp(1)),
+    ],
+)
+def test_a_view_that_does_not_add_up_is_not_shown(odd: View) -> None:
+    core = looking()
+    core.receive(messages.encode(odd), 1)
+    assert core.view is None
+    assert core.session.dropped == {"unfit": 1}
+
+
+def test_waves_are_not_for_it_and_garbage_is_counted() -> None:
+    core = looking()
+    waves = messages.encode(Waves(5, 0, (0.1,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0)))
+    for datagram in (waves, b"garbage", view(1, session=6)):
+        core.receive(datagram, 1)
+    assert core.view is None
+    assert core.session.dropped == {"unexpected": 1, "malformed": 1, "other session": 1}
+
+
+def test_it_says_that_it_is_there_and_nothing_else() -> None:
+    core = looking()
+    for now_ns in range(0, 4 * HEARTBEAT_EVERY_NS, 20 * MS):
+        core.receive(view(now_ns // MS), now_ns)
+        core.poll(now_ns)
+    assert {type(messages.decode(datagram)) for datagram in core.outbox} == {Heartbeat}
+    assert 3 <= len(core.outbox) <= 5
+    core.leave("seen enough", 10**9)
+    assert isinstance(messages.decode(core.outbox[-1]), Leave)
+    core.receive(messages.encode(Farewell(5, "goodbye")), 10**9)
+    assert (core.session.state, core.session.failed) == ("closed", "")
+
+
+def test_it_comes_back_and_sees_the_new_servers_views_from_their_first() -> None:
+    core = looking()
+    core.receive(view(1000), 0)
+    core.poll(QUIET_NS)
+    [asked] = [messages.decode(datagram) for datagram in core.outbox]
+    assert isinstance(asked, Hello)
+    assert (asked.role, asked.ticket) == ("observer", "a-ticket")
+    again = msgspec.structs.replace(SEAT, user="observer 2")
+    core.receive(messages.encode(Welcome(2, 7, 6, "", "1", again, "a-ticket", "observer")), QUIET_NS + 1)
+    assert core.session.state == "seated"
+    assert core.view is not None, "the old view stays until there is a new one"
+    core.receive(view(3, session=6), QUIET_NS + 2)
+    assert core.view.number == 3
+
+
+def test_one_who_was_shown_out_says_why() -> None:
+    core = looking()
+    core.receive(messages.encode(Farewell(5, "an observer may not send waves")), 1)
+    assert core.session.failed == "the server said goodbye: an observer may not send waves"

@@ -1,0 +1,186 @@
+"""A session whose server fell silent: it asks for its seat again, and what comes of that; and one that only looks on."""
+
+import msgspec
+import pytest
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
+from cogrip.protocol.session import (
+    HEARTBEAT_EVERY_NS,
+    HELLO_EVERY_NS,
+    LEAVE_GIVE_UP_NS,
+    LOST_NS,
+    QUIET_NS,
+    RESUME_GIVE_UP_NS,
+    ClientSession,
+)
+from cogrip.server.core import ServerCore
+
+from tests.protocol.two_ends import MS, exchange, hello, seated, server, waves
+
+
+def said(client: ClientSession) -> list[messages.AnyMessage]:
+    found = [messages.decode(datagram) for datagram in client.outbox]
+    client.outbox.clear()
+    return found
+
+
+def quiet(now_ns: int = 5) -> tuple[ClientSession, ServerCore]:
+    """A client that has just noticed that its server is silent."""
+    client, core = seated(now_ns, tickets=True)
+    client.outbox.clear()
+    client.poll(now_ns + QUIET_NS)
+    assert client.state == "resuming"
+    return client, core
+
+
+def test_half_a_second_of_silence_makes_a_client_ask_for_its_seat_again() -> None:
+    client, _ = seated(now_ns=5, tickets=True)
+    client.outbox.clear()
+    client.poll(5 + QUIET_NS - 1)
+    assert (client.state, list(client.outbox)) == ("seated", [])
+    client.poll(5 + QUIET_NS)
+    assert client.state == "resuming"
+    [asked] = said(client)
+    assert asked == msgspec.structs.replace(hello(ticket="ticket-1"), padding=asked.padding)
+    client.poll(5 + QUIET_NS + HELLO_EVERY_NS - 1)
+    assert not client.outbox
+    client.poll(5 + QUIET_NS + HELLO_EVERY_NS)
+    assert len(client.outbox) == 1
+    assert len(client.outbox[0]) == HELLO_BYTES
+
+
+def test_nothing_but_hellos_goes_out_meanwhile() -> None:
+    client, _ = quiet()
+    client.outbox.clear()
+    client.heartbeat(5 + QUIET_NS + HEARTBEAT_EVERY_NS)
+    assert not client.outbox
+
+
+def test_after_ten_seconds_nobody_is_sought_any_more() -> None:
+    client, _ = quiet()
+    for now_ns in range(5 + QUIET_NS, 5 + RESUME_GIVE_UP_NS, 50 * MS):
+        client.poll(now_ns)
+    client.poll(5 + RESUME_GIVE_UP_NS - 1)
+    assert client.state == "resuming"
+    client.poll(5 + RESUME_GIVE_UP_NS)
+    assert (client.state, client.failed) == ("closed", "no server for 10 s")
+
+
+def test_the_old_way_may_be_heard_again_by_itself() -> None:
+    client, _ = quiet()
+    message = client.receive(waves(100), 5 + 800 * MS)
+    assert isinstance(message, Waves)
+    assert (client.state, client.away_ns, client.resumed, client.renewed) == ("seated", 800 * MS, 1, 0)
+    assert client.last_heard_ns == 5 + 800 * MS
+
+
+def test_another_address_takes_the_seat_along() -> None:
+    client, core = quiet()
+    exchange(client, core, 5 + QUIET_NS, "another address")
+    seat = core.rooms[0].seats[0]
+    assert (client.state, client.resumed, client.renewed) == ("seated", 1, 0)
+    assert (seat.state, seat.session, seat.address) == ("seated", 100, "another address")
+    core.receive(waves(100), "anna's", 6 + QUIET_NS)
+    assert core.dropped == {"not seated": 1}, "the address that was left"
+
+
+def test_a_server_that_was_started_anew_gives_another_session() -> None:
+    client, core = quiet()
+    again = server(tickets=True)
+    again._new_session = lambda: 777
+    again.restore(core.checkpoint()[0], 5)
+    exchange(client, again, 5 + QUIET_NS, "anna's")
+    assert client.welcome is not None
+    assert (client.state, client.welcome.session, client.resumed, client.renewed) == ("seated", 777, 0, 1)
+    client.receive(waves(100), 6 + QUIET_NS)
+    assert client.dropped == {"other session": 1}
+
+
+def test_a_seat_that_timed_out_is_had_again_by_its_ticket() -> None:
+    client, core = quiet()
+    core.tick(core.rooms[0], 5 + LOST_NS + 1)
+    assert core.rooms[0].seats[0].state == "free"
+    core.outbox.clear()
+    client.outbox.clear()
+    client.poll(6 + LOST_NS)
+    exchange(client, core, 6 + LOST_NS, "another address")
+    assert (client.state, client.renewed) == ("seated", 1)
+    assert core.rooms[0].seats[0].state == "seated"
+
+
+def test_one_who_was_shown_out_does_not_come_back() -> None:
+    client, core = quiet()
+    core.kick("anna")
+    core.outbox.clear()
+    second = ClientSession(hello(nonce=8))
+    second.call(6)
+    exchange(second, core, 6, "another's")
+    exchange(client, core, 5 + QUIET_NS, "another address")
+    assert client.state == "closed"
+    assert "the seat of 'anna' is taken" in client.failed
+
+
+@pytest.mark.parametrize("other", [{"user": "ben"}, {"seat": 1}, {"rendered_npm": 5.0}])
+def test_another_seat_is_not_gone_on_with(other: dict[str, object]) -> None:
+    client, _ = quiet()
+    client.outbox.clear()
+    assert client.welcome is not None
+    settings = msgspec.structs.replace(client.welcome.settings, **other)
+    client.receive(messages.encode(Welcome(2, 7, 300, "", "1", settings, "t")), 5 + QUIET_NS)
+    assert (client.state, client.failed) == (
+        "closed",
+        "the server came back with another seat or other settings: join anew",
+    )
+    [goodbye] = said(client)
+    assert isinstance(goodbye, Leave)
+    assert goodbye.session == 300, "that seat is given back"
+
+
+def test_leaving_while_nobody_is_there_ends_all_the_same() -> None:
+    client, _ = quiet()
+    client.leave("enough", None, 5 + QUIET_NS)
+    assert client.state == "leaving"
+    client.poll(5 + QUIET_NS + LEAVE_GIVE_UP_NS)
+    assert (client.state, client.failed) == ("closed", "")
+
+
+def test_only_a_welcome_to_our_own_hello_is_an_answer() -> None:
+    client, _ = seated(tickets=True)
+    assert client.welcome is not None
+    ours = messages.encode(client.welcome)
+    assert client.answers(ours)
+    for other in (messages.encode(msgspec.structs.replace(client.welcome, nonce=8)), waves(100), b"noise", ours[:40]):
+        assert not client.answers(other)
+    assert client.state == "seated", "asking changes nothing"
+
+
+# Looking on -----------------------------------------------------------------------------------------------------------
+
+
+def view(session: int, number: int = 1) -> bytes:
+    return messages.encode(View(session, number, (0.0, 0.0), (), (), (), Stamp(1)))
+
+
+@pytest.mark.parametrize("role", ["player", "observer"])
+def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
+    client, core = ClientSession(hello(role=role)), server(tickets=True)
+    client.call(0)
+    exchange(client, core, 0)
+    assert client.welcome is not None
+    session = client.welcome.session
+    mine, others = (view, waves) if role == "observer" else (waves, view)
+    assert client.receive(mine(session), 1) == messages.decode(mine(session))
+    assert client.receive(others(session), 2) is None
+    assert client.dropped == {"unexpected": 1}
+    assert client.last_heard_ns == 1
+
+
+def test_an_observer_comes_back_to_the_same_place() -> None:
+    client, core = ClientSession(hello("", role="observer")), server(tickets=True)
+    client.call(0)
+    exchange(client, core, 0, "olaf's")
+    client.poll(QUIET_NS)
+    exchange(client, core, QUIET_NS, "another address")
+    assert (client.state, client.resumed, client.renewed) == ("seated", 1, 0)
+    assert [each.address for each in core.rooms[0].gallery.observers.values()] == ["another address"]

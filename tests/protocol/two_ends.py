@@ -1,0 +1,50 @@
+"""A client's session and a server, and the words between them."""
+
+from itertools import count
+
+import msgspec
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Hello, Stamp, Waves
+from cogrip.protocol.session import ClientSession, make_hello
+from cogrip.protocol.settings import resolve
+from cogrip.server.core import ServerCore
+
+MS = 1_000_000
+SETTINGS = resolve({"name": "lab", "users": [{"name": "anna"}, {"name": "ben", "side": "right"}]})
+
+
+def hello(name: str = "anna", nonce: int = 7, **other: object) -> Hello:
+    made = make_hello(
+        software="1", nonce=nonce, room="lab", name=name, digest="", device="sim:phantom", axes=1, rate_hz=1024.0
+    )
+    return msgspec.structs.replace(made, **other)
+
+
+def server(tickets: bool = False) -> ServerCore:
+    """Sessions are numbered from 100, tickets are called ticket-1, ticket-2 ..., where there are any."""
+    numbers, made = count(100), count(1)
+    return ServerCore(
+        [SETTINGS], "1", lambda: next(numbers), new_ticket=lambda: f"ticket-{next(made)}" if tickets else ""
+    )  # fmt: skip
+
+
+def waves(session: int, number: int = 0) -> bytes:
+    return messages.encode(Waves(session, number, (0.0,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0)))
+
+
+def exchange(client: ClientSession, core: ServerCore, now_ns: int, address: str = "anna's") -> None:
+    while client.outbox:
+        core.receive(client.outbox.popleft(), address, now_ns)
+    while core.outbox:
+        to, datagram = core.outbox.popleft()
+        if to == address:
+            client.receive(datagram, now_ns)
+
+
+def seated(now_ns: int = 0, tickets: bool = False) -> tuple[ClientSession, ServerCore]:
+    client, core = ClientSession(hello()), server(tickets)
+    client.call(now_ns)
+    exchange(client, core, now_ns)
+    assert client.state == "seated"
+    return client, core
