@@ -54,9 +54,9 @@ def setup(*args: str) -> int:
         print("dev.py: making .venv; the first time this can take a minute", file=sys.stderr)
         # Some Linux distributions leave ensurepip out, so .venv is made without pip and filled from outside.
         venv.create(VENV, clear=True, with_pip=False, symlinks=os.name != "nt")
-        _pip("install", "--require-hashes", "--only-binary", ":all:", "--requirement", LOCK)
+        _pip("install", "--no-compile", "--require-hashes", "--only-binary", ":all:", "--requirement", LOCK)
     # The lock already holds the build backend: nothing is fetched here.
-    _pip("install", "--no-deps", "--no-build-isolation", "--no-index", "--editable", ROOT)
+    _pip("install", "--no-compile", "--no-deps", "--no-build-isolation", "--no-index", "--editable", ROOT)
     STAMP.write_text(json.dumps(wanted))
     return 0
 
@@ -67,6 +67,8 @@ def demo(*args: str) -> int:
 
 def test(*args: str) -> int:
     os.chdir(ROOT)
+    # The matrices are small: a second thread of theirs only spins, on a core that a live loop needs.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     return setup() or _become("pytest", *(args or ("-n", "2", "--dist", "worksteal")))
 
 
@@ -159,6 +161,9 @@ def _call(*command: str | Path) -> int:
 def _become(name: str, *args: str) -> int:
     """Hand this process over to a command of the environment: its signals and exit code are then its own."""
     command = [str(_tool(name)), *args]
+    os.environ.pop(
+        "PYTHONDONTWRITEBYTECODE", None
+    )  # .venv is ours, and filled uncompiled: or every process would compile anew
     if os.name != "nt":
         sys.stdout.flush()
         os.execv(command[0], command)

@@ -16,6 +16,11 @@ from tests.live.held_arms import Arm, Session, Spoken
 LIMIT_S = 25.0  # for anything a process is waited for; a hang then fails with what was said
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """These come first: one worker has all of them, so no two sessions in real time take the processors from each other."""
+    items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
+
+
 class Process:
     """A `cogrip` command whose words are read as they come."""
 
@@ -26,6 +31,7 @@ class Process:
             env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
         )  # fmt: skip
         self.said = ""
+        self._silent = False  # it says no more
         self._news = threading.Condition()
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -37,12 +43,14 @@ class Process:
                 self.said += line
                 self._news.notify_all()
         with self._news:
+            self._silent = True
             self._news.notify_all()
 
     def hear(self, pattern: str) -> re.Match[str]:
-        """Wait until it has said something that matches."""
+        """Wait until it has said something that matches, or nothing more can come."""
         with self._news:
-            found = self._news.wait_for(lambda: re.search(pattern, self.said), LIMIT_S)
+            self._news.wait_for(lambda: re.search(pattern, self.said) or self._silent, LIMIT_S)
+            found = re.search(pattern, self.said)
         assert found, f"never said {pattern!r}, but:\n{self.said}"
         return found
 

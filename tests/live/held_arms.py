@@ -59,6 +59,7 @@ class Spoken:
         self.said = ""
         self.expected_stalls = 0
         self._heard = 0
+        self._silent = False  # it says no more
         self._news = threading.Condition()
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -70,6 +71,7 @@ class Spoken:
                 self.said += line
                 self._news.notify_all()
         with self._news:
+            self._silent = True
             self._news.notify_all()
 
     def tell(self, line: str) -> None:
@@ -80,9 +82,7 @@ class Spoken:
     def hear(self, pattern: str) -> re.Match[str]:
         """Wait until it says something that matches, after what was heard before."""
         with self._news:
-            self._news.wait_for(
-                lambda: re.search(pattern, self.said[self._heard :]) or not self._listener.is_alive(), LIMIT_S
-            )
+            self._news.wait_for(lambda: re.search(pattern, self.said[self._heard :]) or self._silent, LIMIT_S)
             found = re.search(pattern, self.said[self._heard :])
             assert found, f"never said {pattern!r} any more, but:\n{self.said}"
             self._heard += found.end()
@@ -135,12 +135,12 @@ class Arm(Spoken):
         until(lambda: (self.force_n() > 0.02) is wanted, f"{self.port} pushes: {wanted}")
 
 
-def until(good: Callable[[], bool], what: str) -> None:
-    """Looks fifty times a second: an emulator that is asked without a pause has no time for its wire."""
+def until(good: Callable[[], bool], what: str, every_s: float = 0.02) -> None:
+    """Looks fifty times a second: who is asked without a pause has no time for its wire, and a processor less for its loop."""
     deadline = time.monotonic() + LIMIT_S
     while not good():
         assert time.monotonic() < deadline, f"never: {what}"
-        select.select([], [], [], 0.02)
+        select.select([], [], [], every_s)
 
 
 def fairly(test: Callable[..., None]) -> Callable[..., None]:

@@ -75,8 +75,10 @@ def test_an_arm_that_was_unplugged_wants_its_calibration_before_it_is_re_armed(s
     annas.tell("mend")
     annas.hear("plugged in again")
     anna.popen.send_signal(signal.SIGUSR1)
+    # behind the same terminal as before, or behind another one, which was never calibrated
     assert re.search(
-        r"was plugged in again since it was calibrated on .*`cogrip devices calibrate", anna.hear("not re-armed: .*")[0]
+        r"(was plugged in again since it was calibrated on|its pose is not known, so) .*`cogrip devices calibrate",
+        anna.hear("not re-armed: .*")[0],
     )
     until(lambda: session.state("anna") == "fault", "anna's recording says fault")
     calibrate()
@@ -177,7 +179,7 @@ def test_the_demo_with_two_arms(start, tmp_path):
     """Counts that are no clocks; the numbers are those of `cogrip bench devices`."""
     arms = [start.arm("a", "reach&amplitude_m=0.03"), start.arm("b", "reach&amplitude_m=0.03&delay_s=0.25")]
     devices = [word for arm in arms for word in ("--device", arm.address)]
-    demo = start("demo", "--seconds", "5", "--runs", tmp_path / "runs", *devices, *WITHIN)
+    demo = start("demo", "--seconds", "3.5", "--runs", tmp_path / "runs", *devices, *WITHIN)
     code = demo.end()
     (folder,) = (tmp_path / "runs").iterdir()
     said = "".join(log.read_text() for log in folder.glob("*.log"))

@@ -6,6 +6,7 @@ import shutil
 import signal
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,8 @@ from cogrip.protocol.recording.reader import Follower, RecordingError, open_reco
 from cogrip.protocol.recording.records import kind_of
 from cogrip.sim.replay.verify import verify
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+
+from tests.live.held_arms import until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="finds the writers in /proc")
 
@@ -46,10 +49,13 @@ class End:
 
     def await_recording(self) -> None:
         """Until its file can be opened and its writer is known."""
-        while not hasattr(self, "_follower"):
-            self.still_runs()
+
+        def opened() -> bool:
             with suppress(FileNotFoundError, RecordingError):  # not there, or not whole yet
                 self._follower = Follower(self.path)
+            return hasattr(self, "_follower")
+
+        self.until(opened, "its file can be opened")
         pid = self.process.popen.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes() for child in children}
@@ -65,22 +71,25 @@ class End:
         status = Path(f"/proc/{self.process.popen.pid}/status").read_text()
         return int(status.partition("\nvoluntary_ctxt_switches:")[2].split()[0])
 
-    def still_runs(self) -> None:
-        """Skips the test where the machine stalled, and fails it where the session broke off otherwise."""
-        if self.process.popen.poll() is not None:
-            code = self.process.end()
-            pytest.fail(
-                f"{self.name} has ended before it was told to, with {code}: {self.process.said}\n{self.server.said}"
-            )
+    def until(self, good: Callable[[], bool], what: str, every_s: float = 0.02) -> None:
+        """Wait for something. Skips the test where the machine stalled, fails it where the session broke off otherwise."""
+
+        def seen() -> bool:
+            if self.process.popen.poll() is not None:
+                code = self.process.end()
+                pytest.fail(
+                    f"{self.name} has ended before it was told to, with {code}: {self.process.said}\n{self.server.said}"
+                )
+            return good()
+
+        until(seen, f"{self.name}: {what}", every_s)
 
     def await_moment(self, chance: Random, rate_hz: int) -> None:
         """Until some of it is on the disk, and then to anywhere between two flushes."""
-        wanted = self.newest() + chance.randrange(rate_hz // 2)
-        while self.newest() < wanted:
-            self.still_runs()
-        wanted = self.turns() + chance.randrange(rate_hz // 4)
-        while self.turns() < wanted:
-            self.still_runs()
+        written = self.newest() + chance.randrange(rate_hz // 2)
+        self.until(lambda: self.newest() >= written, f"{written} on the disk")
+        turned = self.turns() + chance.randrange(rate_hz // 4)
+        self.until(lambda: self.turns() >= turned, f"{turned} turns", every_s=0.002)
 
     def await_end(self) -> None:
         """Until it is gone, and its writer, which has the same output."""
@@ -181,12 +190,10 @@ def test_a_run_folder_removed_while_people_play_is_there_again_afterwards(run, s
     ]
     for end in ends:
         end.await_recording()
-        while end.newest() < 50:
-            end.still_runs()
+        end.until(lambda end=end: end.newest() >= 50, "50 on the disk")
     shutil.rmtree(folder)
     for end in ends:
-        while not end.path.exists():
-            end.still_runs()
+        end.until(end.path.exists, "its file is there again")
     for process in (person, server):
         process.signal(signal.SIGINT)
         assert process.end() == 0, process.said

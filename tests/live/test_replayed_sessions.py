@@ -15,7 +15,7 @@ from cogrip.sim.run_folder import CLOCKS
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 HAND = DATA / "tue_1dof_PP_kp8.csv"
-SECONDS = 3
+SECONDS = 2
 RESOLUTION_M = 3e-5  # of the phantom's encoders
 MS = 1_000_000
 CONFIG = """
@@ -49,7 +49,7 @@ def hand_trace(run: Path) -> tuple[Numbers, Numbers]:
 def session(
     run: Callable[..., Any], serve: Callable[..., Any], config: Path, runs: Path, anna: str, ben: str
 ) -> dict[str, Path]:
-    """Three seconds of two people, each with a device; their run folders and the server's."""
+    """Two seconds of two people, each with a device; their run folders and the server's."""
     server, port = serve(config)
     people = {
         name: run(

@@ -13,13 +13,14 @@ import pytest
 
 from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.emulated.firmware import Firmware
+from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.protocol.settings import resolve
 from cogrip.sim.laboratory import Laboratory, Person
 
 RATE_HZ = 1024
-HANDS = ("reach&amplitude_m=0.03&delay_s=0.5&stroke_s=0.3", "hold")
-BEGIN_S = 1.88  # the hand is on its way, and pulls
+HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
+BEGIN_S = 0.48  # the hand is on its way, and pulls
+AFTER_S = 1.5  # five strokes
 TOLERATED = ("split", "stale")  # the driver copes: they are counted, and the session goes on
 POSE_LOST = {  # the counters are wrong from then on; a report of HID has no checksum, so garbage reads as a jump
     "emulated:vintage": ("jump", "stuck", "unplug"),
@@ -33,17 +34,24 @@ WEAK_N = 0.4  # a limit that these hands reach
 # the firmware's own, which ends the force where nothing reaches it
 WATCHDOG_S = {"emulated:vintage": 0.1, "emulated:woodenhaptics": 0.5}
 DEAF_FOR_EVER = ("emulated:2diy",)  # has none: when it hears again it is told to let go
+HOLDS_ON = ("emulated:woodenhaptics", "emulated:2diy")  # a stroke and longer while deaf: the force stays where it was
 
 
 @dataclass
 class Course:
-    """What the motors truly did, tick by tick [N], and in which state the clients were."""
+    """How much the motors truly pushed, all axes together, tick by tick [N], and in which state the clients were."""
 
     force: list[tuple[float, float]] = field(default_factory=list)
     state: list[tuple[str, str]] = field(default_factory=list)
 
     def peak(self, person: int, begin: int, end: int | None = None) -> float:
         return max(row[person] for row in self.force[begin:end])
+
+    def kick_n(self, whole: "Course", person: int, begin: int, end: int | None = None, *, held: bool = False) -> float:
+        """How far the force ever was above that of the same tick in `whole`; and, where it is `held`, above that of `begin`."""
+        least = self.force[begin][person] if held else 0.0
+        both = zip(self.force[begin:end], whole.force[begin:end], strict=False)
+        return max(mine[person] - max(theirs[person], least) for mine, theirs in both)
 
 
 def session(wire: str, seconds: float, hands: tuple[str, str], pose: str = "home") -> Laboratory:
@@ -88,7 +96,7 @@ def passive(laboratory: Laboratory) -> bool:
 @cache
 def undisturbed(wire: str) -> Course:
     """The same session, where nothing goes wrong."""
-    return run(session(wire, 4.5, HANDS), lambda tick: None)
+    return run(session(wire, BEGIN_S + AFTER_S, HANDS), lambda tick: None)
 
 
 NOT_FOUND = {  # wires on which a fault cannot be seen
@@ -104,20 +112,27 @@ def faults(*left_out: str) -> list[tuple[str, str]]:
     ]
 
 
-@pytest.mark.parametrize(("wire", "verb"), faults())
+SLIPS = [(wire, f"slip {joint}") for wire in WIRES for joint in "bc" if (wire, joint) != ("emulated:2diy", "c")]
+
+
+@pytest.mark.parametrize(("wire", "verb"), [*faults(), *SLIPS])
 def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
-    laboratory = session(wire, 4.0, HANDS)
+    """A `jump` is a slip of encoder a; a 2diy has no encoder c."""
+    laboratory = session(wire, BEGIN_S + AFTER_S, HANDS)
     anna = laboratory.people[0]
     begin = round(BEGIN_S * RATE_HZ)
 
     def each(tick: int) -> None:
         if tick == begin:
-            firmware(anna).fault(verb)
+            if verb.startswith("slip"):
+                firmware(anna).mechanics.slip("abc".index(verb[-1]), JUMP_COUNTS)
+            else:
+                firmware(anna).fault(verb)
 
     course, whole = run(laboratory, each), undisturbed(wire)
     assert course.force[begin - 1][0] > 0.3, "there was a force to end"
-    for person in (0, 1):
-        assert course.peak(person, begin) < whole.peak(person, begin) + KICK_N
+    assert course.kick_n(whole, 0, begin, held=verb == "deaf" and wire in HOLDS_ON) < KICK_N
+    assert course.kick_n(whole, 1, begin) < KICK_N
     assert all(state == "live" for _, state in course.state[begin:]), "the other goes on"
     assert passive(laboratory)
     assert not laboratory.diverged
@@ -135,7 +150,7 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
 
 @pytest.mark.parametrize(("wire", "verb"), faults(*TOLERATED))
 def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
-    laboratory = session(wire, 4.5, HANDS, pose="stored")
+    laboratory = session(wire, BEGIN_S + 0.6 + AFTER_S, HANDS, pose="stored")
     anna = laboratory.people[0]
     begin, mended, again = (round(at * RATE_HZ) for at in (BEGIN_S, BEGIN_S + 0.3, BEGIN_S + 0.6))
     refusals: list[str] = []
@@ -162,6 +177,9 @@ def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
     assert anna.core.safety.state == "live"
     assert course.peak(0, again + RATE_HZ // 2) > 0.2, "force flows again"
     for person in (0, 1):
+        held = person == 0 and verb == "deaf" and wire in HOLDS_ON
+        assert course.kick_n(undisturbed(wire), person, begin, mended, held=held) < KICK_N
+        # then anna goes on, out of step with what she would have done, or somewhere else
         assert course.peak(person, begin) < undisturbed(wire).peak(person, 0) + KICK_N
     assert passive(laboratory)
 

@@ -52,7 +52,8 @@ CASES = [
 @pytest.mark.parametrize("frequency_hz", [1.0, 5.0, 18.0])
 def test_the_model_renders_what_a_session_does(condition: str, scheme: str, frames: int, frequency_hz: float) -> None:
     settings, offset, session = case(condition, scheme, frames)
-    measured = measure(settings, 0, frequency_hz, amplitude_m=AMPLITUDE_M, offset_m=offset, settle_s=8.0)
+    settle_s = 6.0 if frames == 3 else 3.0  # what a long line rings on for
+    measured = measure(settings, 0, frequency_hz, amplitude_m=AMPLITUDE_M, offset_m=offset, settle_s=settle_s)
     model = impedance(session, 0, np.array([2.0 * pi * measured.frequency_hz]))[0]
     assert abs(measured.impedance - model) < 1e-3 * abs(model)  # asked: 3 %
 

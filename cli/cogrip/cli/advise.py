@@ -5,8 +5,9 @@ from typing import Any
 
 from rich.console import Console
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Devices, Json, Overrides, Question, write_json
+from cogrip.cli.question import Devices, Overrides, Question
 from cogrip.cli.settings_file import load, with_people
 from cogrip.devices.device import DeviceError
 from cogrip.sim.analysis.advice import Advice, advise

@@ -15,8 +15,8 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.question import Json, write_json
 from cogrip.cli.settings_file import load, shipped
 from cogrip.protocol.settings import Settings
 from cogrip.sim.run_folder import SUMMARY, write_settings

@@ -10,8 +10,8 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Json, write_json
 from cogrip.client.velocity import AlphaBeta, impedance_bounds, largest_impedance, memory_for
 from cogrip.devices.device import Capability
 from cogrip.sim.velocity.comparison import Found, chosen, compare, devices

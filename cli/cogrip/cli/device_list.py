@@ -9,8 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Json, write_json
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.devices.registry import FAMILIES, MOST_AXES, Listing, broken, describe, families, is_real
 from cogrip.devices.settings import parse_address

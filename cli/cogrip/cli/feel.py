@@ -6,8 +6,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.question import AS_IT_STANDS, Json, Overrides, Question, write_json
+from cogrip.cli.question import AS_IT_STANDS, Overrides, Question
 from cogrip.sim.analysis.delay_budget import budget, total_s
 from cogrip.sim.analysis.feel import conditions
 from cogrip.sim.analysis.linear_session import LinearSession

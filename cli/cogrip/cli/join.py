@@ -24,7 +24,6 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make
 from cogrip.protocol.channel import Channel, PlainChannel
-from cogrip.protocol.io.sealed_call import SealedCall
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, parse_link, split_place
 from cogrip.protocol.messages import Hello
@@ -166,7 +165,11 @@ class Place:
 
     @property
     def channel(self) -> Callable[[], Channel]:
-        return (lambda: SealedCall(self.fingerprint)) if self.fingerprint else PlainChannel
+        if not self.fingerprint:
+            return PlainChannel
+        from cogrip.protocol.io.sealed_call import SealedCall  # OpenSSL takes a while
+
+        return lambda: SealedCall(self.fingerprint)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,14 @@
-"""What the commands that analyse have in common: the settings with a scheme put in, the delays, notes, and JSON."""
+"""What the commands that analyse have in common: the settings with a scheme put in, the delays, and notes."""
 
-import json
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.problem import BadInput
 from cogrip.cli.settings_file import load
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings
@@ -30,10 +28,6 @@ Overrides = Annotated[
     Parameter(
         name="--set", negative="", help="Override a setting: section.key=value. Repeatable; a user's are users.0.key."
     ),
-]
-Json = Annotated[
-    str | None,
-    Parameter(allow_leading_hyphen=True, help="Write the answer as JSON to this file (- for standard output)."),
 ]
 
 
@@ -82,15 +76,3 @@ class Question:
 
 
 AS_IT_STANDS = Question()
-
-
-def write_json(answer: Mapping[str, Any], where: str) -> None:
-    """To standard output for "-", else to a file. Raises Problem where that cannot be written."""
-    text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
-    if where == "-":
-        sys.stdout.write(text)
-        return
-    try:
-        Path(where).write_text(text)
-    except OSError as error:
-        raise Problem(f"--json {where}: cannot be written: {error}") from None

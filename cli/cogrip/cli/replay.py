@@ -9,10 +9,11 @@ from typing import Any
 from rich.console import Console
 
 from cogrip.cli.compared_table import compared_table
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.opened_run import opened
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Json, Overrides, write_json
+from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import override, try_hands
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Json, write_json
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.sim.run_list import ListedRun, list_runs
 

@@ -19,7 +19,6 @@ from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load as load_settings
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.io.certificate import CertificateError, load, secret_of
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_host
 from cogrip.protocol.settings import Settings, for_strangers
@@ -30,7 +29,6 @@ from cogrip.server.happenings import Happening
 from cogrip.server.io.doorkeeper import TokenDoor
 from cogrip.server.io.keeper import Keeper
 from cogrip.server.io.metrics_feed import MetricsError, open_metrics
-from cogrip.server.io.sealed_channel import SealedListener
 from cogrip.server.io.state_folder import (
     ServerRecord,
     StateError,
@@ -128,7 +126,7 @@ def serve(
             server.doorkeeper = door
         try:
             bound = server.listen()
-        except (ServeError, CertificateError) as error:
+        except ServeError as error:
             raise Problem(str(error)) from None
         run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
         folders: dict[str, Path] = {}
@@ -230,11 +228,17 @@ def _state_folder(state: Path | None, port: int, sealed: bool, say: Say, stack: 
 
 
 def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
-    """Sealed where there is a folder for the key."""
+    """Sealed where there is a folder for the key. Raises ServeError."""
     gate = Gate(secrets.token_bytes(16))
     if folder is None:
         return PlainListener(gate, core.listens_to)
-    return SealedListener(folder.path, gate, core.knows)
+    from cogrip.protocol.io.certificate import CertificateError  # OpenSSL takes a while
+    from cogrip.server.io.sealed_channel import SealedListener
+
+    try:
+        return SealedListener(folder.path, gate, core.knows)
+    except CertificateError as error:
+        raise ServeError(str(error)) from None
 
 
 def _write_settings(rooms: Sequence[Settings], folders: dict[str, Path], run_folder: Path, say: Say) -> None:
@@ -251,13 +255,15 @@ def _tell_commands(
 ) -> None:  # fmt: skip
     """Leave for `cogrip token` and `cogrip kick` what they need to know; print the links."""
     host, port = _public(public, bound)
-    fingerprint = load(folder.path).fingerprint if sealed else ""
     seats = {room.name: [user.name for user in room.users] for room in rooms}
     try:
-        write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
         if not sealed:
+            write_server(folder, ServerRecord(host, port, "", seats, os.getpid()))
             return
-        secret = secret_of(folder.path)
+        from cogrip.protocol.io.certificate import load, secret_of
+
+        fingerprint, secret = load(folder.path).fingerprint, secret_of(folder.path)
+        write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
         made = TokenFile(folder).change(lambda book: book.standing(secret, list(seats), time.time()))
     except StateError as error:
         raise Problem(str(error)) from None

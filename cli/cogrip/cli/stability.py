@@ -5,8 +5,9 @@ from pathlib import Path
 from cyclopts import App
 from rich.console import Console
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.question import AS_IT_STANDS, Json, Overrides, Question, write_json
+from cogrip.cli.question import AS_IT_STANDS, Overrides, Question
 from cogrip.devices.device import DeviceError
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import largest_stable, verdict

@@ -9,8 +9,9 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.question import Json, Overrides, write_json
+from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import load, try_hands
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.plots.style import NotDrawnError, png

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import Problem
-from cogrip.cli.question import Json, write_json
 from cogrip.cli.state_at import Port, State, state_at
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.server.io.state_folder import StateError

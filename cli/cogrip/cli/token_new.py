@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.question import Json, write_json
 from cogrip.cli.state_at import Port, State, check_known, server_at, state_at
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
 from cogrip.protocol.messages import Role

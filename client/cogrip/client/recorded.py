@@ -17,7 +17,7 @@ from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.noted import Noted
 from cogrip.protocol.recording.records import Command, Datagram, Event, Ledger, Tick
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import Held, Sink, encode, topics
+from cogrip.protocol.recording.sink import Held, Nowhere, Sink, encode, topics
 
 KINDS = ("tick", "datagram_in", "datagram_out", "command", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, COMMAND, EVENT, ACCOUNT = range(6)
@@ -108,6 +108,8 @@ class RecordedClient(ClientCore):
 
     def act(self, now_ns: int) -> tuple[float, ...]:
         force = super().act(now_ns)
+        if type(self._sink) is Nowhere:
+            return force
         sample, velocity, coupling, safety = self._sample, tuple(self.velocity_mps), self.coupling, self.safety
         position = given = unfit = None
         if sample is not None:

@@ -5,7 +5,7 @@ The way round that no driver goes: the inverse kinematics, and its own slopes fo
 
 from __future__ import annotations
 
-from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.kinematics import Matrix, Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.emulated.body import Body
 
@@ -22,6 +22,7 @@ class Mechanics:
         self.peak_force_n = 0.0
         self.currents_ma: Vector = (0.0, 0.0, 0.0)
         self._angles: Vector = (0.0, 0.0, 0.0)
+        self._sloped: tuple[Vector, Matrix] | None = None  # the newest slopes, and where they are of
         self._zero: Vector = model.home_counts
         self._travel = [0.0, 0.0, 0.0]
         self._frozen: dict[int, int] = {}
@@ -101,20 +102,27 @@ class Mechanics:
         if not any(currents_ma):
             force: Vector = (0.0, 0.0, 0.0)
         else:
+            at = self.body.position_m
+            if self._sloped is None or self._sloped[0] != at:
+                self._sloped = at, self._slopes(at)
             torque = self.model.drive.torque(currents_ma)
-            x, y, z = self.body.position_m
-            slopes = []
-            for dx, dy, dz in ((STEP_M, 0.0, 0.0), (0.0, STEP_M, 0.0), (0.0, 0.0, STEP_M)):
-                ahead = self.model.kinematics.inverse((x + dx, y + dy, z + dz))
-                behind = self.model.kinematics.inverse((x - dx, y - dy, z - dz))
-                if ahead is None or behind is None:
-                    slopes.append(0.0)
-                    continue
-                slopes.append(
-                    sum(tau * (new - old) for tau, new, old in zip(torque, ahead, behind, strict=True)) / (2.0 * STEP_M)
-                )
-            force = (slopes[0], slopes[1], slopes[2])
+            x, y, z = (sum(slope * tau for slope, tau in zip(row, torque, strict=True)) for row in self._sloped[1])
+            force = (x, y, z)
         self.force_n = force
         size = sum(part * part for part in force) ** 0.5
         self.peak_force_n = max(self.peak_force_n, size)
         self.body.push(force)
+
+    def _slopes(self, position_m: Vector) -> Matrix:
+        """(d theta / d x)^T: what each joint turns by along each axis; 0 along an axis on which the links are stretched."""
+        x, y, z = position_m
+        inverse = self.model.kinematics.inverse
+        rows: list[Vector] = []
+        for dx, dy, dz in ((STEP_M, 0.0, 0.0), (0.0, STEP_M, 0.0), (0.0, 0.0, STEP_M)):
+            ahead, behind = inverse((x + dx, y + dy, z + dz)), inverse((x - dx, y - dy, z - dz))
+            if ahead is None or behind is None:
+                rows.append((0.0, 0.0, 0.0))
+                continue
+            a, b, c = ((new - old) / (2.0 * STEP_M) for new, old in zip(ahead, behind, strict=True))
+            rows.append((a, b, c))
+        return rows[0], rows[1], rows[2]

@@ -15,7 +15,6 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative, Positive, unknown
@@ -60,6 +59,8 @@ class Recording:
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
         """Position [m] and velocity [m/s] at `time_s` (k,), each (k, axes); held, at rest, outside the recording."""
+        from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]  # half a second, for these hands only
+
         curve: Any = PchipInterpolator(self.time_s, self.position_m, axis=0)
         inside = np.clip(time_s, 0.0, self.time_s[-1])
         velocity = np.where((inside == time_s)[:, None], curve(inside, 1), 0.0)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import savgol_filter  # type: ignore[import-untyped]
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.recorded_motion import Array, capability_of, find, read_motion, split_user
@@ -65,6 +64,8 @@ def _acceleration(position_m: Array, rate_hz: int) -> Array:
     window = 2 * round(SMOOTH_S * rate_hz / 2) + 1
     if len(position_m) < window:
         return np.zeros_like(position_m)
+    from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # half a second, for these hands only
+
     smooth: Array = savgol_filter(position_m, window, 3, deriv=2, delta=1.0 / rate_hz, axis=0)
     return smooth
 

@@ -18,7 +18,7 @@ from cogrip.sim.analysis.state_space import Array
 SEARCHED_TO_NPM = 1e7
 SEARCHED_FROM_NPM = 1.0
 _STEPS_A_DECADE = 24
-_CHUNK = 4096
+_CHUNK = 1024  # matrices at a time: more do not fit into a cache
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy import signal  # type: ignore[import-untyped]
 
+from cogrip.sim.plots.spectra import coherence_of, correlations, frequencies, power_density
 from cogrip.sim.plots.style import AXIS_NAMES, FAINT, INK, Array, NotDrawnError, Sheet, Style, colour, label
 from cogrip.sim.traces import MOST_PEOPLE, Run
 from cogrip.sim.verdict import number as plain
@@ -59,11 +59,10 @@ def correlation(first: Array, second: Array, rate_hz: float) -> tuple[float, flo
     """(Pearson's r, largest r within a second's lag, lag [s]; positive: `second` moves later)."""
     first, second = (first - first.mean()) / first.std(), (second - second.mean()) / second.std()
     size = len(first)
-    every = signal.correlate(second, first, method="fft") / size
     reach = min(size - 1, round(_FURTHEST_LAG_S * rate_hz))
-    near = every[size - 1 - reach : size + reach]
+    near = correlations(first, second, reach) / size
     best = int(np.argmax(near))
-    return float(every[size - 1]), float(near[best]), (best - reach) / rate_hz
+    return float(near[reach]), float(near[best]), (best - reach) / rate_hz
 
 
 def coherence(run: Run) -> Figure:
@@ -75,9 +74,10 @@ def coherence(run: Run) -> Figure:
     shared, power = sheet.panels[:, 0]
     legend: list[tuple[str, Style]] = []
     pairs = list(combinations(range(len(values)), 2))
+    frequency = frequencies(rate_hz, segment)
+    shown = (frequency > 0.0) & (frequency <= _HIGHEST_HZ)
     for index, (first, second) in enumerate(pairs[:_MOST_PAIRS]):
-        frequency, level = signal.coherence(values[first], values[second], rate_hz, nperseg=segment)
-        shown = (frequency > 0.0) & (frequency <= _HIGHEST_HZ)
+        level = coherence_of(values[first], values[second], segment)
         style: Style = {"color": INK if index < len(_DASHES) else FAINT, "ls": _DASHES[index % len(_DASHES)], "lw": 1.8}
         shared.plot(frequency[shown], level[shown], **style)
         r, best, lag_s = correlation(values[first], values[second], rate_hz)
@@ -92,8 +92,7 @@ def coherence(run: Run) -> Figure:
     shared.axhline(1.0 - 0.05 ** (1.0 / (independent - 1)), color=FAINT, lw=1.2, ls=(0, (6, 3)))
     legend.append(("one in twenty by chance", {"color": FAINT, "ls": (0, (6, 3))}))
     for number, row in zip(moved.numbers, values, strict=True):
-        frequency, density = signal.welch(row, rate_hz, nperseg=segment)
-        shown = (frequency > 0.0) & (frequency <= _HIGHEST_HZ)
+        density = power_density(row, rate_hz, segment)
         power.semilogy(frequency[shown], density[shown] * 1e6, color=colour(number), lw=1.5)
         legend.append((label(run.names[number]), {"color": colour(number), "lw": 2.5}))
     shared.set_ylim(0.0, 1.03)
