@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from ipaddress import ip_address
+from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -19,6 +20,7 @@ from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load as load_settings
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_host
 from cogrip.protocol.settings import Settings, for_strangers
@@ -30,6 +32,7 @@ from cogrip.server.io.doorkeeper import TokenDoor
 from cogrip.server.io.keeper import Keeper
 from cogrip.server.io.metrics_feed import MetricsError, open_metrics
 from cogrip.server.io.state_folder import (
+    BusyError,
     ServerRecord,
     StateError,
     StateFolder,
@@ -39,7 +42,7 @@ from cogrip.server.io.state_folder import (
     write_server,
 )
 from cogrip.server.io.token_file import TokenFile
-from cogrip.server.loop import LiveServer, ServeError, ServerChannel
+from cogrip.server.loop import HostError, LiveServer, ServeError, ServerChannel
 from cogrip.server.plain_channel import PlainListener
 from cogrip.sim.run_folder import SERVER_RECORDING, write_settings
 from cogrip.sim.summary import of_room
@@ -107,27 +110,24 @@ def serve(
         Record the session; every replay, report and verification needs it.
     """
     rooms = _rooms(config, overrides, port, into)
+    host = _host(host)
     lines = LogLines(log)
     say = lines.say
     sealed = not insecure and (seal or not _is_loopback(host))
-    if seal and insecure:
-        raise BadInput("--seal and --insecure exclude each other; leave one out")
+    _check_flags(seal, insecure, sealed, public, metrics, seconds)
     if sealed:
         rooms = [for_strangers(room) for room in rooms]
     names = [room.name for room in rooms]
     stop = Stop()
     with ExitStack() as stack:
         folder = _state_folder(state, port, sealed, say, stack)
-        door = TokenDoor(TokenFile(folder), say) if sealed and folder else None
+        door = _door(folder, say) if sealed and folder else None
         server = LiveServer(
             rooms, host, port, stop, say, lambda core: _channel(core, folder if sealed else None), seconds=seconds
         )
         if door is not None:
             server.doorkeeper = door
-        try:
-            bound = server.listen()
-        except ServeError as error:
-            raise Problem(str(error)) from None
+        bound = _listen(server)
         run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
         folders: dict[str, Path] = {}
         if run_folder is not None:
@@ -141,25 +141,14 @@ def serve(
             server.close()
             raise Problem(str(error)) from None
         with on_signals(stop, hangup="reload"):
-            if not sealed and not ip_address(bound[0]).is_loopback:
-                say(
-                    f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed (--insecure): "
-                    "anyone may join, listen, and forge what moves a motor"
-                )
-            for settings in rooms:
-                if sealed and settings.coupling.kind == "coupling":
-                    say(
-                        f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
-                        "serve people you trust, or waves"
-                    )
-                _warn(settings, say)
+            _warn_of(rooms, bound, sealed, say)
             if folder is not None:
                 _tell_commands(folder, public, bound, rooms, sealed, links, say)
             if feed is not None:
                 say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
             keeper.begin()
             how = "sealed" if sealed else "plain"
-            say(f"listening on {bound[0]}:{bound[1]}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
+            say(f"listening on {place_text(bound)}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
             try:
                 server.run()
             finally:
@@ -167,6 +156,45 @@ def serve(
             say(f"stopped: {stop.reason}")
             losses = {**server.drops(), **server.losses(), **keeper.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
+
+
+def _check_flags(
+    seal: bool, insecure: bool, sealed: bool, public: str | None, metrics: int | None, seconds: float | None
+) -> None:
+    """Raises BadInput for flags that exclude each other, do nothing, or are out of bounds."""
+    if seal and insecure:
+        raise BadInput("--seal and --insecure exclude each other; leave one out")
+    if public is not None and not sealed:
+        raise BadInput("--public is for the links of a sealed server: add --host ADDRESS or --seal, or leave it out")
+    if metrics is not None and not 0 <= metrics <= 65535:
+        raise BadInput(f"--metrics {metrics} is outside 0 to 65535")
+    if seconds is not None and not 0.0 < seconds < inf:
+        raise BadInput(f"--seconds {seconds:g} is no time to serve: give more than 0, or leave it out")
+
+
+def _listen(server: LiveServer) -> tuple[str, int]:
+    try:
+        return server.listen()
+    except HostError as error:
+        raise BadInput(str(error)) from None
+    except ServeError as error:
+        raise Problem(str(error)) from None
+
+
+def _warn_of(rooms: Sequence[Settings], bound: tuple[str, int], sealed: bool, say: Say) -> None:
+    """Say what is dangerous, unstable or not bounded, before anyone comes."""
+    if not sealed and not ip_address(bound[0].partition("%")[0]).is_loopback:
+        say(
+            f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed (--insecure): "
+            "anyone may join, listen, and forge what moves a motor"
+        )
+    for settings in rooms:
+        if sealed and settings.coupling.kind == "coupling":
+            say(
+                f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
+                "serve people you trust, or waves"
+            )
+        _warn(settings, say)
 
 
 def _conclude(
@@ -200,6 +228,15 @@ def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Pa
     return rooms
 
 
+def _host(host: str) -> str:
+    """The address to listen on, an IPv6 one without its brackets."""
+    bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+    name, colon, port = bare.rpartition(":")
+    if not bare or (colon and port.isdigit() and ":" not in name):
+        raise BadInput(f"--host {host!r}: give an address of this machine alone; the port goes after --port")
+    return bare
+
+
 def _is_loopback(host: str) -> bool:
     """Whether nobody beyond this machine can reach `host`; a name that cannot be resolved is told of by `listen`."""
     try:
@@ -221,10 +258,17 @@ def _state_folder(state: Path | None, port: int, sealed: bool, say: Say, stack: 
         stack.enter_context(one_server(folder))
     except StateError as error:
         if sealed or state is not None:
-            raise Problem(str(error)) from None
+            raise (Problem if isinstance(error, BusyError) else BadInput)(str(error)) from None
         say(f"warning: nothing can be restored, and nobody shown out: {error}")
         return None
     return folder
+
+
+def _door(folder: StateFolder, say: Say) -> TokenDoor:
+    try:
+        return TokenDoor(TokenFile(folder), say)
+    except StateError as error:
+        raise BadInput(str(error)) from None
 
 
 def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
@@ -267,6 +311,8 @@ def _tell_commands(
         made = TokenFile(folder).change(lambda book: book.standing(secret, list(seats), time.time()))
     except StateError as error:
         raise Problem(str(error)) from None
+    if links and public is None and bound[0] in WILDCARDS:
+        say(f"links name {host}, which is a guess; --public HOST if people reach this machine by another name")
     for each in made if links else ():
         link = JoinLink(host, port, each.room, fingerprint, each.token)
         say(f"join {each.room} as {each.role}:  cogrip join '{link.text}'")

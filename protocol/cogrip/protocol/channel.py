@@ -63,3 +63,11 @@ class PlainChannel:
 
     def close(self, address: Address) -> None:
         """Nothing is kept."""
+
+
+def place_text(address: Address) -> str:
+    """An address for people."""
+    if not isinstance(address, tuple) or len(address) < 2:
+        return str(address)
+    host = str(address[0])
+    return f"[{host}]:{address[1]}" if ":" in host else f"{host}:{address[1]}"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 import msgspec
 
 from cogrip.protocol import messages
-from cogrip.protocol.channel import Address
+from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Heartbeat, Hello, Leave, State, Waves
 from cogrip.protocol.session import nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
@@ -386,8 +386,3 @@ class ServerCore:
         self.events.append(
             Happening(event, f"{room.name}: {who.name} {words}", room.name, who.name, where, token=who.token)
         )
-
-
-def place_text(address: Address) -> str:
-    """An address for people."""
-    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)

@@ -4,6 +4,7 @@ A tick of a room: drain the socket, step, send one datagram a user. Rooms may ha
 does (checkpoints, metrics, its keeper's wishes) are chores: called between ticks, none of which may wait for anything.
 """
 
+import errno
 import hashlib
 import secrets
 import socket
@@ -15,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.protocol.channel import Address, Channel
+from cogrip.protocol.channel import Address, Channel, place_text
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
@@ -49,6 +50,10 @@ Chore = Callable[[int], None]
 
 class ServeError(Exception):
     """The server cannot listen. The text says why and what to do."""
+
+
+class HostError(ServeError):
+    """There is no such address here, and there will be none."""
 
 
 @dataclass(slots=True)
@@ -88,10 +93,7 @@ class LiveServer:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
             self._socket.bind(family[4])
         except OSError as error:
-            raise ServeError(
-                f"cannot listen on {self.host}:{self.port}: {error.strerror or error}; "
-                "choose another --port, or end the program that has it"
-            ) from None
+            raise _cannot_listen(self.host, self.port, error) from None
         self._socket.setblocking(False)
         host, port = self._socket.getsockname()[:2]
         self.core = RecordedServer(
@@ -271,6 +273,17 @@ class LiveServer:
                 put(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
                 self.core.socket_failed(str(error.strerror))
+
+
+def _cannot_listen(host: str, port: int, error: OSError) -> ServeError:
+    why = error.strerror or error
+    if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+        return HostError(
+            f"--host {host} is no address of this machine ({why}); 0.0.0.0 is all of its addresses, 127.0.0.1 itself alone"
+        )
+    return ServeError(
+        f"cannot listen on {place_text((host, port))}: {why}; choose another --port, or end the program that has it"
+    )
 
 
 def mark(ticket: str) -> str:

@@ -83,7 +83,7 @@ def render(run: Run, pictures: list[Picture]) -> str:
         room_table(summary),
         "</section></div>",
         *map(figure, pictures),
-        "<h2>Dropped datagrams</h2>",
+        "<h2>Dropped, refused, dealt with</h2>",
         dropped_table(summary),
         "<h2>Settings</h2>",
         settings_tables(settings),

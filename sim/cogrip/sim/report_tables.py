@@ -130,13 +130,14 @@ def room_table(summary: Summary) -> str:
 
 
 def dropped_table(summary: Summary) -> str:
-    """What was thrown away, by the name of its reason."""
+    """What went no further, or had to be dealt with, by the name of its reason."""
     dropped = dig(summary, "server", "dropped")
     if not isinstance(dropped, dict):
         return "<p>What was dropped is not known.</p>"
-    if not dropped:
+    counted = {reason: count for reason, count in dropped.items() if count}
+    if not counted:
         return "<p>No datagram was dropped.</p>"
-    return table([], [row(str(reason), "", [number(count, digits=0)]) for reason, count in dropped.items()])
+    return table([], [row(str(reason), "", [number(count, digits=0)]) for reason, count in counted.items()])
 
 
 def settings_tables(settings: dict[str, Any]) -> str:

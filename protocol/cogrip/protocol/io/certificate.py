@@ -46,8 +46,13 @@ def fingerprint_of(der: bytes) -> str:
 
 def load(folder: Path) -> Identity:
     """The identity in `folder`, made where there is none yet. Raises CertificateError."""
+    path, had_key = folder / CERTIFICATE_FILE, (folder / KEY_FILE).exists()
     key = _key(folder)
-    path = folder / CERTIFICATE_FILE
+    if had_key and not path.exists():
+        raise CertificateError(
+            f"{folder / KEY_FILE} is there and {path} is not; put the certificate back, or delete {KEY_FILE}: "
+            "new ones are made, and links change"
+        )
     try:
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
     except FileNotFoundError:
@@ -67,7 +72,7 @@ def load(folder: Path) -> Identity:
 
 def secret_of(folder: Path) -> bytes:
     """SECRET_BYTES that follow from the private key, to derive other secrets from. Raises CertificateError."""
-    scalar = _key(folder).private_numbers().private_value.to_bytes(32, "big")
+    scalar = load(folder).key.private_numbers().private_value.to_bytes(32, "big")
     return HKDF(hashes.SHA256(), SECRET_BYTES, salt=None, info=SECRET_LABEL).derive(scalar)
 
 

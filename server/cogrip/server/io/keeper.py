@@ -69,7 +69,7 @@ class Keeper:
         while core.events:
             self._say(core.events.popleft())
         self._server.chores.append(self.chore)
-        self._notifier.ready(f"{len(core.rooms)} rooms")
+        self._notifier.ready(f"rooms: {', '.join(room.name for room in core.rooms)}")
 
     def chore(self, now_ns: int) -> None:
         """Between two ticks."""
@@ -153,7 +153,9 @@ class Keeper:
 
     def _reload(self) -> tuple[str, bool]:
         if self._door is None:
-            return "nothing to read again: this server takes no tokens", True
+            text = "nothing to read again: this server takes no tokens"
+            self._say(Happening("reloaded", text))
+            return text, True
         good = self._door.reload()
         ended = self._end_revoked()
         words = f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cogrip.protocol.channel import Address
+from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import (
     CHANGE_CIPHER_SPEC,
@@ -174,7 +174,7 @@ class SealedListener:
         if not reason:
             answer = refusal(nonce_of(datagram), "sealed", SEALED)
             self.outbox.append((address, answer))
-            self._tell(f"refused {_place(address)}: it spoke without a seal", address, "sealed", now_ns)
+            self._tell(f"refused {place_text(address)}: it spoke without a seal", address, "sealed", now_ns)
         return ()
 
     def _greet(self, datagram: bytes, address: Address, now_ns: int) -> None:
@@ -251,7 +251,7 @@ class SealedListener:
     def _fail(self, peer: "_Peer", address: Address, now_ns: int) -> None:
         reason = peer.association.failed
         self._drop(f"handshake failed: {reason}")
-        self._tell(f"refused {_place(address)}: {reason}", address, "seal", now_ns)
+        self._tell(f"refused {place_text(address)}: {reason}", address, "seal", now_ns)
 
     def _end(self, address: Address, peer: "_Peer") -> None:
         del self._open[address]
@@ -270,7 +270,7 @@ class SealedListener:
 
     def _tell(self, text: str, address: Address, code: str, now_ns: int) -> None:
         if self._voice.take(0, now_ns):
-            self.events.append(Happening("refused", text, address=_place(address), code=code))
+            self.events.append(Happening("refused", text, address=place_text(address), code=code))
 
     def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
         """What this address may have been sent lately."""
@@ -303,10 +303,3 @@ class _Peer:
 def _of_handshake(datagram: bytes) -> bool:
     """Whether a datagram can only be of a handshake that is under way: all but messages, and alerts under a seal."""
     return datagram[0] in (CHANGE_CIPHER_SPEC, HANDSHAKE) or not (datagram[3] or datagram[4])
-
-
-def _place(address: Address) -> str:
-    """An address for people."""
-    if isinstance(address, tuple) and len(address) >= 2:
-        return f"[{address[0]}]:{address[1]}" if ":" in str(address[0]) else f"{address[0]}:{address[1]}"
-    return str(address)

@@ -28,6 +28,10 @@ class StateError(Exception):
     """The state folder, or a file in it, is not fit for use. The text says why and what to do."""
 
 
+class BusyError(StateError):
+    """Somebody else has it, for now."""
+
+
 class NoStateError(StateError):
     """There is none."""
 
@@ -189,7 +193,7 @@ def locked(path: Path, busy: str, limit_s: float = 0.0) -> Iterator[None]:
                 break
             except BlockingIOError:
                 if time.monotonic() >= until_s:
-                    raise StateError(busy) from None
+                    raise BusyError(busy) from None
                 time.sleep(_LOOK_AGAIN_S)
             except OSError as error:  # some network file systems have no locks
                 raise StateError(
