@@ -3,6 +3,7 @@
 import io
 
 import msgspec
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -18,11 +19,15 @@ from cogrip.protocol.io.sealed_call import SealedCall
 from cogrip.protocol.messages import Hello, Stamp, View, Welcome
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.sim.analysis.advice import Advice
+from cogrip.sim.analysis.linear_session import ModelError
+from cogrip.sim.analysis.stability import Limit, Verdict
 
 from tests.cli.spoiled_runs import Cogrip
 
 FINGERPRINT, TOKEN = "0123456789abcdef" * 4, "tokentokentokentoken_-"
 LINK = f"cogrip://127.0.0.1:4711/lab#{FINGERPRINT}.{TOKEN}"
+NO_NAME = "this is for looking on: --name has no effect"
 
 
 @pytest.mark.parametrize(
@@ -31,13 +36,27 @@ LINK = f"cogrip://127.0.0.1:4711/lab#{FINGERPRINT}.{TOKEN}"
         ([LINK, "--insecure"], 2, "--insecure is for HOST:PORT; with a link everything is sealed"),
         ([LINK, "--room", "attic"], 2, "room 'attic' is asked for, and the link is for 'lab'"),
         ([LINK[:-3]], 2, "the token has 19 characters"),
-        ([LINK.partition("#")[0]], 2, "there is no # with fingerprint and token behind it"),
+        ([LINK.partition("#")[0]], 2, "the part after # is missing: put the link in quotes"),
         ([LINK, "--observe", "--device", "sim:phantom"], 2, "--observe needs no --device"),
         (["192.0.2.7:47800"], 1, "192.0.2.7 is not this machine"),
         (["192.0.2.7", "--observe"], 1, "use the join link that the server printed (cogrip://...); --insecure"),
         (["no-such-host.invalid"], 1, "check the server's name"),
         (["127.0.0.1:0"], 2, "write HOST:PORT, such as 127.0.0.1:47800, or the server's join link"),
         (["::1"], 2, "an IPv6 address stands in brackets"),
+        ([LINK.replace("cogrip", "http")], 2, "a join link begins with cogrip://"),
+        ([LINK.removeprefix("cogrip://")], 2, "a join link begins with cogrip://"),
+        ([LINK.partition("/lab")[2]], 2, "a join link begins with cogrip://"),
+        ([LINK.partition("#")[2]], 2, "this is the end of a join link: paste it whole"),
+        ([f"cdef.{TOKEN}"], 2, "this is the end of a join link: paste it whole"),
+        ([FINGERPRINT], 2, "this is the end of a join link: paste it whole"),
+        ([LINK.partition("//")[2].replace("#", "")], 2, "this is the end of a join link: paste it whole"),
+        ([f"-{TOKEN}"], 2, "unknown option before the server"),
+        ([f"--{TOKEN}"], 2, "unknown option before the server"),
+        (["--devcie", "x", LINK], 2, "unknown option --devcie before the server"),
+        ([LINK, "--devcie", "x"], 2, "Did you mean --device?"),
+        ([LINK, "x"], 2, "one link or HOST:PORT is needed, and 2 words stand there"),
+        (["my", "link:", LINK], 2, "one link or HOST:PORT is needed, and 3 words stand there"),
+        (["cogrip", "join"], 2, "host: there is none"),
     ],
 )
 def test_what_cannot_be_joined_is_refused_in_words_without_the_secret(
@@ -48,6 +67,14 @@ def test_what_cannot_be_joined_is_refused_in_words_without_the_secret(
     assert words in problems
     assert TOKEN[:19] not in problems
     assert FINGERPRINT not in problems
+
+
+def test_the_end_of_a_link_is_not_looked_up(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked_up: list[object] = []
+    monkeypatch.setattr(join, "find", lambda *where: looked_up.append(where))
+    for text in (f"{FINGERPRINT}.{TOKEN}", f"cdef.{TOKEN}", FINGERPRINT, f"#{FINGERPRINT}.{TOKEN}", f"lab#{TOKEN}"):
+        assert cogrip("join", text)[0] == 2
+    assert looked_up == []
 
 
 def asked(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[Hello, Calls]:
@@ -78,6 +105,20 @@ def test_a_link_is_all_that_is_needed(cogrip: Cogrip, monkeypatch: pytest.Monkey
     assert isinstance(calls.make_channel(), SealedCall), "with a link nothing is ever said in the open"
 
 
+@pytest.mark.parametrize("pasted", [f"<{LINK}>", f"'{LINK}'", f" cogrip join '{LINK}'\n"])
+def test_a_link_is_taken_as_it_was_pasted(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, pasted: str) -> None:
+    assert asked(cogrip, monkeypatch, pasted)[0].token == TOKEN
+    assert asked(cogrip, monkeypatch, "cogrip", "join", pasted)[0].token == TOKEN
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{pasted.strip()}\nmore\n"))
+    assert asked(cogrip, monkeypatch, "-")[0].token == TOKEN
+
+
+def test_standard_input_without_a_link_is_said(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    code, _, problems = cogrip("join", "-")
+    assert (code, "standard input has no join link in its first line" in problems) == (2, True)
+
+
 def test_a_hello_claims_its_devices_record(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     hello, calls = asked(cogrip, monkeypatch, "127.0.0.1", "--device", "sim:phantom?hand=hold")
     record = join.make("sim:phantom?hand=hold", axes=3).capability
@@ -104,6 +145,73 @@ def test_an_observer_needs_no_device(cogrip: Cogrip, monkeypatch: pytest.MonkeyP
     assert (hello.role, hello.token, hello.device) == ("observer", TOKEN, "none")
 
 
+def test_a_name_has_no_effect_on_one_who_looks_on(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(join, "look_on", lambda *_: 0)
+    assert cogrip("join", LINK, "--observe") == (0, "", "")
+    assert cogrip("join", LINK, "--observe", "--name", "anna") == (0, f"{NO_NAME}\n", "")
+
+    class Client:
+        def __init__(self, _arm: Device, hello: bytes, *_: object) -> None:
+            self.hello = hello
+
+        def run(self) -> ClientSession:
+            return ClientSession(self.hello)
+
+    monkeypatch.setattr(join, "LiveClient", Client)
+    assert cogrip("join", LINK) == (0, "", "")
+    assert cogrip("join", LINK, "--name", "anna") == (0, f"{NO_NAME}\n", "")
+
+
+# What is said of a seat, whatever the server asks for ---------------------------------------------------------------------
+
+
+def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **sections: object) -> tuple[str, int]:
+    """What a person reads, and how often the model was asked."""
+    seat = seat_settings(resolve({"users": [{"name": "a"}], **sections}), 0)
+    record = join.make("sim:phantom?hand=hold", axes=1).capability
+    asked: list[object] = []
+
+    def advise_seat(*what: object) -> Advice:
+        asked.append(what)
+        if raises is not None:
+            raise raises
+        return Advice(Verdict("passive", 0.5, 0.5, (), 1), Limit(None, 1.0), 1.0, (), ())
+
+    monkeypatch.setattr(join, "advise_seat", advise_seat)
+    console = Console(width=200, color_system=None)
+    with console.capture() as capture:
+        join._warn(seat, record, console)
+    return capture.get(), len(asked)
+
+
+@pytest.mark.parametrize("error", [ModelError, ValueError, OverflowError, ZeroDivisionError, np.linalg.LinAlgError])
+def test_a_model_that_breaks_is_no_reason_to_stay_away(monkeypatch: pytest.MonkeyPatch, error: type[Exception]) -> None:
+    assert warned(monkeypatch, error("not of this world")) == ("warning: no advice: not of this world\n", 1)
+
+
+FRAME_MS = 1e3 / 128
+
+
+@pytest.mark.parametrize(
+    ("sections", "asked"),
+    [
+        ({"link": {"delay_ms": 48 * FRAME_MS}}, 1),
+        ({"link": {"up": {"delay_ms": 49 * FRAME_MS}, "down": {"delay_ms": 48 * FRAME_MS}}}, 0),
+        ({"playout": {"frames": 48}}, 1),
+        ({"playout": {"frames": 49}}, 0),
+        ({"playout": {"frames": 20}, "coupling": {"kind": "coupling"}}, 1),
+        ({"playout": {"frames": 21}, "coupling": {"kind": "coupling"}}, 0),
+        ({"rates": {"device_hz": 256, "network_hz": 1}}, 1),
+        ({"rates": {"device_hz": 257, "network_hz": 1}}, 0),
+    ],
+)
+def test_a_model_that_would_take_for_ever_is_not_asked(
+    monkeypatch: pytest.MonkeyPatch, sections: dict[str, object], asked: int
+) -> None:
+    said = "" if asked else "warning: no advice: the delays are too long for the model\n"
+    assert warned(monkeypatch, **sections) == (said, asked)
+
+
 # What an observer is shown ----------------------------------------------------------------------------------------------
 
 
@@ -125,7 +233,7 @@ def test_a_line_says_where_everything_is() -> None:
     assert line(seeing(None), 0) == "nothing seen yet; nobody holds it"
     assert line(seeing(VIEW), 40_000_000) == (
         "object at +12.0 -3.0 mm, +100.0 +0.0 mm/s, 40 ms ago; "
-        "seat 0 at +13.0 +0.0 mm, +1.25 +0.00 N; seat 2 at +11.0 +0.0 mm, -1.25 +0.50 N"
+        "seat 1 at +13.0 +0.0 mm, +1.25 +0.00 N; seat 3 at +11.0 +0.0 mm, -1.25 +0.50 N"
     )
 
 
@@ -134,8 +242,8 @@ def test_a_table_has_a_row_a_hand() -> None:
     console.print(table(seeing(VIEW), 5_000_000))
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     rows = [text.split() for text in shown.splitlines()]
-    assert ["0", "+13.0", "+0.0", "+1.25", "+0.00"] in rows
-    assert ["2", "+11.0", "+0.0", "-1.25", "+0.50"] in rows
+    assert ["1", "+13.0", "+0.0", "+1.25", "+0.00"] in rows
+    assert ["3", "+11.0", "+0.0", "-1.25", "+0.50"] in rows
     assert "5 ms ago" in shown
 
 

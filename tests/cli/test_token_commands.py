@@ -133,7 +133,7 @@ def test_as_json(token, folder) -> None:
     made = only_token(folder)
     assert answer["id"] == made.id
     assert parse_link(answer["link"]).fingerprint == SERVER.fingerprint
-    assert answer["expires"] == made.expires
+    assert answer["expires_s"] == made.expires
     assert made.expires is not None
     assert 7190 <= made.expires - made.created <= 7200
 
@@ -147,11 +147,14 @@ def test_as_json(token, folder) -> None:
         (["--room", "wall", "--name", "anna"], "--name 'anna': the server has no such seat; there is: carl"),
         (["--role", "observer", "--name", "anna"], "an observer has neither seat nor device"),
         (["--role", "king"], "king"),
-        (["--device", "d" * 41], "device: "),
-        (["--note", "\x07"], "note: "),
+        (["--device", "d" * 41], "--device has 41 characters, more than 40"),
+        (["--note", "n" * 5000], "--note has 5000 characters, more than 200"),
+        (["--note", "two\nlines"], "--note holds a line break or control character; leave it out"),
+        (["--note", "\x07"], "--note holds a line break or control character; leave it out"),
+        (["--device", "hid:ä"], "device: "),
         (["--host", "a b"], "--host: host 'a b': write a name"),
         (["--host", "::1"], "an IPv6 address stands in brackets"),
-        (["--expires", "soon"], "--expires 'soon': write 30m, 2h, 3d, 1w, or a date such as 2026-12-24T18:00"),
+        (["--expires", "soon"], "--expires 'soon': write 30m, 2h, 3d, 1w, a time such as 2026-12-24T18:00, or a day"),
         (["--expires", "2001-01-01"], "that is past"),
         (["--json", "file.json"], "have it on standard output"),
     ],
@@ -162,6 +165,25 @@ def test_what_cannot_be_is_refused_and_makes_no_token(token, folder, arguments, 
     assert words in err + out
     assert not folder.tokens.exists()
     assert not Path("file.json").exists()
+
+
+@pytest.mark.parametrize("device", ["", "h", "hid", "hid:", "hid:wooden", "sim:phantom?hand=hold"])
+def test_a_device_that_there_is_raises_no_doubt(token, folder, device) -> None:
+    code, _, err = token("new", "--device", device)
+    assert (code, "warning" in err) == (0, False)
+
+
+@pytest.mark.parametrize(
+    ("device", "words"),
+    [("hdi:wooden", "did you mean 'hid'?"), ("hi:", "did you mean 'hid'?"), ("xyzzy", "there is: emulated, ")],
+)
+def test_a_device_of_no_family_is_doubted_and_taken(token, folder, device, words) -> None:
+    code, out, err = token("new", "--device", device)
+    assert code == 0
+    assert f"warning: --device {device!r}: no device family here is called" in err
+    assert words in err
+    assert parse_link(out)
+    assert only_token(folder).device == device
 
 
 def test_a_link_needs_a_sealed_server_and_a_way_to_it(cogrip, token, folder) -> None:
@@ -194,7 +216,8 @@ NOW_S = 1_800_000_000.25
 
 
 @pytest.mark.parametrize(
-    ("text", "seconds"), [("1s", 1), ("90m", 5400), ("2h", 7200), ("3d", 259200), (" 1w ", 604800)]
+    ("text", "seconds"),
+    [("1s", 1), ("90m", 5400), ("2h", 7200), ("3d", 259200), (" 1w ", 604800), ("2H", 7200), ("2 h", 7200)],
 )
 def test_an_end_some_time_from_now(text, seconds) -> None:
     assert expiry(text, NOW_S) == 1_800_000_000 + seconds
@@ -207,9 +230,35 @@ def test_an_end_at_a_date() -> None:
     assert expiry("2027-01-15T08:00:01Z", NOW_S) == 1_800_000_001
 
 
+def test_an_end_with_a_day(monkeypatch) -> None:
+    def midnight(*day: int) -> int:
+        return int(datetime(*day).astimezone().timestamp())  # type: ignore[arg-type]
+
+    assert expiry("2027-12-24", NOW_S) == midnight(2027, 12, 25)
+    assert expiry("2027-12-31", NOW_S) == midnight(2028, 1, 1)
+    end_s = midnight(2027, 12, 25)
+    assert expiry("2027-12-24", end_s - 1) == end_s, "good to its last second"
+    with pytest.raises(BadInput, match="that is past"):
+        expiry("2027-12-24", end_s)
+
+
 @pytest.mark.parametrize(
     "text",
-    ["0s", "-1h", "2027-01-15T08:00:00Z", "4000d", "999999999w", "1e3s", "٣h", "", "9999-12-31T23:59:59-12:00", "1.5h"],
+    [
+        "9999-12-31",
+        "1M",
+        "2  h",
+        "0s",
+        "-1h",
+        "2027-01-15T08:00:00Z",
+        "4000d",
+        "999999999w",
+        "1e3s",
+        "٣h",
+        "",
+        "9999-12-31T23:59:59-12:00",
+        "1.5h",
+    ],
 )
 def test_an_end_that_is_none(text) -> None:
     with pytest.raises(BadInput, match="--expires"):
@@ -235,12 +284,12 @@ def test_the_list_shows_what_became_of_each_and_no_secret(cogrip, token, folder)
     code, out, _ = token("list")
     assert code == 0
     heading, *rows = out.splitlines()
-    assert heading.split() == ["id", "role", "room", "seat", "device", "good", "for", "state", "when", "note"]
+    assert heading.split() == ["id", "role", "room", "seat", "good", "for", "state", "when", "note"]
     assert [row.split()[0] for row in rows] == ids
     for row, words in zip(
         rows,
         (
-            ["player", "demo", "anna", "any", "standing", "good", "since", "for [bold]A."],
+            ["player", "demo", "anna", "standing", "good", "since", "for [bold]A."],
             ["player", "any", "one time", "used", "at 2027-01-15 08:00 UTC"],
             ["expired", "at 2001-09-09 01:46 UTC"],
             ["observer", "any", "-", "revoked", "at 2027-01-15 08:00 UTC"],
@@ -257,7 +306,38 @@ def test_the_list_shows_what_became_of_each_and_no_secret(cogrip, token, folder)
     for shown in (out, answer):
         for secret in [link.token for link, _ in links] + [each.hash for each in file.load().tokens]:
             assert secret not in shown
+    assert [row for row in listed[1] if row.endswith("_s")] == ["created_s", "expires_s", "used_s", "revoked_s"]
+    assert (listed[1]["used_s"], listed[3]["revoked_s"]) == (1_800_000_000, 1_800_000_000)
     assert cogrip("token", "--port", PORT)[1] == out, "a list is what is meant by `token` alone"
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_list_is_whole_in_a_narrow_terminal(token, folder, monkeypatch, terminal) -> None:
+    """The id stands first and can be copied; the note is last, in one piece; nothing hangs on the terminal's width."""
+    note = "for A. in the long room at the end of the corridor"
+    _, one = new(token, "--room", "demo", "--note", note)
+    monkeypatch.setenv("COLUMNS", "60")
+    if terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        monkeypatch.setenv("TERM", "xterm-256color")
+    code, out, _ = token("list")
+    assert code == 0
+    assert ("\x1b[" in out) == terminal
+    heading, row = re.sub(r"\x1b\[[0-9;]*m", "", out).splitlines()
+    assert heading.split() == ["id", "role", "room", "good", "for", "state", "when", "note"]
+    assert row.startswith(f"{one}  player  demo  standing  good ")
+    assert row.endswith(f"  {note}")
+    assert [heading.index(word) for word in ("state", "when", "note")] == [
+        row.index(word) for word in ("good ", "since", "for A.")
+    ]
+
+
+def test_columns_that_say_nothing_are_left_out(token, folder) -> None:
+    new(token)
+    new(token, "--role", "observer")
+    assert token("list")[1].splitlines()[0].split() == ["id", "role", "good", "for", "state", "when"]
+    new(token, "--device", "hid:")
+    assert "device" in token("list")[1].splitlines()[0]
 
 
 def test_an_empty_list(token, folder) -> None:
@@ -330,6 +410,10 @@ def test_a_token_in_an_ids_place_is_not_shown(token, folder) -> None:
         assert code == 2
         assert "an id has 8 hexadecimal digits" in err
         assert link.token not in out + err
+    for given, words in (("abcdef0", "7 characters"), ("abcdef012", "9 characters"), ("abcdefgh", "other characters")):
+        code, _, err = token("revoke", given)
+        assert code == 2
+        assert f"an id has 8 hexadecimal digits, as `cogrip token list` shows it; what is given has {words}" in err
     code, _, err = token("revoke")
     assert (code, "name at least one id" in err) == (2, True)
 
@@ -362,6 +446,7 @@ def test_a_kick_without_a_server(cogrip, folder) -> None:
         (["anna", "--room", "dmo"], "--room 'dmo': the server has no such room; did you mean 'demo'?"),
         ([""], "name somebody"),
         (["a" * 41], "user has 41 characters, more than 40"),
+        (["anna", "--reason", "a\nb"], "--reason holds a line break or control character; leave it out"),
         (["anna", "--reason", "r" * 201], "--reason has 201 characters, more than 200"),
     ],
 )

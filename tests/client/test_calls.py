@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import pytest
 
 from cogrip.client.dialler import AGAIN_NS, REFUSED_NS, SPARE_NS
-from cogrip.client.io.calls import Calls, JoinError, Server, find
+from cogrip.client.io.calls import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, Calls, JoinError, Server, find
 from cogrip.protocol.channel import PEER, Address, Channel, PlainChannel
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.session import GIVE_UP_NS, ClientSession, make_hello
@@ -292,3 +292,62 @@ def test_a_name_that_nobody_knows() -> None:
         find("no-such-host.invalid", 47800)
     with pytest.raises(JoinError, match=r"check the server's name"):
         find("a" * 70 + ".invalid", 47800)
+
+
+# A flood --------------------------------------------------------------------------------------------------------------
+
+
+def queued(way: Calls, count: int) -> list[bytes]:
+    """Put `count` datagrams before a way's socket, in place of a network's; those that are still there."""
+    waiting = [b"%d" % number for number in range(count)]
+
+    class Socket:
+        def recv(self, size: int) -> bytes:
+            if not waiting:
+                raise BlockingIOError
+            return waiting.pop(0)
+
+        def send(self, datagram: bytes) -> None: ...
+        def close(self) -> None: ...
+
+    way._dialler.way.socket.close()
+    way._dialler.way.socket = Socket()  # type: ignore[assignment]
+    return waiting
+
+
+@pytest.mark.parametrize("count", [MOST_DATAGRAMS - 1, MOST_DATAGRAMS, MOST_DATAGRAMS + 1, 3 * MOST_DATAGRAMS])
+def test_a_tick_takes_so_many_datagrams_and_no_more(calls: Make, count: int) -> None:
+    way = calls(PlainChannel)
+    waiting = queued(way, count)
+    taken: list[bytes] = []
+    way.drain(0, lambda message, at_ns: taken.append(message), lambda message: False)
+    assert len(taken) == min(count, MOST_DATAGRAMS)
+    assert way.counted() == ({LEFT: 1} if count >= MOST_DATAGRAMS else {})
+    while waiting:
+        way.drain(0, lambda message, at_ns: taken.append(message), lambda message: False)
+    assert taken == [b"%d" % number for number in range(count)], "nothing is lost, and nothing overtakes"
+
+
+@pytest.mark.parametrize("count", [MOST_MESSAGES, MOST_MESSAGES + 1, 100])
+def test_a_datagram_gives_so_many_messages_and_no_more(far: Far, calls: Make, count: int) -> None:
+    class Bundle(PlainChannel):
+        def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+            return [datagram] * count
+
+    way = calls(Bundle)
+    way.send(b"hello")
+    far.say(b"again", far.hear()[1])
+    assert arrives(way) == [b"again"] * MOST_MESSAGES
+    assert way.counted() == ({TOO_MANY: count - MOST_MESSAGES} if count > MOST_MESSAGES else {})
+
+
+def test_a_flood_on_the_old_way_leaves_the_new_one_its_turn(far: Far, calls: Make) -> None:
+    way = calls(PlainChannel)
+    queued(way, 1000)
+    way.poll(0, resuming=True)
+    way.send(b"hello", hello=True)
+    far.say(b"welcome", far.hear()[1])
+    until = time.monotonic() + LIMIT_S
+    while way._dialler.newer is not None:
+        assert time.monotonic() < until, "the welcome was not heard"
+        way.drain(0, lambda message, at_ns: None, lambda message: message == b"welcome")

@@ -8,7 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, is_link, parse_link, split_place
+from cogrip.protocol.join_link import (
+    DEFAULT_PORT,
+    JoinLink,
+    LinkError,
+    is_link,
+    is_secret,
+    parse_link,
+    split_place,
+    unwrapped,
+)
 
 FINGERPRINT = "0123456789abcdef" * 4
 TOKEN = "Kq7-_xZz09QWERTYuiopAw"
@@ -70,14 +79,15 @@ def test_what_is_written() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "must begin with cogrip://"),
-        ("https://a/b", "must begin with cogrip://"),
-        ("cogrip:/a/b", "must begin with cogrip://"),
+        ("", "a join link begins with cogrip://"),
+        ("https://a/b", "a join link begins with cogrip://"),
+        ("cogrip:/a/b", "a join link begins with cogrip://"),
         (LINK + "x" * 1000, "characters are more than 1000"),
         (LINK[:30] + "\n" + LINK[30:], "paste it as one line"),
         (LINK.replace("demo", "room B"), "a blank in a room is %20"),
-        (LINK.partition("#")[0], "there is no # with fingerprint and token"),
-        (LINK.replace("#", "/"), "there is no # with fingerprint and token"),
+        (LINK.partition("#")[0], "the part after # is missing: put the link in quotes"),
+        (LINK.partition("#")[0] + "#", "the part after # is missing: put the link in quotes"),
+        (LINK.replace("#", "/"), "the part after # is missing: put the link in quotes"),
         (LINK.partition(".Kq")[0], "must stand FINGERPRINT.TOKEN"),
         (LINK.replace("#0", "#"), "the fingerprint has 63 characters, and must have 64 hexadecimal digits"),
         (LINK.replace("#0", "#00"), "the fingerprint has 65 characters"),
@@ -136,8 +146,47 @@ def test_a_pretty_printer_shows_no_token() -> None:
 def test_what_is_meant_as_a_link() -> None:
     assert is_link(LINK)
     assert is_link(" Cogrip:/x")
+    assert is_link("https://lab.example")
+    assert is_link(LINK.removeprefix("cogrip://"))
+    assert is_link(f"#{SECRET}")
     assert not is_link("127.0.0.1:47800")
     assert not is_link("cogrip")
+
+
+@given(links, st.sampled_from([40, 41, 64]))
+def test_the_end_of_a_link_is_known(link: JoinLink, digits: int) -> None:
+    for text in (
+        f"{link.fingerprint[-digits:]}.{link.token}",
+        f"{link.fingerprint[:4]}.{link.token}",
+        f".{link.token}",
+    ):
+        assert is_secret(text)
+        assert is_secret(f"lab:4711/{text}")
+    assert is_secret(link.fingerprint[:digits].upper())
+
+
+def test_a_token_alone_is_known_by_its_letters() -> None:
+    assert is_secret(TOKEN)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["lab", "lab:47800", "192.0.2.7:47800", "[2001:db8::7]:1", "a" * 39, "laboratory.example.org", "a-machine-of-the-group",
+     "My-Laboratory", f"lab.{'a' * 21}", f"lab.{'a' * 23}", f"lab.{'a' * 22}:47800"],
+)  # fmt: skip
+def test_a_place_is_not_taken_for_a_secret(text: str) -> None:
+    assert not is_secret(text)
+
+
+@given(
+    st.sampled_from([LINK, "lab:47800", "[::1]:1"]),
+    st.sampled_from(["", "cogrip join ", " cogrip  join\t", "Cogrip Join '"]),
+    st.sampled_from([("", ""), ("'", "'"), ('"', '"'), ("<", ">"), (" “", "”\n"), ("`<", ">`"), ("'", "")]),
+)
+def test_what_stands_around_a_link_is_taken_off(text: str, command: str, around: tuple[str, str]) -> None:
+    assert unwrapped(f"{around[0]}{command}{text}{around[1]}") == text
+    assert unwrapped(f"{command}{around[0]}{text}{around[1]}") == text
+    assert unwrapped(around[0] + around[1]) == ""
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,34 @@ def test_what_is_said_of_a_mistake(table: dict[str, Any], message: str) -> None:
     assert refused(table).startswith(message)
 
 
+@pytest.mark.parametrize("path", ["link.rate_kbps", "link.up.rate_kbps", "link.down.rate_kbps"])
+@pytest.mark.parametrize(("value", "allowed"), [(0.0, True), (5e-324, False), (0.999, False), (1.0, True)])
+def test_a_cap_is_none_or_one_that_lets_something_through(path: str, value: float, allowed: bool) -> None:
+    if allowed:
+        resolve(nested(path, value))
+    else:
+        assert refused(nested(path, value)) == f"{path} = {value!r}: Expected float >= 1.0, or 0 for no cap"
+
+
+@pytest.mark.parametrize(
+    ("place", "least"), [("impedance_nspm", 1e-3), ("lowpass_rad_s", 1e-3), ("mass_kg", 1e-6), ("up", 1.0)]
+)
+def test_a_welcome_that_would_bring_infinities_is_malformed(place: str, least: float) -> None:
+    seat = list(msgspec.to_builtins(seat_settings(resolve({"link": {"rate_kbps": 5.0}}), 0)))
+    where = {"impedance_nspm": seat[6], "lowpass_rad_s": seat[6], "mass_kg": seat[8], "up": seat[11]}[place]
+    key = 6 if place == "up" else place
+    if place == "up":
+        seat[11] = where = list(where)
+    for value, allowed in ((least, True), (least * 0.999, False), (5e-324, False)):
+        where[key] = value
+        text = msgspec.msgpack.encode(seat)
+        if allowed:
+            msgspec.msgpack.decode(text, type=SeatSettings)
+        else:
+            with pytest.raises(msgspec.ValidationError, match="Expected"):
+                msgspec.msgpack.decode(text, type=SeatSettings)
+
+
 def test_not_a_number_is_out_of_bounds() -> None:
     assert "Expected float" in refused({"coupling": {"stiffness_npm": float("nan")}})
     assert "Expected float" in refused({"coupling": {"stiffness_npm": float("inf")}})

@@ -11,7 +11,7 @@ from cogrip.protocol.session import LOST_NS
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import CheckpointError, decode, encode
-from cogrip.server.core import ServerCore
+from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.room import RESERVED_NS
 
 from tests.server.test_server_core import Desk, hello, room, waves
@@ -332,3 +332,87 @@ def test_secrets_are_in_no_checkpoint() -> None:
     data = encode(before.core.checkpoint()[0])
     assert b"mark of" in data
     assert player.ticket.encode() not in data.replace(b"mark of " + player.ticket.encode(), b"")
+
+
+def test_a_seat_that_was_ended_is_told_again_while_it_goes_on() -> None:
+    """Else a lost farewell would undo a kick: the client would fall silent, and come back by its token."""
+    desk = Guarded()
+    player = desk.welcome("x")
+    desk.core.kick("anna", reason="too wild")
+    (first,) = desk.heard("x")
+    for number in range(20):
+        desk.now_ns += FAREWELL_EVERY_NS // 4
+        desk.core.receive(waves(player.session, number, 0.1), "x", desk.now_ns)
+    assert desk.heard("x") == [first] * 5
+
+
+def test_whoever_says_hello_too_often_is_not_heard() -> None:
+    desk = Guarded()
+    for nonce in range(20):
+        desk.core.receive(messages.padded(hello(token="p", nonce=nonce + 1)), "x", desk.now_ns)
+    assert desk.core.dropped["hello budget"] >= 10
+    for nonce in range(100):
+        desk.core.receive(messages.padded(hello(token="o", nonce=nonce + 1)), "o", desk.now_ns)
+    assert len(desk.core._tickets) == 2
+    first = desk.welcome("y", name="ben", nonce=77)
+    for nonce in range(20):
+        made = msgspec.structs.replace(hello(nonce=nonce + 1), ticket=first.ticket)
+        desk.core.receive(messages.padded(made), f"z{nonce}", desk.now_ns)
+    assert sum(event.event == "resumed" for event in desk.core.events) == 8
+
+
+def test_an_address_that_changed_seats_keeps_the_new_one() -> None:
+    desk = Guarded()
+    first = desk.welcome("x", name="anna")
+    desk.say(messages.encode(Leave(first.session, "another seat")), "x")
+    second = desk.welcome("x", name="ben", nonce=2)
+    desk.welcome("y", name="anna", nonce=3)
+    assert desk.core.knows("x")
+    desk.say(waves(second.session, 0, 0.1), "x")
+    assert "not seated" not in desk.core.dropped
+
+
+def test_sitting_down_anew_brings_in_no_more_power() -> None:
+    desk = Guarded(room(admission={"power_w": 0.01}))
+    player = desk.welcome("x")
+    here, number = desk.core.rooms[0], 0
+    for frame in range(1, 1281):
+        if frame % 5 == 0:
+            player, number = desk.welcome("x", nonce=frame), 0
+        desk.core.receive(waves(player.session, number, 5.0), "x", desk.now_ns)
+        number += 1
+        desk.tick()
+        desk.core.outbox.clear()
+        if frame % 5 == 4:  # as often as it may
+            desk.now_ns += 250_000_000
+    seconds = (desk.now_ns - 1_000_000_000) * 1e-9
+    assert here.world.port_work[0] <= 0.01 * (seconds + 0.25) + 1e-3
+
+
+def test_a_hand_that_is_nowhere_blinds_no_observer() -> None:
+    desk = Guarded()
+    player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
+    far = messages.decode(waves(player.session, 0, 0.1))
+    desk.core.receive(messages.encode(msgspec.structs.replace(far, state=(5000.0, 5000.0))), "x", desk.now_ns)
+    assert desk.core.dropped["unfit"] == 1
+    desk.say(waves(player.session, 0, 0.1), "x")
+    desk.tick()
+    desk.core.rooms[0].world.offset[0] = 5000.0
+    for _ in range(4):
+        desk.tick()
+    views = [each for each in desk.heard("o") if isinstance(each, View)]
+    assert views[0].session == seen.session
+    assert views[0].proxies_m == (1000.0,)
+
+
+def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left() -> None:
+    desk = Guarded()
+    player = desk.welcome("x")
+    desk.say(waves(player.session, 0, 0.1), "x")
+    desk.core.rooms[0].world.position[0] = 7.0
+    desk.tick()
+    assert desk.core.rooms[0].diverged
+    desk.say(messages.encode(Leave(player.session, "bored")), "x")
+    desk.tick()
+    assert desk.core.rooms[0].world.position[0] == 0.0
+    assert desk.core.rooms[0].diverged  # of this run it stays true

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
-from cogrip.server.gate import LIMITS, PROVEN_NS, Budget, Gate, Limits, network_of
+from cogrip.server.gate import LIMITS, PROVEN_NS, Budget, Gate, Limits, limits_for, network_of
 
 PLENTY = Budget(1_000_000, 1_000_000)
 OPEN = Limits(PLENTY, PLENTY, PLENTY, PLENTY)
@@ -49,7 +49,8 @@ def test_a_budget_gives_its_burst_then_its_rate(question: str, budget: str, says
 
 
 def test_the_limits_that_are_there_by_default() -> None:
-    assert Limits() == LIMITS == Limits(Budget(20, 250), Budget(300, 600), Budget(100, 50), Budget(4096, 8192))
+    assert Limits() == LIMITS == Limits(Budget(20, 250), Budget(300, 600), Budget(100, 50), Budget(512, 512))
+    assert limits_for(1024).peer == Budget(4096, 4096)
     doors = Gate(b"s")
     assert [doors.handshake((f"10.0.{number}.1", 1), 1) for number in range(51)].count("") == 50
     assert [doors.contact((f"10.0.{number >> 8}.{number & 255}", 1), 1) for number in range(601)].count("") == 600

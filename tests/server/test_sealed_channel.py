@@ -13,7 +13,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import sealed_call
 from cogrip.protocol.io.dtls import NOT_TRUSTED, is_client_hello
-from cogrip.protocol.io.sealed_call import SealedCall
+from cogrip.protocol.io.sealed_call import NO_ANSWER_CURE, SealedCall
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
 from cogrip.protocol.session import make_hello
 from cogrip.server.gate import LIMITS, Budget, Gate
@@ -156,7 +156,7 @@ def test_a_call_that_nobody_answers_gives_up_in_words(folder: Path) -> None:
     wire = Wire(folder, fault=lambda _: "drop")
     call = wire.call()
     wire.until(lambda: bool(call.failed), within_s=10.1)
-    assert call.failed == "no sealed server answered within 10 s"
+    assert call.failed == f"no sealed server answered within 10 s: {NO_ANSWER_CURE}"
     assert call.dropped["handshake begun again"] >= 10
 
 
@@ -411,7 +411,7 @@ def test_a_flood_of_hellos_from_forged_addresses_keeps_nobody_out_who_was_in(fol
 def test_handshakes_have_a_budget_of_their_own(folder: Path) -> None:
     wire = Wire(folder, NO_LIMITS._replace(handshakes=Budget(1, 2)))
     for number in range(3):
-        call = wire.call(("10.0.0.7", number))
+        call = wire.call((f"10.0.0.{number}", 7))
         wire.until(lambda call=call: call.ready(PEER) or "handshake budget" in wire.listener.dropped)  # type: ignore[misc]
     assert wire.listener.counts()["open"] == 2
     wire.until(lambda: call.ready(PEER))  # a second later there is one more

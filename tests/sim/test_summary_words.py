@@ -5,8 +5,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
+from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
+from cogrip.sim.run_folder import summary_text
+from cogrip.sim.summary import UserRecord, summarise
 from cogrip.sim.verdict import energy, number, share, verdict
 
 from tests.sim.reported_runs import printed
@@ -81,3 +85,46 @@ def test_numbers_do_not_lie_by_rounding() -> None:
     assert share(1.0) == "100 %"
     assert number(-0.0001) == "0.0"
     assert number(True) == "True"
+
+
+# What an end may say of itself: an account holds any float that there is ------------------------------------------------
+
+
+def said(client_margin_j: float, seat_margin_j: float, other: float = 0.0) -> dict[str, Any]:
+    """The summary of a run of which the ends say this; `other` stands for all other numbers."""
+    some = Percentiles(other, other, other, other)
+    client = ClientAccount(
+        (other,), (other,), other, other, other, other, client_margin_j, other, LinkCount(), some,
+        TickCount(1, 1, some, some), False, "live", "",
+    )  # fmt: skip
+    seat = SeatAccount((other,), seat_margin_j, seat_margin_j, LinkCount())
+    return summarise(
+        name="lab", seed=1, seconds=1.0, tank_mj=1.0, users=[UserRecord("anna", client, seat)], room=None, dropped={}
+    )
+
+
+@pytest.mark.parametrize(
+    ("margin_j", "passive"),
+    [(-1e-3, True), (-1.01e-3, False), (0.0, True), (math.nan, False), (-math.inf, False)],
+)
+def test_a_margin_that_is_no_number_is_not_passive(margin_j: float, passive: bool) -> None:
+    assert said(margin_j, 0.0)["passive"] is passive
+    assert said(0.0, margin_j)["passive"] is passive
+    assert json.loads(summary_text(said(margin_j, 0.0)))["passive"] is passive, "null in the file is no excuse"
+
+
+@pytest.mark.parametrize("strange", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_null_in_the_file(strange: float) -> None:
+    summary = said(strange, 0.0, strange)
+    written = json.loads(summary_text(summary), parse_constant=pytest.fail)
+    [user] = written["users"]
+    assert (user["position_m"], user["peak_force_n"], user["energy"]["down_margin_j"]) == ([None], None, None)
+    assert (user["energy"]["up_margin_j"], user["ticks"]["late_us"]["p99"]) == (0.0, None)
+    assert printed(summary)
+    assert printed(written)
+    assert summary_text(written) == summary_text(summary)
+
+
+def test_what_is_finite_is_written_as_it_is() -> None:
+    summary = said(0.1, 0.2, 0.3)
+    assert json.loads(summary_text(summary)) == msgspec.json.decode(msgspec.json.encode(summary))

@@ -1,5 +1,6 @@
 """`cogrip join`: one person, one device, one server; or one who looks on."""
 
+import re
 import secrets
 import sys
 from collections.abc import Callable
@@ -24,25 +25,29 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make
 from cogrip.protocol.channel import Channel, PlainChannel
+from cogrip.protocol.delays import one_way
 from cogrip.protocol.io.stop import Stop, on_signals
-from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, parse_link, split_place
+from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
-from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.run_folder import client_recording, write_account
 from cogrip.sim.summary import of_client
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
+# The settings are the server's, and the model's work goes with the cube of the frames under way: a join must not hang on it.
+MOST_ADVISED_FRAMES = {"wave": 96, "coupling": 40}  # of both ways together; each takes about 2 s
+MOST_ADVISED_TICKS = 256  # in a frame
+NO_NAME = "this is for looking on: --name has no effect"
 
 
 def join(
-    server: str,
+    server: Annotated[str, Parameter(allow_leading_hyphen=True)],
     /,
-    *,
+    *more: Annotated[str, Parameter(show=False)],
     device: str | None = None,
     observe: Annotated[bool, Parameter(negative="")] = False,
     insecure: Annotated[bool, Parameter(negative="")] = False,
@@ -116,15 +121,15 @@ def join(
     settings = load(config, overrides) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
-    if server == "-":
-        server = sys.stdin.readline()
-    place = _place(server, room or (settings.name if settings else ""), insecure)
+    place = _place(_typed(server, more), room or (settings.name if settings else ""), insecure)
     wanted = Wanted(place, name, digest(settings) if settings else "")
     stop = Stop()
     if observe:
         if device is not None:
             raise BadInput("--observe needs no --device: leave one of them out")
         with on_signals(stop), closing(_calls(place, insecure)) as calls:
+            if name:
+                console.print(NO_NAME, markup=False)
             return look_on(ClientSession(wanted.to_look_on()), calls, stop, seconds, console)
     named = device is not None
     device = _play_back(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
@@ -148,7 +153,9 @@ def join(
             raise Problem(str(error)) from None
         if isinstance(ended, ClientSession):
             if named:
-                console.print(f"this link is for looking on: {address} is left alone", markup=False)
+                say(f"this link is for looking on: {address} is left alone")
+            if name:
+                say(NO_NAME)
             return look_on(ended, calls, stop, seconds, console)
         return _finish(ended, folder, console, alone=into is None, report=report)
 
@@ -198,10 +205,34 @@ def _nonce() -> int:
     return secrets.randbelow(2**62) + 1
 
 
+def _typed(server: str, more: tuple[str, ...]) -> str:
+    """What stands for the server, alone; of - the first line of standard input. Raises BadInput, which shows no link."""
+    if server.startswith("-") and server != "-":
+        option = f" {server}" if re.fullmatch(r"--[a-z]+(-[a-z]+)?", server) and len(server) < 20 else ""
+        raise BadInput(f"join: unknown option{option} before the server; `cogrip join --help` lists them")
+    if more and (server, more[0]) == ("cogrip", "join"):  # copied with the command before it
+        server, *rest = more[1:] or ("",)
+        more = tuple(rest)
+    if more:
+        raise BadInput(
+            f"join: one link or HOST:PORT is needed, and {len(more) + 1} words stand there: put the link in quotes"
+        )
+    if server == "-":
+        if not (text := unwrapped(sys.stdin.readline() if sys.stdin else "")):
+            raise BadInput(
+                "standard input has no join link in its first line; write the link there, or give it for the -"
+            )
+        return text
+    return unwrapped(server)
+
+
 def _place(server: str, room: str, insecure: bool) -> Place:
-    """Raises BadInput."""
+    """Where `server` is: a link, or HOST:PORT. Raises BadInput, which shows nothing of what may be secret."""
+    link_meant = is_link(server)
+    if not link_meant and is_secret(server):
+        raise BadInput("server: this is the end of a join link: paste it whole, from cogrip:// on")
     try:
-        if is_link(server):
+        if link_meant:
             link = parse_link(server)
             if insecure:
                 raise BadInput("--insecure is for HOST:PORT; with a link everything is sealed: leave it out")
@@ -211,10 +242,11 @@ def _place(server: str, room: str, insecure: bool) -> Place:
         host, port = split_place(server)
     except LinkError as error:
         words = str(error)
-        cure = (
-            "" if is_link(server) else f"; write HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}, or the server's join link"
-        )
-        raise BadInput(f"server {words}{cure}" if cure else words) from None
+        if link_meant:
+            raise BadInput(words) from None
+        raise BadInput(
+            f"server {words}; write HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}, or the server's join link"
+        ) from None
     return Place(host, DEFAULT_PORT if port is None else port, room)
 
 
@@ -249,10 +281,17 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
 
 def _warn(seat: SeatSettings, record: Capability, console: Console) -> None:
     """Say where this seat lies outside what is stable, passive or fit for its device, in the words of `cogrip advise`."""
-    try:
-        warnings = advise_seat(seat, record).warnings
-    except ModelError as error:
-        warnings = (f"no advice: {error}",)
+    frames = sum(one_way(way.delay_ms, seat.playout.frames, seat.rates).frames for way in (seat.up, seat.down))
+    if frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
+        warnings: tuple[str, ...] = ("no advice: the delays are too long for the model",)
+    else:
+        try:
+            warnings = advise_seat(seat, record).warnings
+        except (
+            ArithmeticError,
+            ValueError,
+        ) as error:  # ModelError, LinAlgError: whatever the server's settings bring about
+            warnings = (f"no advice: {error}",)
     for text in warnings:
         console.print(f"warning: {text}", markup=False)
 

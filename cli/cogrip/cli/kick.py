@@ -6,7 +6,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.state_at import Port, State, check_known, server_at, state_at
+from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.server.io.control import MOST_REASON, MOST_WORD, Kick, ask
 from cogrip.server.io.state_folder import StateError
@@ -38,8 +38,7 @@ def kick(
         Revoke their token as well: they come back by another one only. Everyone who came by it is shown out.
     """
     for what, text, most in (("user", user, MOST_WORD), ("--room", room, MOST_WORD), ("--reason", reason, MOST_REASON)):
-        if len(text) > most:
-            raise BadInput(f"kick: {what} has {len(text)} characters, more than {most}; say it shorter")
+        check_words(f"kick: {what}", text, most)
     if not user:
         raise BadInput("kick: name somebody, as the server prints it")
     folder = state_at(state, port)

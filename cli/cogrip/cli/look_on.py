@@ -69,14 +69,14 @@ def table(core: ObserverCore, now_ns: int) -> Table:
     for heading in ("seat", "hand\nmm", "force\nN"):
         shown.add_column(heading, justify="right")
     for seat, hand, force in _hands(core):
-        shown.add_row(f"{seat}", _vector(hand, 1e3, "+6.1f"), _vector(force, 1.0, "+5.2f"))
+        shown.add_row(f"{seat + 1}", _vector(hand, 1e3, "+6.1f"), _vector(force, 1.0, "+5.2f"))
     return shown
 
 
 def line(core: ObserverCore, now_ns: int) -> str:
     """The same in one line."""
     hands = "; ".join(
-        f"seat {seat} at {_vector(hand, 1e3, '+.1f')} mm, {_vector(force, 1.0, '+.2f')} N"
+        f"seat {seat + 1} at {_vector(hand, 1e3, '+.1f')} mm, {_vector(force, 1.0, '+.2f')} N"
         for seat, hand, force in _hands(core)
     )
     return f"{_object(core, now_ns)}; {hands or 'nobody holds it'}"
@@ -92,7 +92,7 @@ def _object(core: ObserverCore, now_ns: int) -> str:
 
 
 def _hands(core: ObserverCore) -> list[tuple[int, Sequence[float], Sequence[float]]]:
-    """Seat, place [m] and force [N] of everyone who holds the object."""
+    """Seat (from 0; people count from 1), place [m] and force [N] of everyone who holds the object."""
     view = core.view
     if view is None:
         return []

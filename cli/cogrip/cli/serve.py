@@ -26,7 +26,7 @@ from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_h
 from cogrip.protocol.settings import Settings, for_strangers
 from cogrip.protocol.version import VERSION
 from cogrip.server.core import ServerCore
-from cogrip.server.gate import Gate
+from cogrip.server.gate import Gate, limits_for
 from cogrip.server.happenings import Happening
 from cogrip.server.io.doorkeeper import TokenDoor
 from cogrip.server.io.keeper import Keeper
@@ -273,7 +273,7 @@ def _door(folder: StateFolder, say: Say) -> TokenDoor:
 
 def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
     """Sealed where there is a folder for the key. Raises ServeError."""
-    gate = Gate(secrets.token_bytes(16))
+    gate = Gate(secrets.token_bytes(16), limits_for(max(room.settings.rates.network_hz for room in core.rooms)))
     if folder is None:
         return PlainListener(gate, core.listens_to)
     from cogrip.protocol.io.certificate import CertificateError  # OpenSSL takes a while

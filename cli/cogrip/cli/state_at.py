@@ -1,6 +1,7 @@
 """The state folder that a command is to work on, and what the server there said of itself."""
 
 import difflib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -43,6 +44,14 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
         return read_server(folder)
     except StateError as error:
         raise Problem(str(error)) from None
+
+
+def check_words(what: str, text: str, most: int) -> None:
+    """Raises BadInput for what is too long, or would upset a terminal."""
+    if len(text) > most:
+        raise BadInput(f"{what} has {len(text)} characters, more than {most}; say it shorter")
+    if re.search(r"[\x00-\x1f\x7f-\x9f]", text):
+        raise BadInput(f"{what} holds a line break or control character; leave it out")
 
 
 def check_known(flag: str, name: str, known: Sequence[str], what: str) -> None:

@@ -1,11 +1,10 @@
 """`cogrip token list`: who may come in, and what has become of each right."""
 
-import os
 import time
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.json_answer import Json, write_json
@@ -18,8 +17,8 @@ from cogrip.server.tokens import Token, TokenState, date_text
 
 _TONES: dict[TokenState, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
 _HEADINGS = ("id", "role", "room", "seat", "device", "good for", "state", "when", "note")
-_MOST_WIDE = 200  # where it is not shown on a terminal: no line is cut in two
-_ANY = "any"
+_SAYS_NOTHING = ("any", "-", "")  # a column in which every row is one of these is left out
+_BETWEEN = "  "
 
 
 def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
@@ -36,27 +35,42 @@ def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = N
     if not tokens:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
         return 0
-    console = Console(highlight=False)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        console.width = _MOST_WIDE
-    table = Table(box=None, header_style="dim", padding=(0, 1, 0, 0))
-    for heading in _HEADINGS:
-        table.add_column(heading, no_wrap=heading != "note", overflow="fold")
-    for token in tokens:
-        ails = token.state(now_s)
-        table.add_row(
-            Text(token.id),
-            Text(token.role),
-            Text(token.room or _ANY),
-            Text("-" if token.role == "observer" else token.user or _ANY),
-            Text("-" if token.role == "observer" else token.device or _ANY),
-            Text("one time" if token.once else "standing"),
-            Text(ails, style=_TONES[ails]),
-            Text(_when(token, ails)),
-            Text(token.note),
-        )
-    console.print(table)
+    for line in _lines(tokens, now_s):
+        Console(highlight=False, soft_wrap=True).print(line)  # a line is never cut: ids are copied from it
     return 0
+
+
+def _lines(tokens: Sequence[Token], now_s: float) -> list[Text]:
+    """A heading and a line each, in columns as wide as they must be, whatever the terminal is."""
+    rows = [_cells(token, now_s) for token in tokens]
+    table = [column for column in zip(_HEADINGS, *rows, strict=True) if not set(column[1:]) <= set(_SAYS_NOTHING)]
+    widths = [max(map(len, column)) for column in table]
+    lines: list[Text] = []
+    for row in zip(*table, strict=True):
+        line = Text(style="dim" if not lines else "")
+        for heading, cell, width in zip((column[0] for column in table), row, widths, strict=True):
+            tone = _TONES[cast(TokenState, cell)] if lines and heading == "state" else ""
+            line.append(cell.ljust(width), tone).append(_BETWEEN)
+        line.rstrip()
+        lines.append(line)
+    return lines
+
+
+def _cells(token: Token, now_s: float) -> tuple[str, ...]:
+    """As _HEADINGS."""
+    ails = token.state(now_s)
+    looks_on = token.role == "observer"
+    return (
+        token.id,
+        token.role,
+        token.room or "any",
+        "-" if looks_on else token.user or "any",
+        "-" if looks_on else token.device or "any",
+        "one time" if token.once else "standing",
+        ails,
+        _when(token, ails),
+        token.note,
+    )
 
 
 def _when(token: Token, ails: TokenState) -> str:
@@ -81,9 +95,9 @@ def _as_json(token: Token, now_s: float) -> dict[str, Any]:
         "once": token.once,
         "start": token.start,
         "state": token.state(now_s),
-        "created": token.created,
-        "expires": token.expires,
-        "used": token.used,
-        "revoked": token.revoked,
+        "created_s": token.created,
+        "expires_s": token.expires,
+        "used_s": token.used,
+        "revoked_s": token.revoked,
         "note": token.note,
     }

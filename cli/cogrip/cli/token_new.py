@@ -1,8 +1,10 @@
 """`cogrip token new`: a link for somebody."""
 
+import difflib
 import re
 import time
-from datetime import datetime
+from datetime import date, datetime, timedelta
+from datetime import time as day_time
 from typing import Annotated, Any
 
 from cyclopts import Parameter
@@ -10,7 +12,8 @@ from rich.console import Console
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.state_at import Port, State, check_known, server_at, state_at
+from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
+from cogrip.devices.registry import schemes
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
 from cogrip.protocol.messages import Role
 from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
@@ -20,6 +23,7 @@ from cogrip.server.tokens import Token, TokenError, date_text
 EVERYWHERE = ("0.0.0.0", "::")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 _MOST_S = 10 * 366 * 86400
+_MOST_NOTE, _MOST_DEVICE = 200, 40  # characters, as `tokens.Token`
 
 
 def token_new(
@@ -51,7 +55,8 @@ def token_new(
     once
         Good for one time. A person who has come in by it comes back by themselves after a break of the line all the same.
     expires
-        After so long (90s, 30m, 2h, 3d, 1w), or at a date (2026-12-24T18:00, this machine's time); never if not given.
+        After so long (90s, 30m, 2h, 3d, 1w), or at a time (2026-12-24T18:00, this machine's), or at the end of a day
+        (2026-12-24: good all that day); never if not given.
     note
         For `cogrip token list`: who has it.
     host
@@ -61,6 +66,8 @@ def token_new(
         raise BadInput(
             f"--json {json}: the answer holds a secret and is given once; have it on standard output (--json -)"
         )
+    check_words("token new: --device", device, _MOST_DEVICE)
+    check_words("token new: --note", note, _MOST_NOTE)
     folder = state_at(state, port)
     server = _sealed_server(folder)
     rooms = list(server.rooms)
@@ -82,28 +89,55 @@ def token_new(
         raise BadInput(f"token new: {error}") from None
     except StateError as error:
         raise Problem(str(error)) from None
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    if doubt := _doubt(device):
+        errors.print(f"warning: {doubt}", markup=False)
     if json is not None:
         write_json(_as_json(made, link), json)
         return 0
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"token {made.id}: {_terms(made)}", markup=False)
+    errors.print(f"token {made.id}: {_terms(made)}", markup=False)
     print(link.text)
     return 0
 
 
+def _doubt(device: str) -> str:
+    """What is odd about the beginning of a device address, "" for nothing: the client may have drivers that we have not."""
+    scheme, colon, _ = device.partition(":")
+    known = sorted(schemes())
+    if scheme in known or (not colon and any(each.startswith(scheme) for each in known)):
+        return ""
+    near = difflib.get_close_matches(scheme, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"there is: {', '.join(known)}"
+    return (
+        f"--device {device!r}: no device family here is called {scheme!r}, so perhaps nobody comes in by this; {hint}"
+    )
+
+
 def expiry(text: str, now_s: float) -> int:
-    """Unix seconds of a time from now or a date. Raises BadInput."""
-    if found := re.fullmatch(r"([0-9]{1,9})([smhdw])", text.strip()):
-        end_s = now_s + int(found[1]) * _SECONDS[found[2]]
+    """Unix seconds of a time from now, of a date with a time, or of the end of a day. Raises BadInput."""
+    if found := re.fullmatch(r"([0-9]{1,9}) ?([smhdwSHDW])", text.strip()):  # not M: that may be meant as a month
+        end_s = now_s + int(found[1]) * _SECONDS[found[2].lower()]
     else:
         try:
-            end_s = datetime.fromisoformat(text.strip()).astimezone().timestamp()
+            end_s = _date_s(text.strip())
         except (ValueError, OverflowError, OSError):
-            raise BadInput(f"--expires {text!r}: write 30m, 2h, 3d, 1w, or a date such as 2026-12-24T18:00") from None
+            raise BadInput(
+                f"--expires {text!r}: write 30m, 2h, 3d, 1w, a time such as 2026-12-24T18:00, or a day such as 2026-12-24"
+            ) from None
     if end_s <= now_s:
         raise BadInput(f"--expires {text!r}: that is past; name a later time")
     if end_s - now_s > _MOST_S:
         raise BadInput(f"--expires {text!r}: that is more than ten years; leave it out for a token without an end")
     return int(end_s)
+
+
+def _date_s(text: str) -> float:
+    """Raises ValueError, OverflowError, OSError."""
+    try:
+        day = date.fromisoformat(text)
+    except ValueError:
+        return datetime.fromisoformat(text).astimezone().timestamp()
+    return datetime.combine(day + timedelta(days=1), day_time()).astimezone().timestamp()
 
 
 def _sealed_server(folder: StateFolder) -> ServerRecord:
@@ -160,6 +194,6 @@ def _as_json(token: Token, link: JoinLink) -> dict[str, Any]:
         "seat": token.user,
         "device": token.device,
         "once": token.once,
-        "expires": token.expires,
+        "expires_s": token.expires,
         "note": token.note,
     }

@@ -13,6 +13,8 @@ from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.tokens import TokenBook, UnknownTokenError
 
+ID_DIGITS = 8
+
 
 def token_revoke(*ids: str, state: State = None, port: Port = DEFAULT_PORT) -> int:
     """Let nobody in by these tokens any more, and end the seats that were taken with them. All are revoked, or none.
@@ -50,10 +52,11 @@ def token_revoke(*ids: str, state: State = None, port: Port = DEFAULT_PORT) -> i
 
 def _id(text: str) -> str:
     """An id; what may be a token is not shown. Raises BadInput."""
-    if not re.fullmatch(r"[0-9a-fA-F]{1,16}", text):
+    if not re.fullmatch(rf"[0-9a-fA-F]{{{ID_DIGITS}}}", text):
+        given = f"{len(text)} characters" if len(text) != ID_DIGITS else "other characters"
         raise BadInput(
-            f"token revoke: an id has 8 hexadecimal digits, as `cogrip token list` shows it; what is given has "
-            f"{len(text)} characters"
+            f"token revoke: an id has {ID_DIGITS} hexadecimal digits, as `cogrip token list` shows it; what is given "
+            f"has {given}"
         )
     return text.lower()
 

@@ -23,6 +23,9 @@ _ROOM_CHARACTERS = 40  # as `settings.Name`
 _HOST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}\Z")
 _FINGERPRINT = re.compile(rf"[0-9a-f]{{{FINGERPRINT_DIGITS}}}\Z")
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{{TOKEN_CHARACTERS}}}\Z")
+_LONG_HEX = re.compile(r"[0-9a-fA-F]{40}")  # no host has it in its name
+_WRAPPING = " \t\r\n\v\f\u00a0\ufeff'\"`<>‘’‚“”„«»"
+_COMMAND = re.compile(r"cogrip\s+join\s+", re.IGNORECASE)
 
 
 class LinkError(ValueError):
@@ -71,25 +74,42 @@ class JoinLink(msgspec.Struct, frozen=True):
 
 
 def is_link(text: str) -> bool:
-    """Whether `text` is meant as a join link, right or wrong."""
-    return text.strip()[: len(SCHEME)].lower() == SCHEME
+    """Whether `text` is meant as a join link, right or wrong: a host and a port have neither :// nor # in them."""
+    return _begins_well(text.strip()) or "://" in text or "#" in text
+
+
+def is_secret(text: str) -> bool:
+    """Whether `text`, no link, may be the end of one, with a token or a fingerprint in it: not to be shown or looked up."""
+    last = text.rpartition(".")[2]
+    mixed = any(each.islower() for each in last) and any(each.isupper() for each in last)
+    return bool(_LONG_HEX.search(text) or (_TOKEN.match(last) and ("." in text or mixed)))
+
+
+def unwrapped(text: str) -> str:
+    """What was pasted, without the quotes, brackets and blanks around it, and without the command before it."""
+    text = text.strip(_WRAPPING)
+    return text[found.end() :].strip(_WRAPPING) if (found := _COMMAND.match(text)) else text
+
+
+def _begins_well(text: str) -> bool:
+    return text[: len(SCHEME)].lower() == SCHEME
 
 
 def parse_link(text: str) -> JoinLink:
     """The link that a person typed or pasted. Raises LinkError."""
     text = text.strip()
-    if not is_link(text) or text[len(SCHEME) :][:2] != "//":
-        raise LinkError(f"join link: it must begin with cogrip://, as in {SHAPE}")
+    if not _begins_well(text) or text[len(SCHEME) :][:2] != "//":
+        raise LinkError(f"a join link begins with cogrip://, as in {SHAPE}; copy the whole link")
     if len(text) > _MOST_CHARACTERS:
         raise LinkError(f"join link: {len(text)} characters are more than {_MOST_CHARACTERS}; paste the link alone")
     if any(character.isspace() for character in text):
         raise LinkError(
             "join link: there is a blank or a line break in it; paste it as one line (a blank in a room is %20)"
         )
-    place, mark, secret = text[len(SCHEME) + 2 :].partition("#")
-    if not mark:  # nothing is shown: the secret may stand anywhere
+    place, _, secret = text[len(SCHEME) + 2 :].partition("#")
+    if not secret:  # nothing is shown: the secret may stand anywhere
         raise LinkError(
-            "join link: there is no # with fingerprint and token behind it; copy the whole link, and quote it: '...'"
+            "join link: the part after # is missing: put the link in quotes, '...', and copy the whole of it"
         )
     fingerprint, dot, token = secret.partition(".")
     if not dot:

@@ -23,7 +23,7 @@ REPAY_LIMIT = 0.02  # sqrt(W) in one frame: faster repayment makes force peaks
 FADE = 0.85  # of the last wave, from frame to frame, in a gap, while there is energy to lend
 RESERVE = 8.0  # frames like the last one that repayment leaves in the bank for the next gap
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before the playout moves by one frame
-FURTHEST_JUMP = 1 << 16  # frames; a number further ahead of the playout than this is no frame of this session
+FURTHEST_JUMP = 1 << 12  # frames; a number further ahead of the playout than this is no frame of this session
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 
 Frame = tuple[float, ...]

@@ -23,14 +23,16 @@ Kind = Literal["wave", "coupling"]
 ServerStep = Literal["passive", "paper"]
 ObjectKind = Literal["cube", "faces", "wall"]
 
-Impedance = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
+# lower bounds above 0: a settings file or a welcome with 1e-320 in it would bring infinities into every law
+Impedance = Annotated[float, msgspec.Meta(ge=1e-3, le=1e4)]
 Stiffness = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
 MOST_RENDERED_NPM = 1e9
 Rendered = Annotated[float, msgspec.Meta(ge=0.0, le=MOST_RENDERED_NPM)]
 Damping = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
-Mass = Annotated[float, msgspec.Meta(gt=0.0, le=1e3)]
+Mass = Annotated[float, msgspec.Meta(ge=1e-6, le=1e3)]
 Milliseconds = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=0.99)]
+LEAST_KBPS = 1.0
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*\Z"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=NAME_PATTERN)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -47,6 +49,11 @@ class SettingsError(ValueError):
     """A setting is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
 
 
+def _check_cap(path: str, rate_kbps: float | None) -> None:
+    if rate_kbps and rate_kbps < LEAST_KBPS:
+        raise SettingsError(f"{path} = {rate_kbps!r}: Expected float >= {LEAST_KBPS}, or 0 for no cap")
+
+
 class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     device_hz: Hz = 1024
     network_hz: Hz = 128
@@ -59,7 +66,7 @@ class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     damping_nspm: Damping = 10.0
     compensate: bool = False
     decimator: Decimator = "boxcar"
-    lowpass_rad_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e5)] = 50.0
+    lowpass_rad_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e5)] = 50.0
     server_step: ServerStep = "passive"
     encoder: Encoder = "displacement"
 
@@ -84,7 +91,7 @@ class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
 
 
 class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):
-    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap."""
+    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap, else at least LEAST_KBPS."""
 
     delay_ms: Milliseconds = 0.0
     jitter_ms: Milliseconds = 0.0
@@ -93,6 +100,9 @@ class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array
     duplicate: Probability = 0.0
     reorder: Probability = 0.0
     rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] = 0.0
+
+    def __post_init__(self) -> None:
+        _check_cap("rate_kbps", self.rate_kbps)
 
 
 class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -303,6 +313,8 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "coupling" leave it "passive"'
         )
+    for section, way in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
+        _check_cap(f"{section}.rate_kbps", way.rate_kbps)
     for profile in (settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)):
         least = 1.0 / (1.0 - profile.loss)
         if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:

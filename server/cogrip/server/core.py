@@ -8,7 +8,7 @@ import msgspec
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Heartbeat, Hello, Leave, State, Waves
-from cogrip.protocol.session import nonce_of, refusal, version_mismatch
+from cogrip.protocol.session import Clock, nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
 from cogrip.server.checkpoint import RoomCheckpoint
@@ -17,6 +17,8 @@ from cogrip.server.greeting import find_again, find_observer, find_seat, find_vi
 from cogrip.server.happenings import Happening
 from cogrip.server.limits import record_of
 from cogrip.server.room import Room, Seat
+
+FAREWELL_EVERY_NS = 50_000_000  # to one who has not heard it
 
 
 class ServerCore:
@@ -104,10 +106,13 @@ class ServerCore:
         if message.session != seat.session:
             self.drop("other session")
             return
-        seat.last_heard_ns = now_ns
         if isinstance(message, Leave):
-            self._bid_farewell(room, number, message)
+            self._bid_farewell(room, number, message, now_ns)
             return
+        if seat.state != "seated":  # our farewell was lost
+            self._repeat_farewell(seat, now_ns)
+            return
+        seat.last_heard_ns = now_ns
         rtt_ns = seat.clock.read(message.stamp, now_ns)
         seat.rtt_ns = seat.rtt_ns if rtt_ns is None else rtt_ns
         if isinstance(message, Heartbeat):
@@ -146,7 +151,7 @@ class ServerCore:
         """One step of one room; its messages go to the outbox."""
         for number in room.silent(now_ns):
             seat = room.seats[number]
-            self._seated.pop(seat.address, None)
+            self._unlink(room, number)
             room.rise(number, "silence")
             self.drop("seat timed out")
             self._tell("lost", room, seat, "has been silent for too long and lost the seat")
@@ -181,6 +186,12 @@ class ServerCore:
         gone = set(tokens)
         return self._end(lambda here, who: bool(who.token) and who.token in gone, "shown out: the token was revoked")
 
+    def _unlink(self, room: Room, number: int) -> None:
+        """A seat's address is no longer the seat's; it may be another's by now."""
+        address = room.seats[number].address
+        if self._seated.get(address) == (room, number):
+            del self._seated[address]
+
     def _end(self, chosen: "Callable[[Room, Seat | Observer], bool]", reason: str) -> int:
         count = 0
         for room in self.rooms:
@@ -202,8 +213,8 @@ class ServerCore:
         account = room.rise(number, event)
         if account is not None:
             self._tickets.pop(seat.session, None)
-            farewell = Farewell(seat.session, messages.clipped(reason), account, room.account())
-            self.outbox.append((seat.address, messages.encode(farewell)))
+            seat.farewell = messages.encode(Farewell(seat.session, messages.clipped(reason), account, room.account()))
+            self.outbox.append((seat.address, seat.farewell))
 
     def disown(self, address: Address) -> None:
         """Somebody else speaks from this address now (a new seal): who sat here keeps the seat, and has to come back to it."""
@@ -245,7 +256,7 @@ class ServerCore:
         if size < messages.HELLO_BYTES:
             self.drop("short hello")  # an answer may not be longer than the question
             return
-        if self._greeted(hello, address):
+        if self._greeted(hello, address, now_ns):
             return
         if hello.version != PROTOCOL_VERSION:
             self._refuse(hello.nonce, address, Denied(*version_mismatch(hello.version)))
@@ -260,12 +271,15 @@ class ServerCore:
         else:
             self._give_seat(hello, grant, address, now_ns)
 
-    def _greeted(self, hello: Hello, address: Address) -> bool:
-        """Whether this is a hello that was answered, and the answer lost; it is said again."""
+    def _greeted(self, hello: Hello, address: Address, now_ns: int) -> bool:
+        """Whether this is a hello that was answered, and the answer lost: it is said again. Or one too many."""
         place = self._seated.get(address)
         if place is not None:
             room, number = place
             seat = room.seats[number]
+            if not seat.hellos.take(0, now_ns):
+                self.drop("hello budget")
+                return True
             if seat.nonce == hello.nonce and seat.state == "seated":
                 self._welcome(room, seat)
                 return True
@@ -275,10 +289,14 @@ class ServerCore:
         if looked is not None:
             room, number = looked
             observer = room.gallery.observers[number]
+            if not observer.hellos.take(0, now_ns):
+                self.drop("hello budget")
+                return True
             if observer.nonce == hello.nonce:
                 self._welcome_observer(room, observer)
                 return True
             self._observing.pop(address)
+            self._tickets.pop(observer.session, None)
             room.gallery.leave(number)
         return False
 
@@ -292,21 +310,28 @@ class ServerCore:
                 return False
             room, number = looked
             observer = room.gallery.observers[number]
+            if not observer.hellos.take(0, now_ns):
+                self.drop("hello budget")
+                return True
             self._observing.pop(observer.address, None)
-            observer.address, observer.last_heard_ns = address, now_ns
+            observer.address, observer.last_heard_ns, observer.nonce = address, now_ns, hello.nonce
+            observer.clock = Clock()
             self._observing[address] = room, number
             self._tell("resumed", room, observer, f"goes on from {place_text(address)}", address)
             self._welcome_observer(room, observer)
             return True
         room, number = found
         seat = room.seats[number]
+        if not seat.hellos.take(0, now_ns):
+            self.drop("hello budget")
+            return True
         if seat.record != record_of(hello):
             had = seat.record.device if seat.record else "another device"
             self._refuse(hello.nonce, address, Denied(
                 "device", f"the seat was taken with {had}, and {hello.device} with another record is claimed; join anew",
             ))  # fmt: skip
             return True
-        self._seated.pop(seat.address, None)
+        self._unlink(room, number)
         if seat.state == "seated":
             room.move(number, address, now_ns)
             seat.nonce = hello.nonce
@@ -326,7 +351,7 @@ class ServerCore:
             return
         room, number = found
         seat = room.seats[number]
-        self._seated.pop(seat.address, None)  # whoever sat here before
+        self._unlink(room, number)  # whoever sat here before
         self._tickets.pop(seat.session, None)
         room.sit(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
         self._seated[address] = (room, number)
@@ -370,16 +395,27 @@ class ServerCore:
         )  # fmt: skip
         self.outbox.append((observer.address, messages.encode(welcome)))
 
-    def _bid_farewell(self, room: Room, number: int, leave: Leave) -> None:
+    def _bid_farewell(self, room: Room, number: int, leave: Leave, now_ns: int) -> None:
         seat = room.seats[number]
         account = room.rise(number, "leave")
         if seat.account is None:
             seat.account = leave.account
-        if account is not None:
-            self._tell("left", room, seat, f"left: {leave.reason}")
+        if account is None:
+            self._repeat_farewell(seat, now_ns)
+            return
+        self._tell("left", room, seat, f"left: {leave.reason}")
         # the seat keeps its address until the next hello, so that a repeated leave is answered again
-        farewell = Farewell(seat.session, "goodbye", account or seat.last, room.account())
-        self.outbox.append((seat.address, messages.encode(farewell)))
+        seat.farewell = messages.encode(Farewell(seat.session, "goodbye", account, room.account()))
+        seat.farewell_ns = now_ns
+        self.outbox.append((seat.address, seat.farewell))
+
+    def _repeat_farewell(self, seat: Seat, now_ns: int) -> None:
+        """As it was said first, and not at every word: to make one up takes its time."""
+        if seat.farewell and now_ns - seat.farewell_ns >= FAREWELL_EVERY_NS:
+            seat.farewell_ns = now_ns
+            self.outbox.append((seat.address, seat.farewell))
+        else:
+            self.drop("said goodbye")
 
     def _tell(self, event: str, room: Room, who: Seat | Observer, words: str, address: Address = None) -> None:
         where = place_text(address) if address is not None else ""

@@ -4,8 +4,10 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import VIEWED_SEATS, View
 from cogrip.protocol.session import LOST_NS, Clock
+from cogrip.server.gate import HELLOS, Buckets
 from cogrip.server.worlds.world import World
 
+MOST_STATE, MOST_M, MOST_N = 1e4, 1e3, 1e9  # what a view can say (`SPEC.md` section 3)
 VIEWS_HZ = 32  # at most; a picture needs no more
 
 
@@ -21,6 +23,7 @@ class Observer:
         self.clock = Clock()
         self.ticket = ""  # its mark
         self.token = ""
+        self.hellos = Buckets(1, HELLOS)
 
 
 class Gallery:
@@ -52,9 +55,9 @@ class Gallery:
         if not self.observers or step % self._every:
             return []
         seats = tuple(seated[:VIEWED_SEATS])
-        state = tuple(world.position.tolist() + world.velocity.tolist())
-        proxies = tuple([value for number in seats for value in world.proxy(number).tolist()])
-        forces = tuple([value for number in seats for value in world.force[number].tolist()])
+        state = _within(MOST_STATE, world.position.tolist() + world.velocity.tolist())
+        proxies = _within(MOST_M, [value for number in seats for value in world.proxy(number).tolist()])
+        forces = _within(MOST_N, [value for number in seats for value in world.force[number].tolist()])
         return [
             (
                 each.address,
@@ -62,3 +65,8 @@ class Gallery:
             )
             for each in self.observers.values()
         ]
+
+
+def _within(bound: float, values: list[float]) -> tuple[float, ...]:
+    """One hand that is nowhere takes the picture from nobody."""
+    return tuple([max(-bound, min(bound, value)) if value == value else 0.0 for value in values])

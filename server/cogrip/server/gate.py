@@ -27,15 +27,23 @@ class Limits(NamedTuple):
 
     address: Budget = Budget(20, 250)  # of one address, first contacts and handshakes each: many may sit behind one
     contacts: Budget = Budget(300, 600)  # first contacts of all; as many again are kept for addresses that are proven
-    handshakes: Budget = Budget(100, 50)  # of all, from addresses that are there: 0.4 ms each, so few at once
-    peer: Budget = Budget(4096, 8192)  # datagrams of one peer that is known
+    handshakes: Budget = Budget(
+        100, 50
+    )  # of all that are there, 0.4 ms each; as many again for addresses that are proven
+    peer: Budget = Budget(512, 512)  # datagrams and messages of one peer that is known: four times what 128 Hz needs
 
 
 LIMITS = Limits()
+HELLOS = Budget(4, 8)  # of one place: a client says hello four times a second
 ADDRESS_SLOTS = 4096
 PEER_SLOTS = 4096
 PROVEN_NS = 3_600_000_000_000  # a handshake was completed with an address so lately: it draws from the reserve
 NEVER_NS = -PROVEN_NS
+
+
+def limits_for(network_hz: int) -> Limits:
+    """Of a server whose fastest room has this rate."""
+    return LIMITS._replace(peer=Budget(4 * network_hz, 4 * network_hz))
 
 
 class Gate:
@@ -49,7 +57,7 @@ class Gate:
         self._shaking = Buckets(ADDRESS_SLOTS, limits.address)
         self._proven_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS
         self._contacts = Buckets(2, limits.contacts)  # of strangers; of proven addresses
-        self._handshakes = Buckets(1, limits.handshakes)
+        self._handshakes = Buckets(2, limits.handshakes)
 
     def size(self, datagram: bytes) -> str:
         """Asked first, of everything."""
@@ -66,14 +74,16 @@ class Gate:
         slot = self._slot(address)
         if not self._addresses.take(slot, now_ns):
             return "address budget"
-        proven = now_ns - self._proven_ns[slot] < PROVEN_NS
-        return "" if self._contacts.take(int(proven), now_ns) else "contact budget"
+        return "" if self._contacts.take(int(self._is_proven(address, now_ns)), now_ns) else "contact budget"
 
     def handshake(self, address: Address, now_ns: int) -> str:
         """A handshake is to begin with an address that is not forged: its ClientHello had a cookie."""
         if not self._shaking.take(self._slot(address), now_ns):
             return "address budget"
-        return "" if self._handshakes.take(0, now_ns) else "handshake budget"
+        return "" if self._handshakes.take(int(self._is_proven(address, now_ns)), now_ns) else "handshake budget"
+
+    def _is_proven(self, address: Address, now_ns: int) -> bool:
+        return now_ns - self._proven_ns[self._slot(address)] < PROVEN_NS
 
     def proven(self, address: Address, now_ns: int) -> None:
         """A handshake was completed: a flood of forged addresses is not to keep this one out from now on."""

@@ -17,6 +17,7 @@ from cogrip.protocol.settings import Settings
 
 BURST_S = 0.25  # of the power a seat may bring in at once
 
+MOST_FRAMES = 256  # between two states, in which a hand may have moved: two seconds at 128 Hz
 Row = tuple[float, ...]
 
 
@@ -51,7 +52,7 @@ def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
     speed = record.speed_mps if record.speed_mps < NO_BOUND else admission.speed_mps or inf
     asked = settings.users[number].power_w
     power = admission.power_w if asked is None else asked
-    return SeatLimits(force, speed, power or force * speed)
+    return SeatLimits(force, speed, power or (force * speed if force and speed else 0.0))
 
 
 def misclaimed(record: Record, settings: Settings, number: int) -> str:
@@ -85,18 +86,24 @@ class WaveLimiter:
     force returns what it brings and is never touched.
     """
 
-    def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits) -> None:
+    def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
+        """power_left: how full the bucket is at first, of 1."""
         b = impedance_nspm
         largest = (b * limits.speed_mps + limits.force_n) / sqrt(2.0 * b)
         self._largest_square = largest * largest
         self._half_frame_s = 0.5 * frame_s
         self._refill_j = limits.power_w * frame_s
         self._burst_j = limits.power_w * BURST_S
-        self._level_j = self._burst_j
+        self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
         self._brought = 0.0  # |u|^2 of this step
         self._returned = 0.0  # |v|^2 of the last step
         self.taken_j = 0.0  # energy of the waves that was taken off
         self.counts: dict[str, int] = {}
+
+    @property
+    def fullness(self) -> float:
+        """Of the bucket, at most 1."""
+        return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
 
     def limit(self, wave: Row) -> Row:
         square = 0.0
@@ -145,7 +152,7 @@ class StateLimiter:
         reach = inf
         if last is not None and state.number > last.number:
             moved = sum([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
-            reach = speed * self._frame_s * (state.number - last.number)
+            reach = speed * self._frame_s * min(MOST_FRAMES, state.number - last.number)
         if square > speed * speed or moved > reach * reach:
             self.counts["state out of bounds"] = self.counts.get("state out of bounds", 0) + 1
             return False

@@ -34,7 +34,9 @@ from cogrip.server.recorded import WHO, RecordedServer, server_topics
 RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
-REFUSALS_TOLD = Budget(1, 20)
+TOLD = Budget(1, 40)  # of each kind of happening that strangers can bring about
+OF_STRANGERS = ("refused", "joined", "observes", "resumed", "left", "lost")
+LOOK_EVERY = 32  # datagrams, at the clock
 SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
 
 
@@ -82,8 +84,10 @@ class LiveServer:
     _socket: socket.socket = field(init=False)
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
-    _voice: Buckets = field(init=False, default_factory=lambda: Buckets(1, REFUSALS_TOLD))
-    _unsaid: int = field(init=False, default=0)
+    _cut_short: int = field(init=False, default=0)
+    _patience_ns: int = field(init=False, default=0)
+    _voices: Buckets = field(init=False, default_factory=lambda: Buckets(len(OF_STRANGERS), TOLD))
+    _unsaid: dict[str, int] = field(init=False, default_factory=dict)
 
     def listen(self) -> tuple[str, int]:
         """Bind, and give the address. Raises ServeError."""
@@ -101,6 +105,7 @@ class LiveServer:
             lambda: secrets.token_urlsafe(16), mark,
         )  # fmt: skip
         self.channel = self.open_channel(self.core)
+        self._patience_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
         return host, port
 
     def close(self) -> None:
@@ -163,6 +168,8 @@ class LiveServer:
         dropped = dict(self.core.dropped)
         for name, count in self.channel.dropped.items():
             dropped[name] = dropped.get(name, 0) + count
+        if self._cut_short:
+            dropped["left for the next tick"] = self._cut_short  # times that some were
         if overrun := self._overrun():
             dropped["socket: receive buffer full"] = overrun
         return dropped
@@ -210,18 +217,21 @@ class LiveServer:
                 chore(now_ns)
 
     def _tell(self) -> None:
-        """Say what has happened; of refusals no more than a log can bear, and how many there were."""
+        """Say what has happened; of what strangers can bring about no more than a log can bear, and how much more there was."""
         now_ns = time.monotonic_ns()
         for events in (self.channel.events, self.core.events):
             while events:
                 happening = events.popleft()
-                if happening.event == "refused" and not self._voice.take(0, now_ns):
-                    self._unsaid += 1
+                kind = happening.event
+                if kind in OF_STRANGERS and not self._voices.take(OF_STRANGERS.index(kind), now_ns):
+                    self._unsaid[kind] = self._unsaid.get(kind, 0) + 1
                     continue
                 self.say(happening)
-        if self._unsaid and self._voice.take(0, now_ns):
-            self.say(Happening("refused", f"{self._unsaid} more were refused; the counts say why"))
-            self._unsaid = 0
+        for kind in list(self._unsaid):
+            if self._voices.take(OF_STRANGERS.index(kind), now_ns):
+                self.say(
+                    Happening(kind, f"{self._unsaid.pop(kind)} more of this kind ({kind}) were not said one by one")
+                )
 
     def _farewell(self) -> None:
         self.core.stop(self.stop.reason)
@@ -240,6 +250,10 @@ class LiveServer:
         receive, unseal, take = self._socket.recvfrom, self.channel.receive, self.core.receive
         renewed = self.channel.renewed
         for count in range(MOST_AT_ONCE):
+            if count % LOOK_EVERY == LOOK_EVERY - 1 and time.monotonic_ns() - now_ns > self._patience_ns:
+                self._received += count
+                self._cut_short += 1
+                break
             try:
                 datagram, address = receive(MAX_DATAGRAM_BYTES + 1)
             except BlockingIOError:

@@ -9,18 +9,19 @@ from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.limits import SeatLimits, StateLimiter, WaveLimiter
 
+MOST_M = 1e3  # from the middle of a person's own frame
 Row = tuple[float, ...]
 
 
 class WavePort:
     """Plays forward waves to the world, within what the seat may bring in, and sends its answers back."""
 
-    def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         axes, playout, frame_s = seat.object.axes, seat.playout, seat.rates.frame_s
         self._half_frame_s = 0.5 * frame_s
         self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3)
         self._sender = LineSender(axes, playout.redundancy)
-        self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits)
+        self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits, power_left)
         self._axes = axes
         self._port_j: float | None = None
         self.origin: Row | None = None  # the hand before its first frame [m]
@@ -31,6 +32,8 @@ class WavePort:
     def receive(self, message: Waves | State) -> bool:
         if not isinstance(message, Waves) or len(message.state) != 2 * self._axes:
             return False
+        if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
+            return False  # no hand is there
         mark = (message.made_j, message.port_j, message.heard)
         if not self._receiver.receive(message.first, message.waves, message.total, message.squares, mark):
             return False
@@ -59,6 +62,11 @@ class WavePort:
         return self._receiver.played_j - self._limiter.taken_j
 
     @property
+    def power_left(self) -> float:
+        """How full the power's bucket is, of 1."""
+        return self._limiter.fullness
+
+    @property
     def limited(self) -> dict[str, int]:
         """Waves that were taken down, by reason."""
         return self._limiter.counts
@@ -85,7 +93,9 @@ class WavePort:
 class StatePort:
     """Virtual coupling: the newest device state in, the object's state out."""
 
-    def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
+    power_left = 1.0  # there is no such bucket
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         self._axes = seat.object.axes
         self._limiter = StateLimiter(seat.rates.frame_s, limits)
         self._receiver = StateReceiver()
@@ -135,4 +145,4 @@ class StatePort:
 
 Port = WavePort | StatePort
 
-PORTS: dict[str, Callable[[SeatSettings, SeatLimits], Port]] = {"wave": WavePort, "coupling": StatePort}
+PORTS: dict[str, Callable[[SeatSettings, SeatLimits, float], Port]] = {"wave": WavePort, "coupling": StatePort}

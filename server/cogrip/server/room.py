@@ -13,7 +13,8 @@ from cogrip.protocol.session import LOST_NS, SEAT, Clock
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
 from cogrip.server.gallery import Gallery
-from cogrip.server.limits import Record, SeatLimits, limits_of
+from cogrip.server.gate import HELLOS, Buckets
+from cogrip.server.limits import BURST_S, Record, SeatLimits, limits_of
 from cogrip.server.ports import PORTS, Port
 from cogrip.server.worlds.registry import make_world
 
@@ -41,6 +42,10 @@ class Seat:
         self.token = ""  # public id of the token it was taken with
         self.record: Record | None = None  # of the device it was taken with
         self.reserved_until_ns: int | None = None  # for the ticket's holder
+        self.hellos = Buckets(1, HELLOS)
+        self.farewell = b""  # the last one, to be said again
+        self.farewell_ns = 0
+        self.power_left = 1.0  # of the power's bucket, when the seat was left
         self.limited: dict[str, int] = {}  # what was limited here before the present port, by reason
 
     @property
@@ -77,10 +82,13 @@ class Room:
         """Give a free seat away."""
         seat = self.seats[number]
         seat.step("hello")
+        rested_s = max(0, now_ns - seat.last_heard_ns) * 1e-9  # whoever sits down anew finds no fuller bucket
+        power_left = min(1.0, seat.power_left + rested_s / BURST_S)
+        seat.farewell = b""
         seat.session, seat.nonce, seat.address, seat.last_heard_ns = session, nonce, address, now_ns
         seat.clock, seat.rtt_ns = Clock(), None
         seat.record, seat.reserved_until_ns = record, None
-        seat.port = PORTS[seat.settings.coupling.kind](seat.settings, self.limits(number))
+        seat.port = PORTS[seat.settings.coupling.kind](seat.settings, self.limits(number), power_left)
         seat.on_object = False
         seat.line_margin_j = 0.0
         seat.account = seat.last = None
@@ -116,6 +124,8 @@ class Room:
             self.world.leave(number)
         seat.on_object = False
         seat.limited = self.limited(number)
+        if seat.port is not None:
+            seat.power_left = seat.port.power_left
         seat.port = None
         if event != "silence":
             seat.ticket = ""
@@ -168,6 +178,8 @@ class Room:
         world, seats = self.world, self.seats
         if self.deserted:  # an object that nobody holds is put down, and stays
             world.velocity = np.zeros(world.axes)
+            if world.left_workspace:  # where nobody would find it
+                world.position = np.zeros(world.axes)
             self.steps += 1
             return []
         rows = []

@@ -131,9 +131,10 @@ class SnapshotMaker:
         for seat in seats:
             up_j, line_j = _lesser(up_j, seat.up_margin_j), _lesser(line_j, seat.line_margin_j)
         self._least[name] = up_j, line_j
+        diverged = room.diverged if room.world.left_workspace else ""  # it may have been put down where it belongs
         return RoomSnapshot(
             name, sum([seat.seated for seat in seats]), tuple(seats), tuple(room.world.position.tolist()), room.travel_m,
-            ticks.run, ticks.skipped, late, work, len(room.gallery.observers), up_j, line_j, room.diverged,
+            ticks.run, ticks.skipped, late, work, len(room.gallery.observers), up_j, line_j, diverged,
         )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """The folder a run leaves: `runs/<time>-<name>/` with settings, recordings, summary, report and plots."""
 
 import json
+import math
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -69,8 +70,19 @@ def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount
 
 
 def summary_text(summary: dict[str, Any]) -> str:
-    """The summary as JSON text: no NaN, sorted as written, one trailing newline."""
-    return json.dumps(summary, indent=1, allow_nan=False) + "\n"
+    """The summary as JSON text: null for what is not finite, sorted as written, one trailing newline."""
+    return json.dumps(_finite(summary), indent=1, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """The other end's account may hold anything that a float can be; JSON has no word for some of it."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return value
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

@@ -15,6 +15,12 @@ from cogrip.protocol.session import GIVE_UP_NS, ClientSession
 
 REFUSED = "connection refused"
 POLL_S = 0.002  # between two looks where nothing ticks
+MOST_DATAGRAMS = (
+    64  # of one way in one drain: half a second of waves; a flood may not hold a tick while motors hold a force
+)
+MOST_MESSAGES = 16  # of one datagram: an honest one holds one or two
+LEFT = "left for the next tick"  # counted by drain
+TOO_MANY = "too many messages"  # counted by message
 
 
 class JoinError(Exception):
@@ -135,12 +141,15 @@ class Calls:
         self._put(call)
 
     def drain(self, now_ns: int, take: Callable[[bytes, int], None], answers: Callable[[bytes], bool]) -> None:
-        """Give `take` every message that has come. answers: whether it is a welcome; by its way it goes on then."""
+        """Give `take` the messages that have come. answers: whether it is a welcome; by its way it goes on then.
+
+        At most MOST_DATAGRAMS by each way: what is beyond them waits in the socket for the next drain.
+        """
         for call in self._dialler.ways:
             if call not in self._dialler.ways:
                 continue  # it was closed just now
             receive, channel = call.socket.recv, call.channel
-            while True:
+            for _ in range(MOST_DATAGRAMS):
                 try:
                     datagram = receive(MAX_DATAGRAM_BYTES + 1)
                 except BlockingIOError:
@@ -150,11 +159,17 @@ class Calls:
                     self._note(error)
                     break
                 call.refused = False
-                for message in channel.receive(datagram, PEER, now_ns):
+                messages = channel.receive(datagram, PEER, now_ns)
+                if len(messages) > MOST_MESSAGES:
+                    _add(self.counts, {TOO_MANY: len(messages) - MOST_MESSAGES})
+                    messages = messages[:MOST_MESSAGES]
+                for message in messages:
                     if self._dialler.newer is not None and answers(message):
                         self._close(*self._dialler.adopt(call))
                         self.failed = ""
                     take(message, now_ns)
+            else:
+                _add(self.counts, {LEFT: 1})
             if channel.outbox:
                 self._put(call)
 

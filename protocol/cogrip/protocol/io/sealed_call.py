@@ -14,6 +14,9 @@ from cogrip.protocol.io.dtls import FINAL, Association, client_context
 PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # without an answer; the last for all that follow
 GIVE_UP_NS = 10_000_000_000
 SHOWN_DIGITS = 16
+NO_ANSWER_CURE = (
+    "is it running and sealed, and is its UDP port open and forwarded on the way? A plain server is joined by HOST:PORT"
+)
 
 
 class SealedCall:
@@ -105,7 +108,7 @@ class SealedCall:
         if association is None:
             self._begun_ns = now_ns
         elif now_ns - self._begun_ns >= GIVE_UP_NS:
-            self.failed = self._why(f"no sealed server answered within {GIVE_UP_NS / 1e9:g} s")
+            self.failed = self._why(f"no sealed server answered within {GIVE_UP_NS / 1e9:g} s: {NO_ANSWER_CURE}")
             return
         elif now_ns - self._heard_ns < PATIENCE_NS[min(self._dials, len(PATIENCE_NS)) - 1]:
             association.poll()

@@ -48,6 +48,7 @@ class Keeper:
             if folder
             else {}
         )
+        self._kept: list[tuple[int, str]] = []  # sessions and tickets of all seats
         self._told_limited: set[tuple[int, str]] = set()
         self._rested: set[str] = set()  # rooms where nothing has happened since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
@@ -83,6 +84,10 @@ class Keeper:
         if self._control is not None:
             for request in self._control.poll(now_ns):
                 self._obey(request)
+        kept = [(seat.session, seat.ticket) for room in self._server.core.rooms for seat in room.seats]
+        if kept != self._kept:  # whoever has just sat down must be known to the next server as well
+            self._kept = kept
+            self._write_checkpoints()
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()

@@ -35,6 +35,7 @@ from cogrip.server.plain_channel import looks_like_hello
 MOST_OPEN = 1024
 MOST_HALF_OPEN = 256
 MOST_ASKED = 24  # datagrams of an association without a seat: a client says hello four times a second, for five seconds
+MOST_RECORDS = 4  # messages taken from one datagram
 MOST_LEFT = 1024  # of one whose seat has ended: waves that were under way, and the account
 WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
 SWEEP_EVERY_NS = 500_000_000
@@ -114,12 +115,20 @@ class SealedListener:
         assert peer is not None
         if not peer.seated and not self._may_ask(peer, address):
             return ()
-        heard = peer.association.feed(datagram)
+        heard = self._some(peer.association.feed(datagram), address, now_ns)
         if not heard:
             self._drop("not of this seal")
             self._take(peer, address)
             if peer.association.failed:
                 self._end(address, peer)
+        return heard
+
+    def _some(self, heard: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
+        """Of what came in one datagram: senders put one message in each, and the budget is one of messages."""
+        for place in range(1, len(heard)):
+            if place == MOST_RECORDS or self._gate.peer(address, now_ns):
+                self._drop("too many records")
+                return heard[:place]
         return heard
 
     def _may_ask(self, peer: "_Peer", address: Address) -> bool:
