@@ -15,6 +15,10 @@ BENCHES = {
         "cogrip.cli.bench_devices:bench_devices",
         "Live sessions with emulated arms on serial lines, beside the same with simulated devices.",
     ),
+    "network": (
+        "cogrip.cli.bench_network:bench_network",
+        "How many people one core serves, plain and sealed, beside a bare socket echo; or a sealed server under a flood.",
+    ),
     "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
     "velocity": (
         "cogrip.cli.bench_velocity:bench_velocity",
