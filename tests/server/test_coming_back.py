@@ -3,6 +3,7 @@
 from itertools import count
 
 import msgspec
+import numpy as np
 import pytest
 
 from cogrip.protocol import messages
@@ -409,7 +410,7 @@ def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left() -> None
     desk = Guarded()
     player = desk.welcome("x")
     desk.say(waves(player.session, 0, 0.1), "x")
-    desk.core.rooms[0].world.position[0] = 7.0
+    desk.core.rooms[0].world.position = np.array([7.0])
     desk.tick()
     assert desk.core.rooms[0].diverged
     desk.say(messages.encode(Leave(player.session, "bored")), "x")

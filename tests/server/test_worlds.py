@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.worlds.few import FewGripWorld
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
 from cogrip.server.worlds.push import PushWorld
@@ -434,7 +435,7 @@ def test_virtual_coupling_sums_springs_and_answers_with_what_it_stepped_from() -
 @pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
 def test_worlds_by_settings(kind: str, step: str) -> None:
     world = make_world(seats(1, kind, server_step=step))
-    expected: type[World] = PaperWorld if step == "paper" else GripWorld if kind == "cube" else PushWorld
+    expected: type[World] = PaperWorld if step == "paper" else FewGripWorld if kind == "cube" else PushWorld
     assert type(world) is expected
     assert type(make_world(seats(1, kind, kind="coupling"))) is CoupledWorld
 

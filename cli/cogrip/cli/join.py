@@ -287,10 +287,7 @@ def _warn(seat: SeatSettings, record: Capability, console: Console) -> None:
     else:
         try:
             warnings = advise_seat(seat, record).warnings
-        except (
-            ArithmeticError,
-            ValueError,
-        ) as error:  # ModelError, LinAlgError: whatever the server's settings bring about
+        except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
             warnings = (f"no advice: {error}",)
     for text in warnings:
         console.print(f"warning: {text}", markup=False)

@@ -24,7 +24,5 @@ def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, 
             console.print(f"report: {write_report(folder)}")
     except OSError as error:
         console.print(f"warning: {error.filename or folder}: {error.strerror}; the summary above is all that is left")
-    except (
-        ValueError
-    ) as error:  # what the other end said of itself may be strange: no other room's files are lost by it
+    except ValueError as error:  # the other end's account may be strange: no other room loses its files by it
         console.print(f"warning: {folder}: {error}; what was written before stands there", markup=False)

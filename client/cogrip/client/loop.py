@@ -5,14 +5,16 @@ A tick: read the device, let the core sense it, send what it leaves, drain what 
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 from cogrip.client.handle import Handle
-from cogrip.client.io.calls import POLL_S, Calls
+from cogrip.client.io.calls import POLL_S, Calls, JoinError
 from cogrip.client.recorded import RecordedClient, client_topics
+from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
@@ -90,9 +92,7 @@ class LiveClient:
     def _session(self, measures: list[Measure]) -> Ended:
         core, seat = self._core, self._core.seat
         assert seat is not None
-        for profile, name in ((seat.up, "up"), (seat.down, "down")):
-            if profile != LinkProfile():
-                setattr(self, f"_{name}", self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}"))
+        self._link(seat)
         device = self.device = first_axes(self.device, seat.object.axes)
         handle = Handle(device, core, seat.rates.device_hz)
         recorder = None
@@ -104,7 +104,11 @@ class LiveClient:
             measures += engage(["fifo"])  # last of all preparations: they would starve others
             self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
             pacer = Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
-            failed = self._loop(pacer, handle)
+            try:
+                failed = self._loop(pacer, handle)
+            except BaseException:  # a defect, wherever it is: the hand may be pushed by the last force
+                let_go(device, core.force_n, pacer)
+                raise
             account = core.account(pacer.count())
             self._leave(failed, account)
         finally:
@@ -128,6 +132,18 @@ class LiveClient:
         if recorder is not None and recorder.lost:
             counts["not recorded"] = recorder.lost
         return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures)
+
+    def _link(self, seat: SeatSettings) -> None:
+        """Emulate what the settings ask for. Gives the seat back where that is impossible. Raises JoinError."""
+        try:
+            self._up, self._down = [
+                None if profile == LinkProfile() else self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}")
+                for profile, name in ((seat.up, "up"), (seat.down, "down"))
+            ]
+        except (ValueError, ArithmeticError) as error:
+            words = f"the server's settings are impossible: {error}"
+            self._leave(words, self._core.account(TickCount()))
+            raise JoinError(f"{words}; whoever runs the server can mend its [link]") from None
 
     def _open(self, handle: Handle) -> None:
         """Give the seat back where the device cannot be had. Raises DeviceError."""
@@ -269,3 +285,14 @@ class LiveClient:
         if down is not None and down.next_ns is not None:
             for message in down.due(now_ns):
                 core.receive(message, now_ns)
+
+
+def let_go(device: Device, force_n: Sequence[float], pacer: Pacer) -> None:
+    """Fade `force_n` [N], shape (axes,), out over FAULT_OUT_S, past all other parts. Raises nothing; `close` does the rest."""
+    ticks = max(1, round(FAULT_OUT_S * pacer.rate_hz))
+    with suppress(Exception):  # there is one on its way already
+        for left in reversed(range(ticks)):
+            tick = pacer.wait()
+            with suppress(Exception):  # it may be what failed; some devices are written to by being read
+                device.read(tick)
+            device.write([force * left / ticks for force in force_n])

@@ -20,6 +20,8 @@ from cogrip.server.room import Room, Seat
 
 FAREWELL_EVERY_NS = 50_000_000  # to one who has not heard it
 
+FROM_SEATS = (Waves, State, Heartbeat, Leave)  # as a union it would be made anew for every datagram
+
 
 class ServerCore:
     """`outbox` holds (address, message) to send, `events` what people should hear of, `dropped` counts by reason.
@@ -100,7 +102,7 @@ class ServerCore:
     def _hear(self, place: tuple[Room, int], message: messages.AnyMessage, now_ns: int) -> None:
         room, number = place
         seat = room.seats[number]
-        if not isinstance(message, Waves | State | Heartbeat | Leave):
+        if not isinstance(message, FROM_SEATS):
             self.drop("unexpected")
             return
         if message.session != seat.session:

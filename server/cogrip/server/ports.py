@@ -86,6 +86,11 @@ class WavePort:
         heard = self._receiver.heard
         return Waves(session, first, waves, total, squares, self.made_j, port_j, heard, stamp, object_state)
 
+    @property
+    def lost(self) -> int:
+        """Frames that were sent and never came."""
+        return self._receiver.lost
+
     def count(self) -> LinkCount:
         return self._receiver.count()
 
@@ -138,6 +143,11 @@ class StatePort:
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
         row, axes = self._row, self._axes
         return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.heard, stamp)
+
+    @property
+    def lost(self) -> int:
+        """Frames that were sent and never came."""
+        return self._receiver.lost
 
     def count(self) -> LinkCount:
         return self._receiver.count()

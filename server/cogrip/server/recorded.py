@@ -15,7 +15,7 @@ from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.noted import Noted
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import Held, Sink, encode, topics
+from cogrip.protocol.recording.sink import Held, Nowhere, Sink, encode, topics
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
 from cogrip.server.checkpoint import RoomCheckpoint
@@ -26,6 +26,7 @@ from cogrip.server.room import Room
 
 WHO = "server"
 KINDS = ("datagram_in", "datagram_out", "command", "asked", "event", "account", "gap", "clock")
+MOST_TEXTS = 4096
 DATAGRAM_IN, DATAGRAM_OUT, COMMAND, ASKED, EVENT, ACCOUNT = range(6)
 
 
@@ -62,6 +63,8 @@ class RecordedServer(ServerCore):
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}  # late [us], work [us], skipped
         self._held = Held()
         self._sink: Sink = self._held
+        self._notes = True
+        self._texts: dict[Address, str] = {}
         self._now_ns = 0
         self._rested: dict[str, int] = {}
         self._number = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
@@ -73,6 +76,7 @@ class RecordedServer(ServerCore):
     def record(self, sink: Sink) -> None:
         """Give what was noted so far to `sink`, and all that follows."""
         self._sink = sink
+        self._notes = not isinstance(sink, Nowhere)  # what nobody keeps need not be written out
         self._held.pour(sink)
 
     def count_ticks(self, room: Room, count: Callable[[], TickCount]) -> None:
@@ -86,7 +90,8 @@ class RecordedServer(ServerCore):
         room.ticks = asked
 
     def _put(self, topic: int, record: msgspec.Struct) -> None:
-        self._sink.put(topic, self._now_ns, encode(record))
+        if self._notes:
+            self._sink.put(topic, self._now_ns, encode(record))
 
     def note_rest(self) -> None:
         """Note the steps that were counted; before every call that comes from outside."""
@@ -107,16 +112,28 @@ class RecordedServer(ServerCore):
     def _granted(self, answer: Grant | Denied) -> None:
         self._put(ASKED, Asked(grant=msgspec.json.encode(answer).decode()))
 
+    def _text(self, address: Address) -> str:
+        """`address_text`, of which there are few, and many datagrams."""
+        text = self._texts.get(address)
+        if text is None:
+            if len(self._texts) >= MOST_TEXTS:
+                self._texts.clear()
+            text = self._texts[address] = address_text(address)
+        return text
+
     def _sent(self, entry: tuple[Address, bytes]) -> None:
-        self._put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._mark), address_text(entry[0])))
+        if self._notes:
+            self._put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._mark), self._text(entry[0])))
 
     def _told(self, happening: Happening) -> None:
         self._put(EVENT, Event(happening.text))
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
-        self.note_rest()
+        if self._rested:
+            self.note_rest()
         self._now_ns = now_ns
-        self._put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._mark), address_text(address)))
+        if self._notes:
+            self._put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._mark), self._text(address)))
         super().receive(datagram, address, now_ns)
 
     def socket_failed(self, reason: str) -> None:
@@ -159,11 +176,14 @@ class RecordedServer(ServerCore):
         self.note_rest()
         self._now_ns = now_ns
         super().tick(room, now_ns, frames)
+        if not self._notes:
+            return
         world = room.world
+        motion = world.motion()
         seats = tuple([_seat(room, number) for number in range(len(room.seats))])
         late_us, work_us, skipped = self.timing[room.name]
         self._put(self._number[room.name], Step(
-            room.steps, tuple(world.position.tolist()), tuple(world.velocity.tolist()), seats,
+            room.steps, motion[: world.axes], motion[world.axes :], seats,
             frames, late_us, work_us, skipped,
         ))  # fmt: skip
 
@@ -203,8 +223,8 @@ def _seat(room: Room, number: int) -> SeatStep:
         nothing = (0.0,) * world.axes
         return SeatStep(seat.settings.user, False, nothing, nothing, None, None, None, None, 0)
     return SeatStep(
-        seat.settings.user, True, tuple(world.proxy(number).tolist()), tuple(world.force[number].tolist()),
-        port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.count().lost,
+        seat.settings.user, True, world.proxy_of(number), world.force_of(number),
+        port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
     )  # fmt: skip
 
 

@@ -71,7 +71,7 @@ class Room:
         self.seats = [Seat(seat_settings(settings, number)) for number in range(len(settings.users))]
         self.world = make_world([seat.settings for seat in self.seats])
         self._idle = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
-        self._port_before = np.zeros(len(self.seats))
+        self._port_before = [0.0] * len(self.seats)
         self.gallery = Gallery(settings.admission.observers, settings.rates.network_hz)
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)  # the loop sets its own
@@ -92,7 +92,7 @@ class Room:
         seat.on_object = False
         seat.line_margin_j = 0.0
         seat.account = seat.last = None
-        self._port_before[number] = self.world.port_work[number]
+        self._port_before[number] = self.world.worked()[number]
         return seat.settings
 
     def limits(self, number: int) -> SeatLimits:
@@ -177,7 +177,7 @@ class Room:
         """Step the object; `frames` > 1 if the loop missed frames - 1 steps (the object stood still for them)."""
         world, seats = self.world, self.seats
         if self.deserted:  # an object that nobody holds is put down, and stays
-            world.velocity = np.zeros(world.axes)
+            world.rest()
             if world.left_workspace:  # where nobody would find it
                 world.position = np.zeros(world.axes)
             self.steps += 1
@@ -190,17 +190,17 @@ class Room:
                 seat.on_object = True
                 missed = 1  # nothing was missed of a line that has just begun
             rows.append(seat.port.take(missed) if seat.port and seat.on_object else self._idle)
-        before = world.position
+        before = world.motion()[: world.axes]
         if not any(seat.on_object for seat in seats):
-            world.velocity = np.zeros(world.axes)  # an object that nobody holds is put down
-        answers = world.step(np.array(rows)).tolist()
+            world.rest()  # an object that nobody holds is put down
+        answers = world.advance(rows)
         self.steps += 1
-        here = tuple(world.position.tolist())
+        state = world.motion()
+        here = state[: world.axes]
         self.travel_m += dist(here, before)
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
-        state = here + tuple(world.velocity.tolist())
-        work = (world.port_work - self._port_before).tolist()
+        work = [now - then for now, then in zip(world.worked(), self._port_before, strict=True)]
         out = []
         for number, seat in enumerate(seats):
             port = seat.port
@@ -225,7 +225,7 @@ class Room:
         seat = self.seats[number]
         if seat.port is None:
             return seat.last or SeatAccount((0.0,) * self.world.axes, None, None, LinkCount())
-        proxy = tuple(self.world.proxy(number).tolist())
+        proxy = self.world.proxy_of(number)
         return SeatAccount(proxy, seat.port.up_margin_j, seat.line_margin_j, seat.port.count())
 
     def account(self) -> RoomAccount:

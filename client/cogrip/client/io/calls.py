@@ -15,9 +15,8 @@ from cogrip.protocol.session import GIVE_UP_NS, ClientSession
 
 REFUSED = "connection refused"
 POLL_S = 0.002  # between two looks where nothing ticks
-MOST_DATAGRAMS = (
-    64  # of one way in one drain: half a second of waves; a flood may not hold a tick while motors hold a force
-)
+# Of one way in one drain: half a second of waves. A flood may not hold a tick up while the motors hold an old force.
+MOST_DATAGRAMS = 64
 MOST_MESSAGES = 16  # of one datagram: an honest one holds one or two
 LEFT = "left for the next tick"  # counted by drain
 TOO_MANY = "too many messages"  # counted by message

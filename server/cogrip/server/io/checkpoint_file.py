@@ -9,6 +9,7 @@ from pathlib import Path
 from cogrip.server.io.state_folder import StateError, read_private, write_private
 
 END_LIMIT_S = 5.0
+STACK_BYTES = 1 << 18
 
 
 class CheckpointWriter:
@@ -35,7 +36,11 @@ class CheckpointWriter:
         """Write this as soon as may be, in the place of whatever still waits."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name=f"writer of {self.path.name}", daemon=True)
-            self._thread.start()
+            before = threading.stack_size(STACK_BYTES)  # all of it is locked in memory with the rest of the process
+            try:
+                self._thread.start()
+            finally:
+                threading.stack_size(before)
         self._put += 1
         self._newest.append((self._put, data))
         self._wake()

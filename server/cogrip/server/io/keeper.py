@@ -1,7 +1,7 @@
 """What a server does beside its ticks, as chores that wait for nothing: its keeper's orders, tokens, checkpoints, metrics."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from cogrip.server.checkpoint import CheckpointError, decode, encode
@@ -14,10 +14,12 @@ from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.loop import LiveServer
+from cogrip.server.room import Room
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # checkpoints and metrics
 LOOK_EVERY_NS = 50_000_000  # for orders
+TURNS = EVERY_NS // LOOK_EVERY_NS
 
 Say = Callable[[Happening], None]
 
@@ -53,6 +55,7 @@ class Keeper:
         self._rested: set[str] = set()  # rooms where nothing has happened since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
         self._look_ns = self._next_ns = self._watchdog_ns = 0
+        self._turn = 0
 
     def _trouble(self, text: str) -> None:
         self._say(Happening("trouble", text))
@@ -77,6 +80,10 @@ class Keeper:
         if now_ns < self._look_ns:
             return
         self._look_ns = now_ns + LOOK_EVERY_NS
+        self._turn = (
+            self._turn + 1
+        ) % TURNS  # each room once in EVERY_NS, never so many at once that a tick has to wait
+        self._write_checkpoints(self._server.core.rooms[self._turn :: TURNS])
         if self._server.stop.take_reload():
             self._notifier.reloading(now_ns)
             self._reload()
@@ -87,12 +94,11 @@ class Keeper:
         kept = [(seat.session, seat.ticket) for room in self._server.core.rooms for seat in room.seats]
         if kept != self._kept:  # whoever has just sat down must be known to the next server as well
             self._kept = kept
-            self._write_checkpoints()
+            self._write_checkpoints(self._server.core.rooms)
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()
             self._tell_limited()
-            self._write_checkpoints()
             if self._metrics is not None:
                 self._metrics.put(self._look())
         every_ns = self._notifier.watchdog_every_ns
@@ -136,8 +142,8 @@ class Keeper:
             self._metrics.close()
         self._notifier.close()
 
-    def _write_checkpoints(self) -> None:
-        for room in self._server.core.rooms if self._writers else ():
+    def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
+        for room in rooms if self._writers else ():
             resting = room.deserted
             if resting and room.name in self._rested:
                 continue

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.few import MOST, FewGripWorld
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.push import PushWorld
@@ -18,4 +19,6 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
         return CoupledWorld(seats)
     if first.coupling.server_step == "paper":
         return PaperWorld(seats)
+    if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:
+        return FewGripWorld(seats)
     return _PASSIVE[first.object.kind](seats)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from cogrip.protocol.settings import SeatSettings
 
 Array = NDArray[np.float64]
+Row = tuple[float, ...]
 
 WORKSPACE_M = 0.5  # the object has left the room beyond this
 
@@ -66,9 +67,35 @@ class World(ABC):
     def proxy(self, user: int) -> Array:
         """The person's hand as the server knows it [m], shape (a,), in the person's own frame."""
 
+    def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
+        """`step` in plain floats: a row a user in, a row a user out."""
+        answers: list[list[float]] = self.step(np.array(rows)).tolist()
+        return answers
+
+    def rest(self) -> None:
+        """The object is put down."""
+        self.velocity = np.zeros(self.axes)
+
+    def motion(self) -> Row:
+        """The object's position [m], then its velocity [m/s]."""
+        return tuple(self.position.tolist() + self.velocity.tolist())
+
+    def worked(self) -> Sequence[float]:
+        """`port_work` in plain floats."""
+        work: list[float] = self.port_work.tolist()
+        return work
+
+    def proxy_of(self, user: int) -> Row:
+        """`proxy` in plain floats."""
+        return tuple(self.proxy(user).tolist())
+
+    def force_of(self, user: int) -> Row:
+        """Force of one user's coupling [N], in plain floats."""
+        return tuple(self.force[user].tolist())
+
     @property
     def left_workspace(self) -> bool:
-        return not all(abs(place) <= WORKSPACE_M for place in self.position.tolist())
+        return not all(abs(place) <= WORKSPACE_M for place in self.motion()[: self.axes])
 
 
 class HandWorld(World):

@@ -1,0 +1,172 @@
+"""The live loop where something is wrong beyond every foresight: a hand is let go softly, and impossible settings are told."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from cogrip.client import loop
+from cogrip.client.io.calls import JoinError
+from cogrip.client.loop import LiveClient, let_go
+from cogrip.client.safety import FAULT_OUT_S
+from cogrip.devices.device import Sample
+from cogrip.protocol import messages
+from cogrip.protocol.io.pacing import Pacer
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Leave, Welcome
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import LinkProfile, digest, resolve, seat_settings
+from cogrip.sim.link import LinkEmulator
+
+from tests.client.seated_client import DEVICE_HZ, capability
+
+TICKS = round(FAULT_OUT_S * DEVICE_HZ)
+
+
+class VirtualTime:
+    """A clock that goes on while somebody waits for it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def time_ns(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += max(1, round(seconds * 1e9))
+
+
+class Moving:
+    """A hand that moves on evenly: a damper's force. Breaks as it is told, and notes what it was given."""
+
+    def __init__(self, read: Callable[[int], None] = lambda tick: None, axes: int = 1) -> None:
+        self.capability = capability(axes)
+        self.counts: dict[str, int] = {}
+        self.did: list[str] = []
+        self.forces: list[float] = []
+        self.breaks = read
+        self.write_breaks = False
+
+    def open(self, rate_hz: int) -> None:
+        self.did.append("open")
+
+    def read(self, tick: int) -> Sample:
+        self.breaks(tick)
+        return Sample((0.1 * tick / DEVICE_HZ,), (0.1,))
+
+    def write(self, force_n: Sequence[float]) -> None:
+        if self.write_breaks:
+            raise RuntimeError("the cable is out")
+        self.forces.append(force_n[0])
+
+    def close(self) -> None:
+        self.did.append("close")
+
+
+class Server:
+    """Gives a seat, and hears the goodbye."""
+
+    def __init__(self, **link: object) -> None:
+        self.settings = resolve({"link": link, "users": [{"name": "anna"}]})
+        self.sent: list[Any] = []
+        self.failed = ""
+
+    def call(self, core: Any, stop: Stop) -> None:
+        core.call(0)
+        seat = seat_settings(self.settings, 0)
+        core.receive(
+            messages.encode(Welcome(PROTOCOL_VERSION, 1, 7, digest(self.settings), "test", seat, "a-ticket")), 0
+        )
+
+    def send(self, message: bytes, hello: bool = False) -> None:
+        self.sent.append(messages.decode(message))
+
+    def drain(self, *_: object) -> None: ...
+    def poll(self, *_: object, **__: object) -> None: ...
+    def counted(self) -> dict[str, int]:
+        return {}
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualTime:
+    found = VirtualTime()
+    monkeypatch.setattr(loop, "time", found)
+    monkeypatch.setattr(
+        loop,
+        "Pacer",
+        lambda rate_hz, t0_ns: Pacer(rate_hz, t0_ns, clock=found.monotonic_ns, sleep=found.sleep, spin_ns=0),
+    )
+    monkeypatch.setattr(loop, "engage", lambda names: [])
+    return found
+
+
+def client(device: Any, server: Any, make_link: Any = LinkEmulator) -> LiveClient:
+    hello: Hello = make_hello(
+        software="test", nonce=1, room="", name="", digest="", device="test", axes=1, rate_hz=float(DEVICE_HZ)
+    )  # fmt: skip
+    return LiveClient(device, hello, server, Stop(), lambda words: None, make_link, lambda seat: None)
+
+
+def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTime) -> None:
+    def breaks(tick: int) -> None:
+        if tick == 80:
+            raise RuntimeError("a defect")
+
+    device = Moving(breaks)
+    with pytest.raises(RuntimeError, match="a defect"):
+        client(device, Server()).run()
+    held, faded = device.forces[79], device.forces[80:]
+    assert held > 0.1, "there was a force to let go"
+    assert len(faded) == TICKS
+    steps = [before - after for before, after in zip([held, *faded], faded, strict=False)]
+    assert steps == pytest.approx([held / TICKS] * TICKS)
+    assert faded[-1] == 0.0
+    assert device.did == ["open", "close"]
+    assert clock.now_ns == pytest.approx((80 + TICKS) / DEVICE_HZ * 1e9 + loop.LEAD_NS, rel=0.02)
+
+
+def test_a_device_that_cannot_be_written_is_closed_at_once(clock: VirtualTime) -> None:
+    def breaks(tick: int) -> None:
+        if tick >= 80:
+            device.write_breaks = True
+            raise RuntimeError("a defect")
+
+    device = Moving(breaks)
+    with pytest.raises(RuntimeError, match="a defect"):
+        client(device, Server()).run()
+    assert len(device.forces) == 80
+    assert device.did == ["open", "close"]
+
+
+@pytest.mark.parametrize("rate_hz", [1, 128, 1024, 8192])
+def test_letting_go_takes_so_long_at_any_rate(rate_hz: int) -> None:
+    clock, device = VirtualTime(), Moving()
+    pacer = Pacer(rate_hz, 0, clock=clock.monotonic_ns, sleep=clock.sleep, spin_ns=0)
+    let_go(device, (3.0,), pacer)  # type: ignore[arg-type]
+    assert len(device.forces) == max(1, round(FAULT_OUT_S * rate_hz))
+    assert device.forces == sorted(device.forces, reverse=True)
+    assert device.forces[-1] == 0.0
+
+
+@pytest.mark.parametrize("error", [ValueError, OverflowError, ZeroDivisionError])
+def test_impossible_settings_are_told_and_the_seat_is_given_back(clock: VirtualTime, error: type[Exception]) -> None:
+    def impossible(profile: object, seed: str) -> Any:
+        raise error("link loss = 2")
+
+    device, server = Moving(), Server(delay_ms=5.0)
+    with pytest.raises(
+        JoinError, match=r"^the server's settings are impossible: link loss = 2; whoever runs the server"
+    ):
+        client(device, server, impossible).run()
+    assert device.did == [], "nothing was opened"
+    goodbyes = {message.reason for message in server.sent if isinstance(message, Leave)}
+    assert goodbyes == {"the server's settings are impossible: link loss = 2"}
+
+
+def test_a_profile_that_only_the_wire_allows_is_impossible(clock: VirtualTime) -> None:
+    profile = LinkProfile(loss=0.5, burst_frames=1.5)
+    with pytest.raises(JoinError, match=r"link burst_frames = 1.5 is out of reach at loss = 0.5"):
+        client(Moving(), Server(delay_ms=5.0), lambda _, seed: LinkEmulator(profile, seed)).run()
