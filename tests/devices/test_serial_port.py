@@ -202,7 +202,7 @@ def test_a_device_that_is_unplugged_while_it_is_waited_for(line: Line, port: Ser
 
 
 def test_an_end_that_has_gone_is_no_silence() -> None:
-    """Readable, yet nothing to read: a closing terminal is so for a moment, a pipe without a writer for ever."""
+    """Readable, yet nothing to read, and hung up: a closing terminal is so for a moment, a pipe without a writer for ever."""
     reader, writer = os.pipe()
     os.set_blocking(reader, False)
     assert _awaited(reader, 0.0) == b""
@@ -212,6 +212,13 @@ def test_an_end_that_has_gone_is_no_silence() -> None:
     with pytest.raises(OSError, match="hung up"):
         _awaited(reader, LONG_S)
     os.close(reader)
+
+
+def test_what_somebody_else_has_read_is_no_hang_up() -> None:
+    """A guard reads the line as well: readable, then nothing there, as /dev/null always is."""
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    assert _awaited(nothing, LONG_S) == b""
+    os.close(nothing)
 
 
 def test_a_device_that_does_not_read_is_found_out_and_does_not_hold_us_up(line: Line, port: SerialPort) -> None:

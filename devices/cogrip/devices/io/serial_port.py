@@ -90,16 +90,26 @@ def _read(line: serial.Serial, wait_s: float) -> bytes:
 
 
 def _awaited(descriptor: int, wait_s: float) -> bytes:
-    """What comes within `wait_s`. Raises OSError where the other end has gone: readable, and nothing there to read.
+    """What comes within `wait_s`. Raises OSError where the other end has gone.
 
     A terminal whose other end closes says so before an ioctl on it fails: to ask it how much waits would find nothing amiss.
+    Nothing to read, without that, means that somebody else has read it: a guard.
     """
     if not select.select([descriptor], [], [], wait_s)[0]:
         return b""
-    data = os.read(descriptor, MOST_BYTES)
-    if not data:
+    try:
+        data = os.read(descriptor, MOST_BYTES)
+    except BlockingIOError:
+        data = b""
+    if not data and _hung_up(descriptor):
         raise OSError("the other end has hung up")
     return data
+
+
+def _hung_up(descriptor: int) -> bool:
+    watch = select.poll()
+    watch.register(descriptor, 0)  # a hang-up is told in any case
+    return any(events & select.POLLHUP for _, events in watch.poll(0))
 
 
 def _write(line: serial.Serial, frame: bytes) -> int:
