@@ -24,6 +24,7 @@ pytest.register_assert_rewrite(
     "tests.devices.replayed_hands",
     "tests.live.held_arms",
     "tests.protocol.foreign_peers",
+    "tests.protocol.spec_page",
     "tests.protocol.two_ends",
     "tests.server.fuzzed_doors",
     "tests.server.recorded_rooms",
