@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cogrip.protocol.channel import Address
+from cogrip.protocol.channel import Address, PlainChannel
 from cogrip.protocol.messages import HELLO_BYTES, MAGIC
 from cogrip.server.gate import Gate
 from cogrip.server.happenings import Happening
@@ -20,13 +20,11 @@ def looks_like_hello(datagram: bytes) -> bool:
     return bool(header) and datagram.startswith(HELLO_BEGINS, header)
 
 
-class PlainListener:
+class PlainListener(PlainChannel):
     """`Channel` of a plain server. known: whether someone sits at an address, as the core says."""
 
     def __init__(self, gate: Gate, known: Callable[[Address], bool]) -> None:
-        self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.dropped: dict[str, int] = {}
-        self.failed = ""
+        super().__init__()
         self.renewed: deque[Address] = deque()  # nobody can tell here
         self.events: deque[Happening] = deque()
         self._gate = gate
@@ -46,16 +44,3 @@ class PlainListener:
             self.dropped[reason] = self.dropped.get(reason, 0) + 1
             return ()
         return (datagram,)
-
-    def send(self, message: bytes, address: Address) -> bool:
-        self.outbox.append((address, message))
-        return True
-
-    def ready(self, address: Address) -> bool:
-        return True
-
-    def poll(self, now_ns: int) -> None:
-        """Nothing waits."""
-
-    def close(self, address: Address) -> None:
-        """Nothing is kept."""
