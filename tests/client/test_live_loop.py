@@ -13,9 +13,10 @@ from cogrip.devices.device import Sample
 from cogrip.protocol import messages
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Leave, Welcome
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import LinkProfile, digest, resolve, seat_settings
+from cogrip.protocol.settings import digest, resolve, seat_settings
 from cogrip.sim.link import LinkEmulator
 
 from tests.client.seated_client import DEVICE_HZ, capability

@@ -9,19 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.settings import (
     MOST_RENDERED_NPM,
-    LinkProfile,
     SeatSettings,
     Settings,
-    SettingsError,
     User,
     coupling_of,
     digest,
-    parse_override,
     resolve,
     seat_settings,
 )
+from cogrip.protocol.settings_table import SettingsError, parse_override
 
 
 def refused(table: dict[str, Any], overrides: dict[str, Any] | None = None) -> str:

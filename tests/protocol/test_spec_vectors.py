@@ -20,9 +20,10 @@ from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import sealed_call
 from cogrip.protocol.io.sealed_call import SealedCall
 from cogrip.protocol.line import LineReceiver, LineSender
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import Coupling, LinkProfile, Object, Playout, SeatSettings, resolve
+from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
 from cogrip.server import gallery, gate, limits, plain_channel, room
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.core import ServerCore

@@ -17,7 +17,8 @@ from cogrip.devices.for_user import make_for
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.protocol.settings import Settings, SettingsError, User, resolve
+from cogrip.protocol.settings import Settings, User, resolve
+from cogrip.protocol.settings_table import SettingsError
 from cogrip.server.recorded import start_of as server_start
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.records import RunRecords, open_run

@@ -19,7 +19,7 @@ from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
-from cogrip.protocol.settings import SettingsError
+from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.comparison import ComparisonError
 from cogrip.sim.records import RunRecords
 from cogrip.sim.replay.verify import Verdict

@@ -14,7 +14,8 @@ from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.settings import Settings, SettingsError, parse_override, resolve
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings_table import SettingsError, parse_override
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:

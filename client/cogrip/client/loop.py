@@ -22,11 +22,12 @@ from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import Farewell, Hello
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import ClientSession
-from cogrip.protocol.settings import LinkProfile, SeatSettings
+from cogrip.protocol.settings import SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
 REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"

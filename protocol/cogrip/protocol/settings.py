@@ -4,17 +4,18 @@ Units are in the names. `resolve` turns the raw table into `Settings` or raises 
 its value, the bound and the cure. `seat_settings` is what one user's client and seat must agree on.
 """
 
-import difflib
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, Literal, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from cogrip.protocol import decimation
 from cogrip.protocol.delays import one_way
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
+from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
 from cogrip.protocol.rates import Hz, Rates, RatesError
+from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
@@ -30,9 +31,6 @@ MOST_RENDERED_NPM = 1e9
 Rendered = Annotated[float, msgspec.Meta(ge=0.0, le=MOST_RENDERED_NPM)]
 Damping = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 Mass = Annotated[float, msgspec.Meta(ge=1e-6, le=1e3)]
-Milliseconds = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
-Probability = Annotated[float, msgspec.Meta(ge=0.0, le=0.99)]
-LEAST_KBPS = 1.0
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*\Z"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=NAME_PATTERN)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -43,15 +41,6 @@ SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 STRANGERS_FORCE_N = 40.0  # as strong as the arms on the market
 STRANGERS_SPEED_MPS = 4.0
 ONLY_USER = "anna"  # where a file names no users
-
-
-class SettingsError(ValueError):
-    """A setting is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
-
-
-def _check_cap(path: str, rate_kbps: float | None) -> None:
-    if rate_kbps and rate_kbps < LEAST_KBPS:
-        raise SettingsError(f"{path} = {rate_kbps!r}: Expected float >= {LEAST_KBPS}, or 0 for no cap")
 
 
 class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -76,49 +65,6 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mass_kg: Mass = 0.2
     damping_nspm: Damping = 0.0
     axes: Annotated[int, msgspec.Meta(ge=1, le=3)] = 1
-
-
-class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One direction's own values; what is None is taken from [link]."""
-
-    delay_ms: Milliseconds | None = None
-    jitter_ms: Milliseconds | None = None
-    loss: Probability | None = None
-    burst_frames: Annotated[float, msgspec.Meta(ge=1.0, le=1e4)] | None = None
-    duplicate: Probability | None = None
-    reorder: Probability | None = None
-    rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] | None = None
-
-
-class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):
-    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap, else at least LEAST_KBPS."""
-
-    delay_ms: Milliseconds = 0.0
-    jitter_ms: Milliseconds = 0.0
-    loss: Probability = 0.0
-    burst_frames: Annotated[float, msgspec.Meta(ge=1.0, le=1e4)] = 1.0
-    duplicate: Probability = 0.0
-    reorder: Probability = 0.0
-    rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] = 0.0
-
-    def __post_init__(self) -> None:
-        _check_cap("rate_kbps", self.rate_kbps)
-
-
-class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """[link] holds for both directions; [link.up] (client to server) and [link.down] override it."""
-
-    up: LinkDirection = LinkDirection()
-    down: LinkDirection = LinkDirection()
-
-    def direction(self, own: LinkDirection) -> LinkProfile:
-        values: dict[str, float] = {}
-        for name in LinkDirection.__struct_fields__:
-            value = getattr(own, name)
-            value = getattr(self, name) if value is None else value
-            if value is not None:
-                values[name] = value
-        return LinkProfile(**values)
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -211,10 +157,10 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
     """Settings from a TOML table and `--set` overrides ({"coupling.stiffness_npm": 500.0}). Raises SettingsError."""
-    merged = _copy(table)
+    merged = copied(table)
     for key, value in (overrides or {}).items():
-        _override(merged, key, value)
-    _refuse_unknown(merged, Settings, "")
+        override(merged, key, value, ONLY_USER)
+    refuse_unknown(merged, Settings)
     users = merged.get("users")
     for index, user in enumerate(users if isinstance(users, list) else ()):
         if isinstance(user, dict):
@@ -222,7 +168,7 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
     try:
         settings = msgspec.convert(merged, Settings)
     except msgspec.ValidationError as error:
-        raise SettingsError(_readable(str(error), merged)) from None
+        raise SettingsError(readable(str(error), merged, Settings)) from None
     _check_fit(settings)
     return settings
 
@@ -236,14 +182,6 @@ def for_strangers(settings: Settings) -> Settings:
         speed_mps=STRANGERS_SPEED_MPS if admission.speed_mps is None else admission.speed_mps,
     )
     return msgspec.structs.replace(settings, admission=bounded)
-
-
-def parse_override(text: str) -> tuple[str, str]:
-    """Split `section.key=value`. Raises SettingsError."""
-    key, separator, value = text.partition("=")
-    if not separator or not key.strip():
-        raise SettingsError(f"--set {text!r}: write it as section.key=value, for instance coupling.stiffness_npm=500")
-    return key.strip(), value.strip()
 
 
 def coupling_of(settings: Settings, user: User) -> Coupling:
@@ -314,7 +252,7 @@ def _check_fit(settings: Settings) -> None:
             'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "coupling" leave it "passive"'
         )
     for section, way in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
-        _check_cap(f"{section}.rate_kbps", way.rate_kbps)
+        check_cap(f"{section}.rate_kbps", way.rate_kbps)
     for profile in (settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)):
         least = 1.0 / (1.0 - profile.loss)
         if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:
@@ -324,98 +262,3 @@ def _check_fit(settings: Settings) -> None:
             )
     for seat in range(len(settings.users)):
         seat_settings(settings, seat)
-
-
-def _copy(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _copy(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_copy(item) for item in value]
-    return value
-
-
-def _override(table: dict[str, Any], key: str, value: Any) -> None:
-    *path, last = key.split(".")
-    here: Any = table
-    for depth, part in enumerate(path):
-        if isinstance(here, list):
-            here = _item(here, part, key)
-        else:
-            here = here.setdefault(part, [{"name": ONLY_USER}] if part == "users" else {})
-        if not isinstance(here, (dict, list)):
-            raise SettingsError(f"--set {key}: {'.'.join(path[: depth + 1])} is a value, not a section")
-    if isinstance(here, list):
-        raise SettingsError(f"--set {key}: name a user's number and key, for instance users.0.stiffness_npm")
-    here[last] = value
-
-
-def _item(items: list[Any], part: str, key: str) -> Any:
-    if not part.isdigit() or int(part) >= len(items):
-        raise SettingsError(f"--set {key}: there is no user number {part} (users are numbered 0 to {len(items) - 1})")
-    return items[int(part)]
-
-
-def _refuse_unknown(table: Any, struct: type[msgspec.Struct], where: str) -> None:
-    if not isinstance(table, dict):
-        return
-    fields = {field.name: field.type for field in msgspec.structs.fields(struct)}
-    for key, value in table.items():
-        path = f"{where}{key}"
-        if key not in fields:
-            near = _nearest(str(key), fields, where)
-            cure = f"did you mean {near}?" if near else f"known here: {', '.join(fields)}"
-            raise SettingsError(f"{path}: there is no such setting; {cure}")
-        kind = fields[key]
-        if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-            _refuse_unknown(value, kind, f"{path}.")
-        elif key == "users" and isinstance(value, list):
-            for index, item in enumerate(value):
-                _refuse_unknown(item, User, f"users.{index}.")
-
-
-def _nearest(key: str, here: Iterable[str], where: str) -> str:
-    """The path of the setting that was meant by `key`: of those `here` the most alike, else the same name elsewhere."""
-    near = difflib.get_close_matches(key, here, n=1, cutoff=0.5)
-    if near:
-        return f"{where}{near[0]}"
-    sections: dict[str, type[msgspec.Struct]] = {"": Settings}
-    for field in msgspec.structs.fields(Settings):
-        if isinstance(field.type, type) and issubclass(field.type, msgspec.Struct):
-            sections[f"{field.name}."] = field.type
-    sections["users.0."] = User
-    return next((f"{path}{key}" for path, struct in sections.items() if key in struct.__struct_fields__), "")
-
-
-def _readable(message: str, table: Any) -> str:
-    """msgspec's message with the setting's path first, its value beside it, and what is allowed instead."""
-    text, _, where = message.partition(" - at `$")
-    path = where.rstrip("`").replace("[", ".").replace("]", "").lstrip(".")
-    if not path:
-        return text
-    parts = path.split(".")
-    value: Any = table
-    for part in parts:
-        try:
-            value = value[int(part)] if isinstance(value, list) else value[part]
-        except (KeyError, IndexError, ValueError, TypeError):
-            return f"{path}: {text}"
-    text = text.replace("`", "").replace("object", "a table").replace(" | null", "")
-    if "Invalid enum value" in text:
-        text = f"Expected {_allowed(parts)}"
-    elif "regex" in text:
-        text = "Expected letters, digits, blanks and . _ - with a letter or digit first"
-    return f"{path} = {value!r}: {text}"
-
-
-def _allowed(parts: Sequence[str]) -> str:
-    """The values that the enumeration at a path takes: "boxcar", "lowpass" or "none"."""
-    kind: Any = Settings
-    for part in parts:
-        if part.isdigit():
-            kind = User
-        else:
-            kind = next(field.type for field in msgspec.structs.fields(kind) if field.name == part)
-    while not (values := [value for value in get_args(kind) if isinstance(value, str)]):
-        kind = get_args(kind)[0]  # inside a union with None
-    *others, last = [f'"{value}"' for value in values]
-    return f"{', '.join(others)} or {last}"

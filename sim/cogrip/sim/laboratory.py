@@ -17,10 +17,11 @@ from cogrip.client.recorded import RecordedClient
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import LinkProfile, Settings, digest
+from cogrip.protocol.settings import Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.recorded import RecordedServer

@@ -10,7 +10,8 @@ from typing import Any
 import msgspec
 
 from cogrip.devices.device import DeviceError
-from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis.advice import AMPLE, Advice, advise, rounded_down
 from cogrip.sim.analysis.linear_session import ModelError
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis.feel import on_wall, slow_feel
 from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.sim.analysis.state_space import Array

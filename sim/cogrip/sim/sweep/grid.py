@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.protocol.settings import Settings, SettingsError, resolve
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings_table import SettingsError
 
 MOST_CELLS = 100_000
 
