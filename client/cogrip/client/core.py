@@ -42,7 +42,7 @@ class ClientCore:
         self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
         self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
         self.least_leak_j = 0.0
-        self.peak_force_n = 0.0
+        self.peak_force_n = self.peak_step_n = 0.0
         self.travel_m = 0.0
         self.tick = -1
         self.position_m: tuple[float, ...] = ()
@@ -330,6 +330,9 @@ class ClientCore:
             self.safety.event("fresh")
         wish = coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
         force = self.safety.limit(wish, coupling.gap)
+        step = abs(force[0] - self.force_n[0]) if len(force) == 1 else dist(force, self.force_n)
+        if step > self.peak_step_n:
+            self.peak_step_n = step
         self.force_n = force
         size = abs(force[0]) if len(force) == 1 else hypot(*force)
         if size > self.peak_force_n:
@@ -380,4 +383,5 @@ class ClientCore:
             diverged=bool(self.diverged),
             state=self.safety.state,
             reason=clipped(self.session.failed or self.diverged or self.safety.reason),
+            peak_step_n=self.peak_step_n,
         )

@@ -47,6 +47,27 @@ class TickCount(msgspec.Struct, frozen=True, array_like=True):
     work_us: Percentiles = Percentiles()
 
 
+class PlayoutAccount(msgspec.Struct, frozen=True, array_like=True):
+    """How one direction's frames were played out."""
+
+    depth_frames: float = 0.0  # mean over all frames
+    least_frames: int = 0
+    most_frames: int = 0
+    repeated: int = 0  # ticks in which no frame was played, to be one frame deeper
+    skipped: int = 0  # frames that were passed over, to be one frame shallower
+    concealed: int = 0  # frames that were not there in time
+    longest_gap: int = 0  # most of these in a row
+
+
+class DelayAccount(msgspec.Struct, frozen=True, array_like=True):
+    """What a client knows of the way to the server and back [ms]; None where nothing was measured."""
+
+    up_ms: Percentiles = Percentiles()  # one way, by the clocks as far as their offset is known
+    down_ms: Percentiles = Percentiles()
+    offset_ms: float | None = None  # the server's clock less ours
+    uncertainty_ms: float | None = None  # of that offset: half the least round trip
+
+
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     """What one person's client knows at the end of a session."""
 
@@ -64,6 +85,9 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     diverged: bool
     state: Annotated[str, msgspec.Meta(max_length=40)]
     reason: Annotated[str, msgspec.Meta(max_length=300)]
+    peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
+    playout: PlayoutAccount | None = None  # of the frames that came down; None without waves
+    delay: DelayAccount = DelayAccount()
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -73,6 +97,8 @@ class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
     up_margin_j: float | None
     line_margin_j: float | None
     up: LinkCount
+    playout: PlayoutAccount | None = None  # of the frames that came up; None without waves
+    rendered_npm: float | None = None  # the spring as it was integrated last
 
 
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):

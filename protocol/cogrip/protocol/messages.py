@@ -12,7 +12,7 @@ import msgspec
 from cogrip.protocol.accounts import ClientAccount, RoomAccount, SeatAccount
 from cogrip.protocol.settings import SeatNumber, SeatSettings
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
 SEAL_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GCM nonce 8 and tag 16

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import ClientAccount, DelayAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.messages import Farewell
 from cogrip.protocol.settings import SeatSettings, Settings
 
@@ -144,6 +144,7 @@ def _user(user: UserRecord) -> dict[str, Any]:
         "proxy_m": list(seat.proxy_m) if seat else None,
         "force_n": list(client.force_n) if client else None,
         "peak_force_n": client.peak_force_n if client else None,
+        "peak_force_step_n": client.peak_step_n if client else None,
         "travel_m": client.travel_m if client else None,
         "felt_stiffness_npm": client.felt_stiffness_npm if client else None,
         "predicted_stiffness_npm": client.predicted_stiffness_npm if client else None,
@@ -154,6 +155,12 @@ def _user(user: UserRecord) -> dict[str, Any]:
             "device_leak_j": client.device_leak_j if client else None,
         },
         "link": _link(seat.up if seat else None, client.down if client else None, client.rtt_ms if client else None),
+        "playout": {
+            "up": _struct(seat.playout if seat else None),
+            "down": _struct(client.playout if client else None),
+        },
+        "delay": _delay(client.delay if client else DelayAccount()),
+        "rendered_npm": seat.rendered_npm if seat else None,
         "ticks": _ticks(client.ticks if client else None),
         "state": client.state if client else None,
         "reason": client.reason if client else None,
@@ -167,10 +174,23 @@ def _link(up: LinkCount | None, down: LinkCount | None, rtt_ms: Percentiles | No
     rtt = rtt_ms or Percentiles()
     return {
         **both,
-        "up": msgspec.structs.asdict(up) if up else None,
-        "down": msgspec.structs.asdict(down) if down else None,
+        "up": _struct(up),
+        "down": _struct(down),
         "rtt_ms": {"p50": rtt.p50, "p99": rtt.p99},
     }
+
+
+def _delay(delay: DelayAccount) -> dict[str, Any]:
+    return {
+        "up_ms": {"p50": delay.up_ms.p50, "p99": delay.up_ms.p99},
+        "down_ms": {"p50": delay.down_ms.p50, "p99": delay.down_ms.p99},
+        "clock_offset_ms": delay.offset_ms,
+        "uncertainty_ms": delay.uncertainty_ms,
+    }
+
+
+def _struct(struct: msgspec.Struct | None) -> dict[str, Any] | None:
+    return msgspec.structs.asdict(struct) if struct is not None else None
 
 
 def _ticks(ticks: TickCount | None) -> dict[str, Any]:
