@@ -19,6 +19,10 @@ BENCHES = {
         "cogrip.cli.bench_network:bench_network",
         "How many people one core serves, plain and sealed, beside a bare socket echo; or a sealed server under a flood.",
     ),
+    "soak": (
+        "cogrip.cli.bench_soak:bench_soak",
+        "People at a server through a relay for a long time: who was lost, and what has grown.",
+    ),
     "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
     "velocity": (
         "cogrip.cli.bench_velocity:bench_velocity",

@@ -1,11 +1,8 @@
 """`cogrip demo`: a server and its clients as processes of this machine, watched until they end."""
 
-import re
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -14,9 +11,9 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.live import Live
 
+from cogrip.cli.children import end_all, listening_port, start_child
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
-from cogrip.cli.problem import Problem
 from cogrip.cli.settings_file import load, shipped, try_hands, with_people
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -27,8 +24,6 @@ from cogrip.sim.summary import of_accounts
 from cogrip.sim.verdict import in_fault
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
-START_LIMIT_S = 30.0
-END_LIMIT_S = 15.0
 WATCH_EVERY_S = 0.1
 
 
@@ -79,17 +74,17 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
     file = folder / SETTINGS
     common = ["--into", str(folder)]
     # it would stop by itself if we were killed
-    server = _start(
+    server = start_child(
         folder / "server.log", ["serve", str(file), "--port", "0", "--seconds", str(settings.seconds + 60), *common]
     )
     clients: dict[str, subprocess.Popen[bytes]] = {}
     failed: list[str] = []
     try:
-        port = _port(server, folder / "server.log", stop)
+        port = listening_port("server", server, folder / "server.log", stop)
         for user in settings.users:
             log = folder / client_log(user.name)
             who = ["--config", str(file), "--name", user.name]
-            clients[user.name] = _start(
+            clients[user.name] = start_child(
                 log,
                 ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *common],
             )
@@ -111,41 +106,10 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
                         f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}"
                     )
     finally:
-        if server.poll() is None:
-            server.send_signal(signal.SIGTERM)
-        for name, process in {"server": server, **clients}.items():
-            try:
-                code = process.wait(END_LIMIT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                code = process.wait()
-            if code != 0 and name not in failed:
+        for name in end_all({"server": server, **clients}, ["server"]):
+            if name not in failed:
                 failed.append(name)
     return failed
-
-
-def _start(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A child of its own session: Ctrl-C reaches it through us, so that its last words are not lost."""
-    with log.open("wb") as out:
-        return subprocess.Popen(
-            [sys.executable, "-m", "cogrip.cli", *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-
-
-def _port(server: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
-    until = time.monotonic() + START_LIMIT_S
-    while time.monotonic() < until and server.poll() is None and not stop.reason:
-        found = re.search(r"listening on \S+:(\d+)", log.read_text())
-        if found:
-            return int(found[1])
-        time.sleep(0.02)
-    if stop.reason:
-        raise Problem(f"{stop.reason} before the server was up")
-    raise Problem(f"the server did not start:\n{log.read_text().strip()}")
 
 
 def _words(folder: Path, name: str) -> list[str]:

@@ -1,0 +1,58 @@
+"""Commands of ours as processes of this machine: started, listened to, ended."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from cogrip.cli.problem import Problem
+from cogrip.protocol.io.stop import Stop
+
+START_LIMIT_S = 30.0
+END_LIMIT_S = 15.0
+_LOOK_EVERY_S = 0.02
+
+
+def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A child of its own session: Ctrl-C reaches it through us, so that its last words are not lost."""
+    with log.open("wb") as out:
+        return subprocess.Popen(
+            [sys.executable, "-m", "cogrip.cli", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+
+def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
+    """The port that a server, or a relay, says in its log that it listens on. Raises Problem where it does not come up."""
+    until = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < until and child.poll() is None and not stop.reason:
+        found = re.search(r"listening on \S+:(\d+)", log.read_text())
+        if found:
+            return int(found[1])
+        time.sleep(_LOOK_EVERY_S)
+    if stop.reason:
+        raise Problem(f"{stop.reason} before the {name} was up")
+    raise Problem(f"the {name} did not start:\n{log.read_text().strip()}")
+
+
+def end_all(children: Mapping[str, subprocess.Popen[bytes]], told: Collection[str]) -> list[str]:
+    """Wait for the end of all; those named in `told` are asked to end. Returns who did not end well, by name."""
+    for name in told:
+        if children[name].poll() is None:
+            children[name].send_signal(signal.SIGTERM)
+    failed = []
+    for name, child in children.items():
+        try:
+            code = child.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            code = child.wait()
+        if code != 0:
+            failed.append(name)
+    return failed

@@ -1,0 +1,88 @@
+"""The memory of running processes over time, as Linux tells it in /proc."""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+PAGE_KB = os.sysconf("SC_PAGE_SIZE") // 1024 if hasattr(os, "sysconf") else 4
+
+
+class Told(NamedTuple):
+    """Resident memory [KiB], and how fast it grew over the second half."""
+
+    first_kb: float
+    middle_kb: float
+    last_kb: float
+    slope_kb_per_h: float
+
+
+class Growth:
+    """Resident memory of one process, noted now and then."""
+
+    def __init__(self) -> None:
+        self._times_s: list[float] = []
+        self._sizes_kb: list[float] = []
+
+    def note(self, time_s: float, size_kb: float | None) -> None:
+        """None: the process has ended by now."""
+        if size_kb is not None:
+            self._times_s.append(time_s)
+            self._sizes_kb.append(size_kb)
+
+    @property
+    def last_kb(self) -> float:
+        return self._sizes_kb[-1] if self._sizes_kb else 0.0
+
+    @property
+    def slope_kb_per_h(self) -> float:
+        """Of the line of least squares through the second half; 0 where there are fewer than three notes."""
+        half = len(self._times_s) // 2
+        times, sizes = np.array(self._times_s[half:]), np.array(self._sizes_kb[half:])
+        if len(times) < 3:
+            return 0.0
+        away = times - times.mean()
+        return float((away * (sizes - sizes.mean())).sum() / (away * away).sum() * 3600.0)
+
+    def told(self) -> Told:
+        """Raises ValueError where nothing was noted."""
+        if not self._sizes_kb:
+            raise ValueError("no memory was noted of this process")
+        return Told(self._sizes_kb[0], self._sizes_kb[len(self._sizes_kb) // 2], self.last_kb, self.slope_kb_per_h)
+
+
+def family_of(leader: int) -> list[tuple[int, str]]:
+    """The processes of a session of which `leader` is the leader: (pid, "" for the leader itself, else " recorder")."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and _session_of(entry) == leader:
+            pid = int(entry.name)
+            role = "" if pid == leader else _role(entry)
+            if role is not None:
+                found.append((pid, role))
+    return sorted(found)
+
+
+def memory_kb(process: int) -> float | None:
+    """Resident memory, None where there is no such process."""
+    try:
+        return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * PAGE_KB
+    except (OSError, IndexError, ValueError):
+        return None
+
+
+def _session_of(entry: Path) -> int:
+    try:
+        return int(entry.joinpath("stat").read_text().rpartition(")")[2].split()[3])
+    except (OSError, IndexError, ValueError):
+        return 0
+
+
+def _role(entry: Path) -> str | None:
+    """What a child is for; None for Python's own resource tracker."""
+    try:
+        words = entry.joinpath("cmdline").read_bytes()
+    except OSError:
+        return None
+    return None if b"resource_tracker" in words else " recorder"
