@@ -85,6 +85,10 @@ class Page(BaseHTTPRequestHandler):
         else:
             self._answer(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is /metrics, and /healthz\n")
 
+    def do_HEAD(self) -> None:
+        """The same without the text: what some probes ask."""
+        self.do_GET()
+
     def _answer_health(self) -> None:
         snapshot, trouble, age_s = self.server.latest.look()
         words: dict[str, Any] = {"status": trouble or "ok"}
@@ -104,7 +108,8 @@ class Page(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
 
     def version_string(self) -> str:
         return "cogrip"
