@@ -22,6 +22,8 @@ class Profile:
     duplicate: float = 0.0
     reorder: float = 0.0
     rate_kbps: float = 0.0
+    outage_s: float = 0.0
+    outage_every_s: float = 0.0
 
 
 MS = 1_000_000
@@ -36,6 +38,8 @@ profiles = st.builds(
     duplicate=st.sampled_from([0.0, 0.2, 1.0]),
     reorder=st.sampled_from([0.0, 0.2, 1.0]),
     rate_kbps=st.sampled_from([0.0, 5.0, 100.0]),
+    outage_s=st.just(0.1),
+    outage_every_s=st.sampled_from([0.15, 1e5]),
 )
 
 PINNED = [
@@ -120,8 +124,8 @@ def test_nothing_appears_or_vanishes_and_the_calls_of_due_change_nothing(
         if data.draw(st.booleans()):
             got += often.due(now_ns)
         for each in (often, once):
-            accounted = each.delivered - each.duplicated + each.lost + each.queue_dropped + each.in_flight
-            assert accounted == each.sent == index + 1
+            gone = each.lost + each.queue_dropped + each.outage
+            assert each.delivered - each.duplicated + gone + each.in_flight == each.sent == index + 1
     end_ns = now_ns + 10**12
     got += often.due(end_ns)
     assert got == once.due(end_ns)
@@ -178,6 +182,42 @@ def test_a_lossy_link_delivers_a_clean_links_datagrams_at_the_same_times() -> No
     assert len(clean) == 300
     assert 100 < len(lossy) < 300
     assert lossy.items() <= clean.items()
+
+
+@pytest.mark.parametrize("origin_ns", [None, 5_000 * MS])
+def test_an_outage_takes_what_is_sent_in_it_and_leaves_every_other_fate_alone(origin_ns: int | None) -> None:
+    whole = LinkEmulator(ROUGH, "paired")
+    down = LinkEmulator(replace(ROUGH, outage_s=0.1, outage_every_s=0.5), "paired", [(0.25, 0.05)], origin_ns=origin_ns)
+    begin_ns, spared = 5_000 * MS, []
+    for index in range(500):
+        now_ns = begin_ns + index * 8 * MS
+        payload = index.to_bytes(2, "big")
+        elapsed_ns = now_ns - begin_ns
+        periodic = elapsed_ns >= 500 * MS and elapsed_ns % (500 * MS) < 100 * MS
+        if not periodic and not 250 * MS <= elapsed_ns < 300 * MS:
+            spared.append(payload)
+        whole.send(payload, now_ns)
+        down.send(payload, now_ns)
+        assert down.sent + down.duplicated == down.lost + down.outage + down.queue_dropped + down.in_flight
+    assert down.outage == 500 - len(spared) > 90
+    assert whole.queue_dropped == down.queue_dropped == 0
+
+    def arrivals(link: LinkEmulator) -> list[tuple[int, bytes]]:
+        found = []
+        while (next_ns := link.next_ns) is not None:
+            found += [(next_ns, payload) for payload in link.due(next_ns)]
+        return found
+
+    assert arrivals(down) == [each for each in arrivals(whole) if each[1] in spared]
+
+
+def test_an_outage_keeps_a_bottleneck_free() -> None:
+    emulator = LinkEmulator(Profile(rate_kbps=80, outage_s=0.1, outage_every_s=1.0), "free")
+    emulator.send(bytes(72), 0)
+    emulator.send(bytes(72), 1000 * MS)
+    emulator.send(bytes(72), 1100 * MS)
+    emulator.due(1109 * MS)
+    assert (emulator.delivered, emulator.outage, emulator.next_ns) == (1, 1, 1110 * MS)
 
 
 def test_duplicates_have_jitter_of_their_own() -> None:
@@ -239,6 +279,7 @@ def test_the_queue_holds_half_a_second_and_not_more() -> None:
         ({"delay_ms": -1.0}, "delay_ms"),
         ({"jitter_ms": math.nan}, "jitter_ms"),
         ({"rate_kbps": math.inf}, "rate_kbps"),
+        ({"outage_s": 1.0}, "outage_s = 1.0 must be above 0 and below outage_every_s = 0.0"),
     ],
 )
 def test_an_impossible_link_is_refused(changed: dict[str, float], words: str) -> None:

@@ -1,14 +1,26 @@
 """[link]: what happens to the datagrams of one direction, as settings and as the two ends are told of it."""
 
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from cogrip.protocol.settings_table import SettingsError
+from cogrip.protocol.weather import PROFILES, ProfileName
 
 Milliseconds = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=0.99)]
+Burst = Annotated[float, msgspec.Meta(ge=1.0, le=1e4)]
+Rate = Annotated[float, msgspec.Meta(ge=0.0, le=1e7)]
+OutageSeconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+OutageStart = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+MOST_OUTAGES = 64  # by script
+Length = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
+Outages = Annotated[tuple[tuple[OutageStart, Length], ...], msgspec.Meta(max_length=MOST_OUTAGES)]
+"""By script: (start_s, length_s) of each."""
+TracePath = Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
 LEAST_KBPS = 1.0
+
+Way = Literal["up", "down"]
 
 
 def check_cap(path: str, rate_kbps: float | None) -> None:
@@ -17,44 +29,95 @@ def check_cap(path: str, rate_kbps: float | None) -> None:
         raise SettingsError(f"{path} = {rate_kbps!r}: Expected float >= {LEAST_KBPS}, or 0 for no cap")
 
 
+def check_outages(where: str, outage_s: float, outage_every_s: float) -> None:
+    """Raises SettingsError for outages that would never come, or never end."""
+    if outage_s > 0.0 and outage_every_s <= outage_s:
+        raise SettingsError(
+            f"{where}outage_s = {outage_s:g}: {where}outage_every_s, from one outage's begin to the next, is "
+            f"{outage_every_s:g}; give more than {outage_s:g}"
+        )
+    if outage_every_s > 0.0 and outage_s <= 0.0:
+        raise SettingsError(
+            f"{where}outage_every_s = {outage_every_s:g}: {where}outage_s, how long each lasts, is 0; give more, "
+            "or leave both out"
+        )
+
+
 class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One direction's own values; what is None is taken from [link]."""
 
     delay_ms: Milliseconds | None = None
     jitter_ms: Milliseconds | None = None
     loss: Probability | None = None
-    burst_frames: Annotated[float, msgspec.Meta(ge=1.0, le=1e4)] | None = None
+    burst_frames: Burst | None = None
     duplicate: Probability | None = None
     reorder: Probability | None = None
-    rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] | None = None
+    rate_kbps: Rate | None = None
+    outage_s: OutageSeconds | None = None  # how long each lasts
+    outage_every_s: OutageStart | None = None  # from begin to begin; the first begins after as long
+    outages: Outages | None = None  # besides
+    trace: TracePath | None = None  # a file of recorded delays and losses, besides
 
 
 class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):
-    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap, else at least LEAST_KBPS."""
+    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap, else at least LEAST_KBPS.
+
+    Outages count from the direction's first datagram: one of outage_s at every multiple of outage_every_s but 0. A welcome
+    carries this, and answers a hello of unknown origin with no more bytes: scripts have no room in it.
+    """
 
     delay_ms: Milliseconds = 0.0
     jitter_ms: Milliseconds = 0.0
     loss: Probability = 0.0
-    burst_frames: Annotated[float, msgspec.Meta(ge=1.0, le=1e4)] = 1.0
+    burst_frames: Burst = 1.0
     duplicate: Probability = 0.0
     reorder: Probability = 0.0
-    rate_kbps: Annotated[float, msgspec.Meta(ge=0.0, le=1e7)] = 0.0
+    rate_kbps: Rate = 0.0
+    outage_s: OutageSeconds = 0.0
+    outage_every_s: OutageStart = 0.0
 
     def __post_init__(self) -> None:
         check_cap("rate_kbps", self.rate_kbps)
+        check_outages("", self.outage_s, self.outage_every_s)
 
 
 class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """[link] holds for both directions; [link.up] (client to server) and [link.down] override it."""
+    """[link] holds for both directions; [link.up] (client to server) and [link.down] override it.
 
+    profile: a network by name, whose values stand where neither says anything.
+    """
+
+    profile: ProfileName | None = None
     up: LinkDirection = LinkDirection()
     down: LinkDirection = LinkDirection()
 
-    def direction(self, own: LinkDirection) -> LinkProfile:
-        values: dict[str, float] = {}
-        for name in LinkDirection.__struct_fields__:
-            value = getattr(own, name)
-            value = getattr(self, name) if value is None else value
+    def direction(self, way: Way) -> LinkProfile:
+        """What holds on that way. Raises SettingsError where its values do not fit together."""
+        values = {} if self.profile is None else PROFILES[self.profile].way(way)
+        for name in LinkProfile.__struct_fields__:
+            value = self._own(way, name)
             if value is not None:
                 values[name] = value
+        check_outages(f"link.{way}.", values.get("outage_s", 0.0), values.get("outage_every_s", 0.0))
         return LinkProfile(**values)
+
+    def script(self, way: Way) -> Outages:
+        """The outages by script on that way: (start_s, length_s) of each. No welcome carries them."""
+        found: Outages = self._own(way, "outages") or ()
+        return found
+
+    def trace_of(self, way: Way) -> str:
+        """The file of recorded delays on that way, "" for none. It is opened where the settings were written, by no welcome."""
+        return self._own(way, "trace") or ""
+
+    @property
+    def kept_back(self) -> tuple[str, ...]:
+        """Keys in use that no welcome carries: a live session does not emulate them."""
+        return tuple(
+            f"link.{key}" for key in ("outages", "trace") if any(self._own(way, key) for way in ("up", "down"))
+        )
+
+    def _own(self, way: Way, name: str) -> Any:
+        """A value of that way, else of both; None where neither says any."""
+        value = getattr(self.up if way == "up" else self.down, name)
+        return getattr(self, name) if value is None else value

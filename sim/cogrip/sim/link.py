@@ -1,10 +1,12 @@
-"""One direction of a network in virtual time: delay, jitter, loss, duplicates, reordering, a rate cap. Sans-IO.
+"""One direction of a network in virtual time: delay, jitter, loss, duplicates, reordering, a rate cap, outages. Sans-IO.
 
-The path of a datagram: bottleneck queue (rate_kbps) -> loss -> duplication -> delay + jitter (+ hold) -> arrival.
+The path of a datagram: outage -> bottleneck queue (rate_kbps) -> loss -> duplication -> delay + jitter (+ hold) -> arrival.
+A recorded trace adds its delay to all others, and its losses.
 
 Fates are drawn by datagram number, each impairment from its own stream of the seed: payloads, the times of send and due
 and the other impairments do not touch them. Two runs that differ in loss only have the same jitter, datagram by
-datagram, so comparisons are paired. Only the queue looks at sizes and times, and it draws nothing.
+datagram, so comparisons are paired. Only outages, traces and the queue look at times, and they draw nothing: a datagram
+that an outage took has had its draw, and those after it have the fates they would have had.
 
 Loss is the Gilbert-Elliott chain with a lossless good and a lossy bad state, stepped once a datagram:
 P(bad -> good) = 1 / burst_frames, P(good -> bad) = loss / (burst_frames (1 - loss)), started in its stationary law. So
@@ -14,9 +16,12 @@ the rate of loss is `loss` and a run of losses is burst_frames datagrams long on
 
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from random import Random
 from typing import NamedTuple, Protocol
+
+from cogrip.sim.delay_trace import LOST_NS, DelayTrace
+from cogrip.sim.outages import NEVER_NS, Outages
 
 HOLD_MS = (10.0, 30.0)
 """A reordered datagram is held back by a further uniform time in this range: 1 to 3 datagrams at 100 a second."""
@@ -57,6 +62,14 @@ class LinkProfile(Protocol):
     def rate_kbps(self) -> float:
         """Bottleneck in kbit/s, 0 for none."""
 
+    @property
+    def outage_s(self) -> float:
+        """How long each periodic outage lasts, 0 for none."""
+
+    @property
+    def outage_every_s(self) -> float:
+        """From the origin to the first periodic outage's begin, and from begin to begin."""
+
 
 class Fate(NamedTuple):
     """What happens to one datagram, the queue apart: extra_ns is jitter and hold, copy_extra_ns None without a copy."""
@@ -66,6 +79,9 @@ class Fate(NamedTuple):
     copy_extra_ns: int | None
     held: bool
 
+
+COUNTERS = ("sent", "delivered", "lost", "duplicated", "held", "reordered", "outage", "queue_dropped", "in_flight")
+"""The names of what a link counts."""
 
 _CLEAR = Fate(False, 0, None, False)
 _LOST = Fate(True, 0, None, False)
@@ -156,7 +172,7 @@ def _fates(profile: LinkProfile, seed: str) -> Iterator[Fate]:
 class LinkEmulator:
     """One direction of a link: datagrams in by `send`, out by `due`. Two directions are two emulators, two seeds.
 
-    At any time sent + duplicated = delivered + lost + queue_dropped + in_flight.
+    At any time sent + duplicated = delivered + outage + queue_dropped + lost + in_flight.
     """
 
     __slots__ = (
@@ -165,18 +181,38 @@ class LinkEmulator:
         "_fates",
         "_flight",
         "_highest",
+        "_look_ns",
         "_ns_per_byte",
+        "_origin_ns",
+        "_outages",
+        "_trace",
         "delivered",
         "duplicated",
         "held",
         "lost",
+        "outage",
         "queue_dropped",
         "reordered",
         "sent",
     )
 
-    def __init__(self, profile: LinkProfile, seed: str) -> None:
+    def __init__(
+        self,
+        profile: LinkProfile,
+        seed: str,
+        outages: Iterable[tuple[float, float]] = (),
+        trace: DelayTrace | None = None,
+        origin_ns: int | None = None,
+    ) -> None:
+        """outages: by script, (start_s, length_s) of each. trace: delays and losses besides all others. origin_ns: what they
+        and the periodic outages count from; the time of the first datagram if none is given. Raises ValueError for an
+        impossible link.
+        """
         self._fates = fates(profile, seed)
+        self._outages = Outages(profile.outage_s, profile.outage_every_s, outages)
+        self._trace = trace
+        self._origin_ns = origin_ns
+        self._look_ns = -NEVER_NS if self._outages else NEVER_NS  # until then the link is up
         self._delay_ns = round(profile.delay_ms * 1e6)
         self._ns_per_byte = 8e6 / profile.rate_kbps if profile.rate_kbps else 0.0
         self._busy_ns: int | None = None  # when the bottleneck falls idle
@@ -188,6 +224,7 @@ class LinkEmulator:
         self.duplicated = 0  # copies made
         self.held = 0  # held back by `reorder`
         self.reordered = 0  # delivered after one that was sent later, by hold or jitter
+        self.outage = 0  # sent while the link was down
         self.queue_dropped = 0
 
     @property
@@ -203,14 +240,16 @@ class LinkEmulator:
     @property
     def counters(self) -> dict[str, int]:
         """Every counter by name."""
-        names = ("sent", "delivered", "lost", "duplicated", "held", "reordered", "queue_dropped", "in_flight")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in COUNTERS}
 
     def send(self, payload: bytes, now_ns: int) -> None:
-        """Puts a datagram on the link at now_ns."""
+        """Puts a datagram on the link at now_ns, which never falls."""
         number = self.sent
         self.sent = number + 1
         lost, extra_ns, copy_extra_ns, held = next(self._fates)
+        if now_ns >= self._look_ns and self._down_at(now_ns):
+            self.outage += 1
+            return
         leaves_ns = now_ns
         if self._ns_per_byte:
             queued_ns = self._queue(len(payload), now_ns)
@@ -218,16 +257,34 @@ class LinkEmulator:
                 self.queue_dropped += 1
                 return
             leaves_ns = queued_ns
+        arrival_ns = leaves_ns + self._delay_ns
+        if self._trace is not None:
+            traced_ns = self._trace.delay_ns(self._elapsed_ns(now_ns))
+            lost = lost or traced_ns == LOST_NS
+            arrival_ns += traced_ns
         if lost:
             self.lost += 1
             return
-        arrival_ns = leaves_ns + self._delay_ns
         heapq.heappush(self._flight, (arrival_ns + extra_ns, number, 0, payload))
         if held:
             self.held += 1
         if copy_extra_ns is not None:
             self.duplicated += 1
             heapq.heappush(self._flight, (arrival_ns + copy_extra_ns, number, 1, payload))
+
+    def _down_at(self, now_ns: int) -> bool:
+        """Whether the link is down now; if not, `_look_ns` is when it next will be."""
+        elapsed_ns = self._elapsed_ns(now_ns)
+        if self._outages.down_at(elapsed_ns):
+            return True
+        self._look_ns = now_ns - elapsed_ns + self._outages.next_begin_ns(elapsed_ns)
+        return False
+
+    def _elapsed_ns(self, now_ns: int) -> int:
+        """Since the link's origin, which is now if it has none yet."""
+        if self._origin_ns is None:
+            self._origin_ns = now_ns
+        return now_ns - self._origin_ns
 
     def _queue(self, size: int, now_ns: int) -> int | None:
         """When the datagram's last bit leaves the bottleneck, or None when the queue is full."""

@@ -1,0 +1,21 @@
+"""What the kernel keeps for a UDP socket that is not read just now, and what it had no room for."""
+
+import socket
+import sys
+
+RECEIVE_BUFFER_BYTES = 1 << 20
+SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
+OVERRUN = "socket: receive buffer full"  # the name under which it is counted
+
+
+def enlarge(receiver: socket.socket) -> None:
+    """Ask for RECEIVE_BUFFER_BYTES; the system may give less."""
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+
+def overrun(receiver: socket.socket) -> int:
+    """Datagrams dropped so far because the buffer was full; 0 where no one says. Raises OSError once it is closed."""
+    if not sys.platform.startswith("linux"):
+        return 0
+    info = receiver.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 4 * (DROPS + 1))
+    return int.from_bytes(info[-4:], sys.byteorder) if len(info) == 4 * (DROPS + 1) else 0

@@ -1,0 +1,1 @@
+"""Drivers of the laboratory's parts: the only sockets and clocks here."""

@@ -1,0 +1,65 @@
+"""When a link is down: every so often, and by script. Sans-IO.
+
+Times count from the link's origin, which its owner knows. An outage holds from its begin on, at its end the link is up
+again; outages that touch or overlap are one.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+
+NEVER_NS = 1 << 62
+"""146 years: an outage that never comes."""
+
+
+class Outages:
+    """Periodic: outage_s long at every multiple of outage_every_s but 0. By script: (start_s, length_s) of each."""
+
+    __slots__ = ("_begins", "_ends", "_every_ns", "_length_ns")
+
+    def __init__(
+        self, outage_s: float = 0.0, outage_every_s: float = 0.0, script: Iterable[tuple[float, float]] = ()
+    ) -> None:
+        """Raises ValueError, naming value, bound and cure, for outages that no link can have."""
+        for name, value in (("outage_s", outage_s), ("outage_every_s", outage_every_s)):
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"link {name} = {value} must be finite and at least 0")
+        if (outage_s > 0.0 or outage_every_s > 0.0) and not 0.0 < outage_s < outage_every_s:
+            raise ValueError(
+                f"link outage_s = {outage_s} must be above 0 and below outage_every_s = {outage_every_s}, which counts "
+                "from one outage's begin to the next"
+            )
+        self._length_ns = round(outage_s * 1e9)
+        self._every_ns = round(outage_every_s * 1e9)
+        self._begins: list[int] = []
+        self._ends: list[int] = []
+        for start_s, length_s in sorted(script):
+            if not (0.0 <= start_s < math.inf and 0.0 < length_s < math.inf):
+                raise ValueError(
+                    f"link outages: {length_s} s at {start_s} s: each must be longer than 0 and begin at 0 or later"
+                )
+            begin, end = round(start_s * 1e9), round((start_s + length_s) * 1e9)
+            if self._ends and begin <= self._ends[-1]:
+                self._ends[-1] = max(end, self._ends[-1])
+            else:
+                self._begins.append(begin)
+                self._ends.append(end)
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self._length_ns or self._begins)
+
+    def down_at(self, elapsed_ns: int) -> bool:
+        """Whether the link is down so long after its origin."""
+        if self._length_ns and elapsed_ns >= self._every_ns and elapsed_ns % self._every_ns < self._length_ns:
+            return True
+        last = bisect_right(self._begins, elapsed_ns) - 1
+        return last >= 0 and elapsed_ns < self._ends[last]
+
+    def next_begin_ns(self, elapsed_ns: int) -> int:
+        """When the first outage that begins after `elapsed_ns` does; NEVER_NS if none will."""
+        found = NEVER_NS
+        if self._length_ns:
+            found = (elapsed_ns // self._every_ns + 1) * self._every_ns
+        later = bisect_right(self._begins, elapsed_ns)
+        return min(found, self._begins[later]) if later < len(self._begins) else found

@@ -1,0 +1,219 @@
+"""`cogrip relay` as its users run it: what arrives through it, and whole sessions over it. Real processes, loopback."""
+
+import json
+import re
+import signal
+import socket
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cogrip.protocol.join_link import parse_link
+from cogrip.protocol.settings import resolve
+from cogrip.sim.link import Fate, fates
+
+from tests.live.conftest import LIMIT_S, Process
+from tests.live.test_live_sessions import DEMO, HOLD, accounted, leaving, summary_in
+
+MANY = 250
+ROUGH = ("delay_ms=5", "jitter_ms=20", "loss=0.2", "burst_frames=3", "duplicate=0.2", "reorder=0.1")
+SETS = [part for each in ROUGH for part in ("--set", f"link.{each}")]
+Start = Callable[..., tuple[Process, tuple[str, int], Callable[[], dict]]]
+
+
+@pytest.fixture
+def relay(run, tmp_path) -> Start:
+    """Start a relay; gives it, where it listens, and what ends it and gives its summary."""
+
+    def start(to: str, *arguments: str | Path, listen: str = "127.0.0.1:0"):
+        told = tmp_path / f"relay {len(list(tmp_path.iterdir()))}.json"
+        process = run("relay", "--to", to, "--listen", listen, "--json", told, "--seconds", "120", *arguments)
+        found = process.hear(r"relaying from (\S+):(\d+) ")
+
+        def end() -> dict:
+            process.signal(signal.SIGINT)
+            assert process.end() == 0, process.said
+            return json.loads(told.read_text())
+
+        return process, (found[1].strip("[]"), int(found[2])), end
+
+    return start
+
+
+@pytest.fixture
+def bound() -> Iterator[Callable[..., socket.socket]]:
+    made: list[socket.socket] = []
+
+    def make(host: str = "127.0.0.1") -> socket.socket:
+        made.append(socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM))
+        made[-1].bind((host, 0))
+        made[-1].settimeout(LIMIT_S)
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def numbers(receiver: socket.socket, count: int) -> list[int]:
+    """Of so many datagrams, in the order of their arrival."""
+    return [int(receiver.recv(2048)) for _ in range(count)]
+
+
+def check_order(got: list[int], drawn: list[Fate], counted: dict) -> None:
+    """What came is what was drawn; and of two that were sent in order, the one with no more to wait came no later."""
+    expected = Counter({n: 1 + (fate.copy_extra_ns is not None) for n, fate in enumerate(drawn) if not fate.lost})
+    assert Counter(got) == expected
+    # arrivals of number n, first to last: sent in order, so when it left the sender is rising in n, and what it waits is drawn
+    places: dict[int, list[int]] = {}
+    for place, number in enumerate(got):
+        places.setdefault(number, []).append(place)
+    waits = {n: sorted({drawn[n].extra_ns, drawn[n].copy_extra_ns or drawn[n].extra_ns}) for n in places}
+    for early in places:
+        for later in places:
+            if early < later and waits[early][-1] <= waits[later][0]:
+                assert places[early][-1] < places[later][0], (early, later)
+    assert counted["lost"] == sum(fate.lost for fate in drawn)
+    assert counted["delivered"] == len(got)
+    assert counted["sent"] + counted["duplicated"] == counted["delivered"] + counted["lost"]
+
+
+def test_what_arrives_is_what_the_laboratorys_links_let_through(relay, bound):
+    """Two clients and both ways, at their own pace: loss, copies and order are those that were drawn, by number."""
+    server = bound()
+    _, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--seed", "7", *SETS)
+    link = resolve({}, {f"link.{name}": float(value) for name, value in (each.split("=") for each in ROUGH)}).link
+    drawn = {
+        (n, way): list(islice(fates(link.direction(way), f"7/{n}/{way}"), MANY))
+        for n in range(2)
+        for way in ("up", "down")
+    }
+    got, ways = {}, {}
+    for n in range(2):
+        client = bound()
+        for number in range(MANY):
+            client.sendto(b"%d" % number, place)
+        copies = sum((not fate.lost) * (1 + (fate.copy_extra_ns is not None)) for fate in drawn[n, "up"])
+        got[n, "up"] = []
+        for _ in range(copies):
+            datagram, ways[n] = server.recvfrom(2048)
+            got[n, "up"].append(int(datagram))
+        for number in range(MANY):
+            server.sendto(b"%d" % number, ways[n])
+        copies = sum((not fate.lost) * (1 + (fate.copy_extra_ns is not None)) for fate in drawn[n, "down"])
+        got[n, "down"] = numbers(client, copies)
+    assert ways[0] != ways[1], "the server sees distinct addresses"
+    summary = end()
+    assert [flow["number"] for flow in summary["flows"]] == [0, 1]
+    for (n, way), fates_drawn in drawn.items():
+        check_order(got[n, way], fates_drawn, summary["flows"][n][way])
+        assert summary["flows"][n][way]["reordered"] > 0
+    for way in ("up", "down"):
+        assert summary["late_us"][way]["p50"] >= 0
+        assert summary["totals"][way]["in_flight"] == summary["totals"][way]["not_sent"] == 0
+
+
+def test_nobody_at_the_far_end_is_counted_and_whoever_comes_later_is_reached(relay, bound):
+    client, absent = bound(), bound()
+    port = absent.getsockname()[1]
+    absent.close()
+    process, place, end = relay(f"127.0.0.1:{port}")
+    for number in range(3):
+        client.sendto(b"%d" % number, place)
+    process.hear("flow 0: ")
+    server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with server:
+        server.bind(("127.0.0.1", port))
+        server.settimeout(LIMIT_S)
+        client.sendto(b"7", place)
+        while int(server.recv(99)) != 7:
+            pass
+    summary = end()
+    assert 1 <= summary["flows"][0]["up"]["refused"] <= 3
+    assert summary["flows"][0]["up"]["not_sent"] == 0
+
+
+def test_strangers_beyond_the_bound_get_nothing(relay, bound):
+    server, one, other = bound(), bound(), bound()
+    process, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--flows", "1")
+    one.sendto(b"1", place)
+    assert server.recv(99) == b"1"
+    other.sendto(b"2", place)
+    one.sendto(b"3", place)
+    assert server.recv(99) == b"3"
+    summary = end()
+    assert (summary["strangers"], summary["flows_begun"]) == (1, 1)
+    assert "of strangers beyond --flows 1" in process.said
+
+
+def test_an_idle_flow_ends_and_its_client_may_come_again(relay, bound):
+    server, client = bound(), bound()
+    process, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--idle-s", "1")
+    ways = []
+    for _ in range(2):
+        client.sendto(b"hello", place)
+        ways.append(server.recvfrom(99)[1])
+        process.hear(f"flow {len(ways) - 1}: .* was idle for too long")
+    server.sendto(b"late", ways[0])
+    summary = end()
+    assert ways[0] != ways[1]
+    assert (summary["flows"], summary["flows_begun"], summary["flows_expired"]) == ([], 2, 2)
+    assert summary["totals"]["up"]["delivered"] == 2
+    assert summary["totals"]["down"]["sent"] == 0, "nobody has that address any more"
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
+def test_it_speaks_version_6(relay, bound):
+    try:
+        server, client = bound("::1"), bound("::1")
+    except OSError:
+        pytest.skip("no IPv6 here")
+    _, place, end = relay(f"[::1]:{server.getsockname()[1]}", listen="[::1]:0")
+    client.sendto(b"hello", place)
+    datagram, way = server.recvfrom(99)
+    server.sendto(datagram + b" yourself", way)
+    assert client.recv(99) == b"hello yourself"
+    assert end()["totals"]["down"]["delivered"] == 1
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+def test_two_people_hold_one_cube_through_weather(run, relay, tmp_path, sealed):
+    """Sealed and plain: the relay reads nothing of what it carries."""
+    seal = ("--seal", "--state", tmp_path / "state") if sealed else ()
+    server = run(
+        "serve", DEMO, "--port", "0", "--seconds", "120", "--no-report", "--runs", tmp_path / "server", "--set",
+        "link.delay_ms=0", "--set", "playout.frames=4", *seal,
+    )  # fmt: skip
+    port = int(server.hear(r"listening on \S+:(\d+)")[1])
+    process, place, end = relay(f"127.0.0.1:{port}", "--profile", "wifi", "--seed", "3")
+    where = f"{place[0]}:{place[1]}"
+    if sealed:
+        printed = parse_link(re.search(r"as player: .*'(cogrip:\S+)'", server.said)[1])
+        where = msgspec.structs.replace(printed, port=place[1]).text
+    people = [
+        run("join", where, "--name", name, *HOLD, "--seconds", "1.5", *leaving(tmp_path / name))
+        for name in ("anna", "ben")
+    ]
+    assert [person.end() for person in people] == [0, 0], [person.said for person in people]
+    server.signal(signal.SIGTERM)
+    assert server.end() == 0, server.said
+    summary = end()
+    whole = summary_in(tmp_path / "server")
+    assert whole["passive"]
+    for user in whole["users"]:
+        assert user["link"]["applied"] > 100
+        assert accounted(user["link"])
+    assert summary["flows_begun"] == 2
+    for way in ("up", "down"):
+        total = summary["totals"][way]
+        assert total["sent"] + total["duplicated"] == sum(
+            total[each] for each in ("delivered", "lost", "outage", "queue_dropped", "in_flight")
+        )
+        assert total["delivered"] > 200
+        assert total["reordered"] > 0
+        assert total["crowded"] == 0
+    assert "relaying from" in process.said

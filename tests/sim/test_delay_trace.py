@@ -1,0 +1,114 @@
+"""Recorded delays: what holds when, where it begins again, and what is said of a file that is no trace."""
+
+from pathlib import Path
+
+import pytest
+
+from cogrip.sim.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
+from cogrip.sim.link import LinkEmulator
+
+from tests.sim.test_link import MS, Profile
+
+S = 1_000_000_000
+ROWS = [(10.0, 5.0), (11.0, 50.0), (11.5, None), (12.0, 10.0)]
+
+
+def test_a_row_holds_until_the_next_and_the_trace_begins_again() -> None:
+    trace = DelayTrace(ROWS)
+    assert trace.period_s == 2.5, "the last row holds as long as the one before it"
+    expected = {
+        0.0: 5,
+        0.999: 5,
+        1.0: 50,
+        1.499: 50,
+        1.5: LOST_NS / MS,
+        1.999: LOST_NS / MS,
+        2.0: 10,
+        2.499: 10,
+        2.5: 5,
+        3.5: 50,
+    }
+    for at_s, delay_ms in expected.items():
+        for turn in (0, 4):
+            assert trace.delay_ns(round((at_s + turn * 2.5) * S)) == delay_ms * MS
+
+
+def test_one_row_is_a_constant() -> None:
+    trace = DelayTrace([(0.0, 7.0)])
+    assert {trace.delay_ns(each) for each in (0, 1, S, 10**15)} == {7 * MS}
+
+
+def test_a_link_adds_the_trace_by_the_time_of_sending_and_draws_nothing_for_it() -> None:
+    rough = Profile(delay_ms=3, jitter_ms=2, loss=0.2, burst_frames=2, duplicate=0.3)
+    plain, traced = LinkEmulator(rough, "t"), LinkEmulator(rough, "t", trace=DelayTrace(ROWS))
+    sent_ns = {}
+    for number in range(400):
+        payload, now_ns = number.to_bytes(2, "big"), 77 * S + number * 10 * MS
+        sent_ns[payload] = now_ns
+        plain.send(payload, now_ns)
+        traced.send(payload, now_ns)
+
+    def took(link: LinkEmulator) -> dict[bytes, list[int]]:
+        found: dict[bytes, list[int]] = {}
+        while (next_ns := link.next_ns) is not None:
+            for payload in link.due(next_ns):
+                found.setdefault(payload, []).append(next_ns - sent_ns[payload])
+        return found
+
+    trace = DelayTrace(ROWS)
+    expected = {}
+    for payload, each in took(plain).items():
+        delay_ns = trace.delay_ns(sent_ns[payload] - 77 * S)
+        if delay_ns != LOST_NS:
+            expected[payload] = [one + delay_ns for one in each]
+    assert took(traced) == expected
+    assert traced.lost > plain.lost
+    assert traced.sent + traced.duplicated == traced.delivered + traced.lost
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_a_file_is_read_once_its_columns_are_found(tmp_path) -> None:
+    file = written(tmp_path / "t.csv", "seq, delay_ms, t_s\n1,5.5,0\n\n2,lost,1\n3,,2\n4,6,3\n")
+    trace = read_trace(file)
+    assert [trace.delay_ns(each * S) for each in range(4)] == [5.5 * MS, LOST_NS, LOST_NS, 6 * MS]
+    assert read_trace(file) is trace, "all links of a session have one"
+    written(file, "t_s,delay_ms\n0,1\n1,1\n")
+    assert read_trace(file) is not trace
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "1: the first line is ''; it must name the columns t_s and delay_ms"),
+        ("t_s,delay\n0,1\n", "1: the first line is 't_s,delay'"),
+        ("t_s,delay_ms\n", "there are no rows"),
+        ("t_s,delay_ms\n0,1\n0,1\n", "3: t_s = 0 is not after the row before it"),
+        ("t_s,delay_ms\n0,-1\n", "2: delay_ms = -1 is outside 0 to 10000; leave it empty where it was lost"),
+        ("t_s,delay_ms\n0,10001\n", "2: delay_ms = 10001 is outside"),
+        ("t_s,delay_ms\n0,nan\n", "2: delay_ms = 'nan' is no number"),
+        ("t_s,delay_ms\nx,1\n", "2: t_s = 'x' is no number"),
+        ("t_s,delay_ms\n0\n", "2: 1 columns, and 2 are named"),
+        ("t_s,delay_ms\n0,1\n2000000,1\n", "3: t_s = 2e[+]06 is more than 1e[+]06 s after"),
+    ],
+)
+def test_what_is_said_of_a_file_that_is_no_trace(tmp_path, text: str, words: str) -> None:
+    file = written(tmp_path / "t.csv", text)
+    with pytest.raises(TraceError, match=words) as caught:
+        read_trace(file)
+    assert str(file) in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path) -> None:
+    with pytest.raises(TraceError, match=r"none\.csv: cannot be read: No such file"):
+        read_trace(tmp_path / "none.csv")
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\n")
+    with pytest.raises(TraceError, match="cannot be read"):
+        read_trace(tmp_path / "bytes.csv")
+
+
+def test_the_longest_delay_is_taken() -> None:
+    assert DelayTrace([(0.0, 10_000.0)]).delay_ns(0) == 10_000 * MS

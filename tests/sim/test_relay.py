@@ -1,0 +1,267 @@
+"""The relay's core: flows, bounds, its books, and that its fates are the laboratory's, datagram by datagram."""
+
+from itertools import islice
+from random import Random
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.link_profile import Link, Way
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.weather import PROFILES
+from cogrip.sim.configured_link import configured_link
+from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.link import LinkEmulator, fates
+from cogrip.sim.relay import Relay
+
+MS = 1_000_000
+ROUGH = {
+    "delay_ms": 20.0, "jitter_ms": 15.0, "loss": 0.3, "burst_frames": 3.0, "duplicate": 0.2, "reorder": 0.1,
+    "rate_kbps": 500.0, "outage_s": 0.2, "outage_every_s": 1.0, "outages": [[0.3, 0.05]],
+}  # fmt: skip
+
+
+def link_of(**keys: object) -> Link:
+    return resolve({"link": keys}).link
+
+
+def relay_of(link: Link, seed: int = 7, **bounds: int) -> Relay:
+    return Relay(lambda n, way, origin_ns: configured_link(link, way, f"{seed}/{n}/{way}", (), origin_ns), **bounds)
+
+
+def drained(relay: Relay, until_ns: int) -> list[tuple[int, int, Way, bytes]]:
+    """(time, flow, way, datagram) of all that leaves, each at its time."""
+    found = []
+    while (next_ns := relay.next_ns) is not None and next_ns <= until_ns:
+        relay.due(next_ns)
+        found += [(next_ns, lane.flow.number, lane.way, datagram) for lane, datagram in relay.outbox]
+        relay.outbox.clear()
+    return found
+
+
+@pytest.mark.parametrize("keys", [ROUGH, *({"profile": name} for name in PROFILES)])
+def test_its_fates_are_those_of_the_laboratorys_links(keys: dict) -> None:
+    """The same datagrams at the same times, three people and both ways: the same leave at the same times."""
+    link, origin_ns, chance = link_of(**keys), 10**12, Random(3)
+    relay = relay_of(link)
+    links: dict[tuple[int, Way], LinkEmulator] = {
+        (n, way): configured_link(link, way, f"7/{n}/{way}", (), origin_ns) for n in range(3) for way in ("up", "down")
+    }
+    flows = {}
+    expected: list[tuple[int, int, Way, bytes]] = []
+    got: list[tuple[int, int, Way, bytes]] = []
+
+    def up_to(now_ns: int) -> None:
+        got.extend(drained(relay, now_ns))
+        for (n, way), each in links.items():
+            while (next_ns := each.next_ns) is not None and next_ns <= now_ns:
+                expected.extend((next_ns, n, way, datagram) for datagram in each.due(next_ns))
+
+    for frame in range(400):
+        for n in range(3):
+            now_ns = origin_ns + frame * 7_812_500 + n * 1_000_000
+            up_to(now_ns)
+            for way in ("up", "down"):
+                datagram = f"{frame} {n} {way} ".encode() + bytes(chance.randrange(300))
+                links[n, way].send(datagram, now_ns)
+                if way == "up":
+                    flows[n] = relay.from_client(datagram, n, now_ns)
+                else:
+                    relay.from_server(datagram, flows[n], now_ns)
+    up_to(origin_ns + 10**11)
+    assert sorted(got) == sorted(expected)
+    assert len(got) > 1000
+    assert [each[0] for each in got] == sorted(each[0] for each in got), "in order of arrival over all flows"
+    for (n, way), each in links.items():
+        lane = flows[n].up if way == "up" else flows[n].down
+        assert lane.link.counters == each.counters
+    assert relay.held_bytes == 0
+
+
+def test_its_fates_are_those_of_a_laboratory_session() -> None:
+    """What seat n's link did to a session's own datagrams, flow n's does to them again."""
+    settings = resolve({
+        "seconds": 1.0, "seed": 11, "playout": {"frames": 3}, "users": [{"name": "anna"}, {"name": "ben"}],
+        "link": {"profile": "wifi", "outage_s": 0.1, "outage_every_s": 0.4, "duplicate": 0.1},
+    })  # fmt: skip
+    laboratory = Laboratory(settings)
+    sent: list[tuple[int, int, Way, bytes]] = []
+    came: list[tuple[int, int, Way, bytes]] = []
+    for n, person in enumerate(laboratory.people):
+        for way in ("up", "down"):
+            link = person.up if way == "up" else person.down
+            # the laboratory's link itself, with an ear on what goes in and comes out
+            heard = Eavesdropped(link, lambda now_ns, datagram, n=n, way=way: sent.append((now_ns, n, way, datagram)),
+                                 lambda now_ns, datagram, n=n, way=way: came.append((now_ns, n, way, datagram)))  # fmt: skip
+            setattr(person, way, heard)
+    laboratory.run()
+    begun_ns = {way: min(each[0] for each in sent if each[2] == way) for way in ("up", "down")}
+    for way in ("up", "down"):  # a laboratory's server speaks first, a relay's client: so one way at a time
+        relay = relay_of(settings.link, seed=11)
+        flows = [relay.from_client(b"hello", n, begun_ns["down"]) for n in range(2)] if way == "down" else []
+        got = []
+        for now_ns, n, _, datagram in [each for each in sent if each[2] == way]:
+            got += drained(relay, now_ns)
+            if way == "up":
+                relay.from_client(datagram, n, now_ns)
+            else:
+                relay.from_server(datagram, flows[n], now_ns)
+        got += drained(relay, 10**12)
+        for n in range(2):
+            theirs = [each[3] for each in came if each[1:3] == (n, way)]
+            ours = [each[3] for each in got if each[1:3] == (n, way)]
+            assert len(theirs) > 60
+            assert ours[: len(theirs)] == theirs
+            assert len(ours) - len(theirs) < 10, "what was under way at the session's end"
+        assert relay.totals(way)["outage"] > 20
+
+
+class Eavesdropped:
+    def __init__(self, link: LinkEmulator, sent: object, came: object) -> None:
+        self.link, self.sent, self.came = link, sent, came
+
+    @property
+    def next_ns(self) -> int | None:
+        return self.link.next_ns
+
+    def send(self, payload: bytes, now_ns: int) -> None:
+        self.sent(now_ns, payload)
+        self.link.send(payload, now_ns)
+
+    def due(self, now_ns: int) -> list[bytes]:
+        found = self.link.due(now_ns)
+        for each in found:
+            self.came(now_ns, each)
+        return found
+
+
+def test_fates_go_by_number_whatever_is_sent_when() -> None:
+    link = link_of(jitter_ms=30.0, loss=0.3, duplicate=0.2)
+    relay, chance, now_ns = relay_of(link), Random(1), 0
+    for number in range(300):
+        relay.from_client(number.to_bytes(2, "big") + bytes(chance.randrange(100)), "a", now_ns)
+        now_ns += chance.randrange(20 * MS)
+    got = [int.from_bytes(each[3][:2], "big") for each in drained(relay, 10**12)]
+    drawn = enumerate(islice(fates(link.direction("up"), "7/0/up"), 300))
+    expected = [number for number, fate in drawn if not fate.lost for _ in range(1 + (fate.copy_extra_ns is not None))]
+    assert sorted(got) == expected
+
+
+def test_what_is_not_delayed_is_due_at_once() -> None:
+    relay = relay_of(link_of())
+    flow = relay.from_client(b"up", "a", 5)
+    relay.due(5)
+    assert [(lane.way, datagram) for lane, datagram in relay.outbox] == [("up", b"up")]
+    relay.from_server(b"down", flow, 6)
+    assert relay.next_ns == 6
+    relay.due(6)
+    assert relay.outbox[-1] == (flow.down, b"down")
+    assert relay.next_ns is None
+
+
+def test_outages_hit_every_flow_and_way_at_once() -> None:
+    relay = relay_of(link_of(outage_s=0.5, outage_every_s=3.0))
+    relay.from_client(b"0", "first", 1_000 * MS)  # all count from here
+    late = relay.from_client(b"1", "late", 3_900 * MS)
+    down = relay.from_client(b"2", "late", 4_000 * MS)
+    relay.from_server(b"3", down, 4_499 * MS)
+    relay.from_server(b"4", down, 4_500 * MS)
+    assert late is down
+    assert [each[3] for each in drained(relay, 10**12)] == [b"0", b"1", b"4"]
+    assert (relay.totals("up")["outage"], relay.totals("down")["outage"]) == (1, 1)
+
+
+def test_strangers_beyond_the_bound_are_counted_and_get_nothing() -> None:
+    relay = relay_of(link_of(), most_flows=2)
+    assert [relay.from_client(b"x", address, 0) is not None for address in "abca"] == [True, True, False, True]
+    assert (relay.strangers, relay.begun, len(relay.flows)) == (1, 2, 2)
+
+
+def test_an_idle_flow_expires_once_nothing_is_under_way_and_its_counts_stay() -> None:
+    relay = relay_of(link_of(delay_ms=5_000.0), most_flows=1, idle_ns=1_000 * MS)
+    flow = relay.from_client(b"x", "a", 0)
+    assert relay.expire(999 * MS) == []
+    assert relay.expire(1_000 * MS) == [], "its datagram is under way"
+    assert len(drained(relay, 5_000 * MS)) == 1
+    assert relay.expire(5_000 * MS) == [flow]
+    assert (relay.expired, relay.flows) == (1, {})
+    assert relay.totals("up")["delivered"] == 1
+    again = relay.from_client(b"y", "a", 6_000 * MS)
+    assert again.number == 1, "a number is never given twice: another one's fates"
+    assert relay.totals("up")["sent"] == 2
+
+
+def test_either_end_keeps_a_flow() -> None:
+    relay = relay_of(link_of(), idle_ns=1_000 * MS)
+    flow = relay.from_client(b"x", "a", 0)
+    relay.from_server(b"y", flow, 900 * MS)
+    relay.due(900 * MS)
+    assert relay.expire(1_800 * MS) == []
+    assert relay.expire(1_900 * MS) == [flow]
+
+
+def test_what_is_held_is_bounded() -> None:
+    relay = relay_of(link_of(delay_ms=1_000.0, duplicate=0.5), most_held_bytes=10_000)
+    for number in range(200):
+        relay.from_client(bytes(100), "a", number)
+        assert relay.held_bytes <= 10_000
+    totals = relay.totals("up")
+    assert totals["crowded"] == 200 - totals["sent"] > 90
+    assert relay.held_bytes == 100 * totals["in_flight"]
+    assert relay.held_bytes > 9_700
+    drained(relay, 10**10)
+    assert relay.held_bytes == 0
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["a", "b", "c"]), st.booleans(), st.integers(0, 30 * MS), st.integers(0, 1200)),
+        max_size=60,
+    ),
+    st.booleans(),
+)
+def test_nothing_appears_or_vanishes(events: list[tuple[str, bool, int, int]], lazily: bool) -> None:
+    """Whether it is asked at every due time or only now and then: the same leave, in the same order."""
+    link = link_of(**ROUGH)
+    eager, lazy = relay_of(link), relay_of(link)
+    now_ns, got, late = 0, [], []
+    for address, up, gap_ns, size in events:
+        now_ns += gap_ns
+        got += [each[1:] for each in drained(eager, now_ns)]
+        if lazily:
+            lazy.due(now_ns)
+        for relay in (eager, lazy):
+            flow = relay.flows.get(address)
+            if up or flow is None:
+                relay.from_client(bytes(size), address, now_ns)
+            else:
+                relay.from_server(bytes(size), flow, now_ns)
+            for way in ("up", "down"):
+                each = relay.totals(way)
+                gone = each["lost"] + each["queue_dropped"] + each["outage"]
+                assert each["sent"] + each["duplicated"] == each["delivered"] + gone + each["in_flight"]
+    got += [each[1:] for each in drained(eager, now_ns + 10**12)]
+    lazy.due(now_ns + 10**12)
+    late = [(lane.flow.number, lane.way, datagram) for lane, datagram in lazy.outbox]
+    assert got == late
+    assert eager.held_bytes == lazy.held_bytes == 0
+    assert {way: eager.totals(way) for way in ("up", "down")} == {way: lazy.totals(way) for way in ("up", "down")}
+
+
+def test_how_late_it_was_is_told() -> None:
+    relay = relay_of(link_of(delay_ms=10.0))
+    relay.from_client(b"x", "a", 0)
+    relay.from_client(b"y", "a", 5 * MS)
+    relay.due(18 * MS)
+    assert (relay.late["up"].count, relay.late["up"].max_ns, relay.late["up"].total_ns) == (2, 8 * MS, 11 * MS)
+    assert relay.late["down"].count == 0
+
+
+def test_the_profile_of_a_seat_is_the_profile_of_a_flow() -> None:
+    """What a welcome carries of [link] is what the relay emulates."""
+    settings = resolve({"link": {"profile": "lte", "down": {"loss": 0.2}}})
+    lane = relay_of(settings.link).from_client(b"x", "a", 0)
+    assert lane is not None
+    assert msgspec.structs.asdict(settings.link.direction("down"))["loss"] == 0.2
