@@ -1,0 +1,137 @@
+"""`cogrip bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
+
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from cogrip.cli.json_answer import Json, write_json
+from cogrip.cli.problem import BadInput
+from cogrip.protocol.delays import expected_frames, one_way
+from cogrip.protocol.link_profile import Link
+from cogrip.protocol.playout import cost, weight_frames
+from cogrip.protocol.rates import Rates
+from cogrip.protocol.settings import Playout
+from cogrip.protocol.weather import PROFILES
+from cogrip.sim.playout_trial import Played, arrivals, beaten, best_fixed, fixed_delays, play, ratio
+
+BOUND = 1.2  # of the best fixed depth's delay, and of the frames that it loses to lateness
+WAYS = ("up", "down")
+
+
+def bench_playout(
+    *,
+    seeds: int = 20,
+    seconds: float = 60.0,
+    network_hz: int = 128,
+    profile: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    json: Json = None,
+) -> int:
+    """Play the same datagrams out with frames = "auto" and at every fixed depth, on each profile, both ways.
+
+    The best fixed depth is chosen with hindsight over all seeds: of one whole delay through all runs, the one with the least
+    delay + W late / in time, W = 0.5 s. held is the delay beyond the quickest datagram; late are the frames that came and were
+    not played, what was passed over among them. "frames" is the best of the numbers that [playout] takes, by the same measure:
+    it counts from the first datagram, whose jitter is luck. beaten: whether any fixed delay is better by 1.2 times in both.
+
+    Parameters
+    ----------
+    seeds
+        Runs of each profile and way.
+    seconds
+        Virtual time of each run.
+    network_hz
+        Frames a second.
+    profile
+        Only this profile. Repeatable.
+    """
+    if seeds < 1 or seconds <= 0.0 or network_hz < 1:
+        raise BadInput("bench playout needs at least 1 seed, some seconds and 1 frame a second")
+    for name in profile:
+        if name not in PROFILES:
+            raise BadInput(f"--profile {name}: is none of {', '.join(PROFILES)}")
+    console = Console(highlight=False, stderr=json == "-")
+    rows = []
+    for name in PROFILES:
+        if not profile or name in profile:
+            for way in WAYS:
+                console.print(f"{name} {way}: {seeds} runs of {seconds:g} s", style="dim")
+                rows.append(_trial(name, way, seeds, seconds, network_hz))
+    console.print(_table(rows, network_hz))
+    kept = all(row["delay_ratio"] <= BOUND and row["late_ratio"] <= BOUND and not row["beaten"] for row in rows)
+    console.print(f"at most {BOUND:g} times delay and late frames are asked for: {'kept' if kept else 'NOT kept'}")
+    if json:
+        write_json({"rows": rows}, json)
+    return 0 if kept else 1
+
+
+def _trial(name: str, way: Any, seeds: int, seconds: float, network_hz: int) -> dict[str, Any]:
+    link = Link(profile=name).direction(way)  # type: ignore[arg-type]
+    runs = [arrivals(link, f"{seed}/{way}", seconds, network_hz) for seed in range(1, seeds + 1)]
+    ours = [play(run, "auto") for run in runs]
+    delays = fixed_delays(runs)
+    quickest = delays[0].delay_frames
+    best = best_fixed(delays, network_hz)
+    depth = best.delay_frames - quickest
+    numbers = {frames: [play(run, frames) for run in runs] for frames in range(max(0, depth - 2), depth + 2)}
+    chosen = min(numbers, key=lambda frames: _mean_cost(numbers[frames], network_hz))
+    delay, late = _delay(ours), _late(ours)
+    link_frames = link.delay_ms * 1e-3 * network_hz
+    border = one_way(link.delay_ms, 0, Rates(network_hz, network_hz)).frames
+    return {
+        "profile": name,
+        "way": way,
+        "delay_ms": 1e3 * delay / network_hz,
+        "held_frames": delay - quickest,
+        "late_share": late,
+        "moves_a_minute": sum(one.account.repeated + one.account.skipped for one in ours) / seeds / seconds * 60.0,
+        "most_frames": max(one.account.most_frames for one in ours),
+        "best_frames": depth,
+        "best_late_share": best.late / best.sent,
+        "best_delay_ms": 1e3 * best.delay_frames / network_hz,
+        "delay_ratio": max(
+            ratio(delay, best.delay_frames), ratio(delay - link_frames, best.delay_frames - link_frames)
+        ),
+        "late_ratio": ratio(late, best.late / best.sent),
+        "beaten": beaten(delays, delay, late, BOUND),
+        "expected_frames": expected_frames(Playout(frames="auto"), link, Rates(network_hz, network_hz))
+        + border
+        - quickest,
+        "number": chosen,
+        "number_delay_ms": 1e3 * _delay(numbers[chosen]) / network_hz,
+        "number_late_share": _late(numbers[chosen]),
+    }
+
+
+def _delay(runs: list[Played]) -> float:
+    return sum(run.delay_frames for run in runs) / len(runs)
+
+
+def _late(runs: list[Played]) -> float:
+    return sum(run.late for run in runs) / sum(run.sent for run in runs)
+
+
+def _mean_cost(runs: list[Played], network_hz: int) -> float:
+    late = _late(runs)
+    return cost(_delay(runs), late, 1.0 - late, weight_frames(1.0 / network_hz))
+
+
+def _table(rows: list[dict[str, Any]], network_hz: int) -> Table:
+    table = Table(title=f"auto beside the best fixed depth, {network_hz} frames a second")
+    table.add_column("way", no_wrap=True)
+    for column in (
+        "auto ms", "held", "late %", "moves/min", "best ms", "held", "late %", "delay x", "late x", "beaten", "expected",
+        "frames", "ms", "late %",
+    ):  # fmt: skip
+        table.add_column(column, justify="right")
+    for row in rows:
+        table.add_row(
+            f"{row['profile']} {row['way']}",
+            f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
+            f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
+            f"{100 * row['best_late_share']:.3f}", f"{row['delay_ratio']:.3f}", f"{row['late_ratio']:.3f}",
+            "yes" if row["beaten"] else "no", str(row["expected_frames"]), str(row["number"]),
+            f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
+        )  # fmt: skip
+    return table
