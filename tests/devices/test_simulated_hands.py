@@ -75,6 +75,19 @@ def test_sine_swings_evenly_after_a_smooth_start() -> None:
     assert course(1.375)[0] == pytest.approx(-0.008)
 
 
+def test_reach_rests_after_each_stroke() -> None:
+    course, plain = (reach_course(ReachSettings(amplitude_m=0.03, stroke_s=0.8, rest_s=rest)) for rest in (0.4, 0.0))
+    for time in (0.1, 0.4, 0.79):
+        assert course(time) == pytest.approx(plain(time))
+        assert course(1.2 + time) == pytest.approx(plain(0.8 + time))
+    for time in (0.8, 1.19):
+        assert course(time) == pytest.approx((0.03, 0.0))
+        assert course(1.2 + time) == pytest.approx((0.0, 0.0), abs=1e-15)
+    last = reach_course(ReachSettings(amplitude_m=0.03, stroke_s=0.8, rest_s=0.4, stop_s=2.0))
+    assert last(1.6)[1] < 0.0, "the second stroke is over by stop_s"
+    assert last(5.0) == (0.0, 0.0)
+
+
 def test_reach_goes_to_and_fro() -> None:
     course = reach_course(ReachSettings(amplitude_m=0.03, stroke_s=0.8, stop_s=1.5))
     assert course(0.4)[0] == pytest.approx(0.015)

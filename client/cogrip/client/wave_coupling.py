@@ -6,16 +6,22 @@ u = sqrt(2b) y - v forward wave of a tick [sqrt(W)], T_c tick [s], L age of a sa
 Where samples are old, what a tick shows of the hand is the displacement of L ticks before, which was made against the wave
 of then: u_k = sqrt(2b) y_{k-L} - v_{k-L}. With the wave of now, displacement and force would not make up the hand's work at
 frame borders, and the line would give the difference. Each wave is booked for its own M ticks all the same, L ticks late.
+
+Where the returning wave is missing this end yields: with a share s of sqrt(b), 1 on a clear line, F = s^2 b xdot - s sqrt(2b) v
+and u = s sqrt(2b) y - v; F y = (u^2 - v^2)/2 holds tick by tick for any s. What that leaves of the displacement,
+e = (1 - s) sqrt(2b) y, is forgone: the receiver holds it as played (docs/decisions/0003-gaps.md).
 """
 
 from collections import deque
 from collections.abc import Sequence
 from math import sqrt
 
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
-from cogrip.protocol.line import LineReceiver, LineSender
-from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.line import LineReceiver
+from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.loop_meter import LoopMeter
+from cogrip.protocol.messages import Frame, Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
 
 OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
@@ -35,9 +41,16 @@ class WaveCoupling:
             coupling.decimator, axes, rates.ticks_per_frame, rates.tick_s, coupling.lowpass_rad_s
         )
         self._sender = LineSender(axes, seat.playout.redundancy)
-        self._receiver = LineReceiver(axes, seat.playout.frames, rates.frame_s, seat.playout.tank_mj * 1e-3)
-        self._late: deque[tuple[float, ...]] = deque(maxlen=0)  # waves of the last L ticks, oldest first
-        self._loops: dict[int, int] = {}
+        playout = seat.playout
+        self._receiver = LineReceiver(
+            axes, playout.frames, rates.frame_s, playout.tank_mj * 1e-3, playout.concealment
+        )  # fmt: skip
+        self._share = 1.0  # s of this frame
+        self._forgone = [0.0] * axes  # sum of e over the ticks of this frame
+        self._late: deque[tuple[tuple[float, ...], float]] = deque(
+            maxlen=0
+        )  # v and s of the last L ticks, oldest first
+        self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
         self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
@@ -55,16 +68,16 @@ class WaveCoupling:
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
         keep = ticks if self._from_displacement else 0
-        self._late = deque([*[(0.0,) * len(self.returning)] * keep, *self._late], maxlen=keep)
+        self._late = deque([*[((0.0,) * len(self.returning), 1.0)] * keep, *self._late], maxlen=keep)
 
-    def _booked(self) -> tuple[float, ...]:
-        """The returning wave that belongs to the tick that is booked."""
+    def _booked(self) -> tuple[tuple[float, ...], float]:
+        """The returning wave, and the share, that belong to the tick that is booked."""
         late = self._late
         if not late:
-            return self.returning
-        wave = late[0]
-        late.append(self.returning)  # drops the oldest
-        return wave
+            return self.returning, self._share
+        oldest = late[0]
+        late.append((self.returning, self._share))  # drops the oldest
+        return oldest
 
     @property
     def gap(self) -> bool:
@@ -81,7 +94,13 @@ class WaveCoupling:
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        for axis, v in enumerate(self._booked() if self._late else self.returning):
+        wave, share = self._booked() if self._late else (self.returning, self._share)
+        if share != 1.0:
+            root *= share
+            kept = hold * (self._root - root)
+            for axis in range(len(wave)):
+                self._forgone[axis] += kept * velocity[axis]
+        for axis, v in enumerate(wave):
             u = root * velocity[axis] - v
             if hold != 1.0:
                 u = hold * u + (1.0 - hold) * OPEN * v
@@ -97,7 +116,7 @@ class WaveCoupling:
         """One tick has passed without a hand: send 0, absorb what comes (a matched termination)."""
         self.forward = (0.0,) * len(self.returning)
         self._decimator.push(self.forward)
-        for v in self._booked():
+        for v in self._booked()[0]:
             self.used_j += v * v * self._half_tick_s
 
     def end_frame(self) -> None:
@@ -108,19 +127,25 @@ class WaveCoupling:
         """The returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
         self._frame += 1
         receiver = self._receiver
+        if any(self._forgone):
+            receiver.forgo([e / self._ticks_per_frame for e in self._forgone])
+            self._forgone = [0.0] * len(self._forgone)
         self.returning = receiver.take()
+        self._share = receiver.share
         if receiver.mark is not None:
             made_j, _, heard = receiver.mark
             margin = made_j - receiver.played_j
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
             if heard:
-                loop = self._frame - heard
-                self._loops[loop] = self._loops.get(loop, 0) + 1
+                self._loops.add(self._frame - heard)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """F = b xdot - sqrt(2b) v [N] (P eq. 16), with the velocity estimated now."""
-        b, root = self._b, self._root
+        b, root, share = self._b, self._root, self._share
+        if share != 1.0:
+            b *= share * share
+            root *= share
         return [b * velocity_mps[axis] - root * wave for axis, wave in enumerate(self.returning)]
 
     def message(
@@ -133,7 +158,7 @@ class WaveCoupling:
             origin_m + position_m,
         )  # fmt: skip
 
-    def receive(self, message: Waves | State) -> bool:
+    def receive(self, message: Frame) -> bool:
         if not isinstance(message, Waves) or len(message.state) != len(self.object_state):
             return False
         mark = (message.made_j, message.port_j, message.heard)
@@ -146,17 +171,12 @@ class WaveCoupling:
         """Frames from the server that were lost so far."""
         return self._receiver.lost
 
+    def playout_account(self) -> PlayoutAccount | None:
+        return self._receiver.playout_account()
+
     def count(self) -> LinkCount:
         return self._receiver.count()
 
     def loop_frames(self) -> float | None:
-        """Median of the measured loop: frames from a forward wave to the frame its answer is applied in.
-
-        With the ticks that it waits to be booked: they make the line softer (exactly so with the boxcar).
-        """
-        half = sum(self._loops.values()) / 2
-        for loop in sorted(self._loops):
-            half -= self._loops[loop]
-            if half <= 0:
-                return loop + len(self._late) / self._ticks_per_frame
-        return None
+        """The measured loop of the last second: frames from a forward wave to the frame its answer is applied in."""
+        return self._loops.median()

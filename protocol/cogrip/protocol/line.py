@@ -1,11 +1,10 @@
 """The passive line: one direction of waves over a network that delays, loses, repeats and reorders (theory section 3.5).
 
     sender    numbers the frames, repeats the last R of them in every datagram, and adds the running totals
-              (sum w, sum w^2) of all frames before the oldest of these
-    receiver  plays the frames out at a fixed delay of D frames, each at most once; a frame that is not there in time
-              plays as 0, a matched termination; what was lost beyond repair is known from the totals and is paid back
-              slowly, out of the lost frames' own energy (the bank). What the bank or the tank holds also lets the last
-              wave fade out through a gap instead of dropping to 0 (docs/decisions/0003-gaps.md)
+              (sum w, sum w^2) of all frames before the oldest of these (`line_sender`)
+    receiver  plays the frames out some frames later (`playout`), each at most once. What was lost beyond repair is known
+              from the totals: the debt, and the bank of its energy. What is played in a gap and how the debt is paid says
+              a strategy (`concealment`); the books here bound it
 
 Invariant, per axis and at every tick: sum(played^2) <= sum(sent^2 of the frames up to it) + tank.
 
@@ -13,57 +12,30 @@ The fate of every frame has a name: applied (played in time), late (arrived afte
 sent = applied + late + lost counts the frames that are known to have been sent and whose time has come.
 """
 
-from collections import deque
+from collections.abc import Sequence
 from math import sqrt
 
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.concealment import CONCEALMENTS, Concealed
+from cogrip.protocol.line_sender import Frame
+from cogrip.protocol.playout import PLAY, REPEAT, Frames, make_playout
 
-REPAY_SHARE = 1.0 / 16.0  # of the debt, in one frame
-REPAY_LIMIT = 0.02  # sqrt(W) in one frame: faster repayment makes force peaks
-FADE = 0.85  # of the last wave, from frame to frame, in a gap, while there is energy to lend
-RESERVE = 8.0  # frames like the last one that repayment leaves in the bank for the next gap
-REALIGN_WINDOW = 128  # fresh datagrams that must agree before the playout moves by one frame
 FURTHEST_JUMP = 1 << 12  # frames; a number further ahead of the playout than this is no frame of this session
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 
-Frame = tuple[float, ...]
 Mark = tuple[float, float, int]  # the sender's books up to a frame: made_j, port_j, heard
-
-
-class LineSender:
-    """Numbers frames and keeps what a datagram has to carry. Waves are tuples of shape (axes,) [sqrt(W)]."""
-
-    __slots__ = ("_most", "_square", "_total", "_values", "next_number")
-
-    def __init__(self, axes: int, redundancy: int) -> None:
-        self._most = redundancy * axes
-        self._values: deque[float] = deque()  # of the newest frames, frame by frame, axis by axis
-        self._total = (0.0,) * axes
-        self._square = (0.0,) * axes
-        self.next_number = 0
-
-    def push(self, wave: Frame) -> None:
-        values = self._values
-        values.extend(wave)
-        self.next_number += 1
-        if len(values) > self._most:
-            oldest = [values.popleft() for _ in wave]
-            self._total = tuple([total + value for total, value in zip(self._total, oldest, strict=True)])
-            self._square = tuple([square + value * value for square, value in zip(self._square, oldest, strict=True)])
-
-    def contents(self) -> tuple[int, Frame, Frame, Frame]:
-        """(number of the oldest frame, waves frame by frame, totals before it, squares before it)."""
-        waves = tuple(self._values)
-        return self.next_number - len(waves) // len(self._total), waves, self._total, self._square
 
 
 class LineReceiver:
     """Plays one direction's frames out. `receive` any number of datagrams, then `take` once a frame."""
 
-    def __init__(self, axes: int, delay_frames: int, frame_s: float, tank_j: float = 0.0) -> None:
+    def __init__(
+        self, axes: int, delay_frames: Frames, frame_s: float, tank_j: float = 0.0, concealment: Concealed = "elastic"
+    ) -> None:
         self._axes = axes
         self._zero = (0.0,) * axes
-        self._delay = delay_frames
+        self._playout = make_playout(delay_frames, frame_s)
+        self._learns = self._playout.learns
         self._half_frame_s = 0.5 * frame_s
         self._tank = tank_j / self._half_frame_s / axes  # per axis, in W like the squares
 
@@ -84,13 +56,12 @@ class LineReceiver:
         self._repaid = list(self._zero)
         self._spent = list(self._zero)  # what repayment has added to the squares played
         self._last = self._zero
-        self._indebted = False
+        self._concealment = CONCEALMENTS[concealment](axes, frame_s)
+        self._disturbed = tank_j > 0.0  # something is or may be owed: a clean line never asks the concealment
 
         self._fresh = False
-        self._spare_seen = 0
-        self._spare_low = self._spare_high = 0
         self._sent = self._received = self._applied = self._late = self._duplicate = 0
-        self.realigned = 0
+        self._concealed = self._run = self._longest = 0
         self.played_j = 0.0  # energy of all waves played so far
         self.mark: Mark | None = None  # of the frame just taken, where a datagram ended with it
         self.gap = False  # whether the frame just taken was not there
@@ -120,19 +91,25 @@ class LineReceiver:
         self._seen[slot] = newest
         cursor = 0 if self._cursor is None else self._cursor
         if newest > self._newest:
+            self._disturbed |= 0 <= self._newest < newest - 1  # a datagram is missing: a frame may be, soon
             self._newest = newest
             self._fresh = True
         waiting, missing = self._waiting, self._missing
+        learns = self._learns and self._cursor is not None
         number = first
         for start in range(0, count * axes, axes):
             if number >= cursor:
                 if number not in waiting:
                     waiting[number] = waves[start : start + axes]
                     self._received += 1
+                    if learns:
+                        self._playout.arrived(number - cursor)
             elif number in missing:
                 missing.discard(number)
                 self._late += 1
                 self._received += 1
+                if learns:
+                    self._playout.arrived(number - cursor)
             number += 1
         if newest >= cursor:
             self._marks[newest] = mark
@@ -142,7 +119,7 @@ class LineReceiver:
 
     def _begin(self) -> None:
         """Set the playout by the newest frame there is; what came before it is late, or was never heard."""
-        self._cursor = cursor = self._newest - self._delay
+        self._cursor = cursor = self._newest - self._playout.begin(self._newest - min(self._waiting))
         self._sent = max(0, cursor)
         for number in range(max(0, cursor - HISTORY), cursor):
             if self._waiting.pop(number, None) is not None:
@@ -162,24 +139,38 @@ class LineReceiver:
         else:
             for _ in range(frames - 1):
                 self._pass_over()
-        self.gap = stall = self._realign() if self._fresh else False
-        if stall:
-            return self._play(self._zero)
         number = self._cursor
         assert number is not None
+        move = self._playout.decide(self._newest - number, number in self._waiting, self._fresh)
+        self._fresh = False
+        self.gap = move == REPEAT
+        if move != PLAY:
+            if self.gap:
+                return self._bridge(number)
+            self._pass_over()
+            number += 1
         frame = self._waiting.pop(number, None)
         fades = self._history[number % HISTORY][2] if number >= 0 else self._zero
         if frame is not None:
             self._applied += 1
+            self._run = 0
         else:
+            frame = self._zero
             if number >= 0:
-                self._missing.add(number)
-                self.gap = True
-            frame, fades = self._fade(fades)
+                self._miss(number)
+                frame, fades = self._fill(fades)
         self._advance(number, frame, fades)
         played = self._play(frame)
         self.mark = self._marks.pop(number, None)
         return played
+
+    def _miss(self, number: int) -> None:
+        """A frame's time has come without it; it may still arrive late."""
+        self._missing.add(number)
+        self.gap = self._disturbed = True
+        self._concealed += 1
+        self._run += 1
+        self._longest = max(self._longest, self._run)
 
     @property
     def _due(self) -> int:
@@ -201,6 +192,11 @@ class LineReceiver:
             duplicate=self._duplicate,
             pending=max(0, self._newest + 1 - self._sent),
         )
+
+    def playout_account(self) -> PlayoutAccount:
+        playout = self._playout
+        mean, least, most = playout.depths()
+        return PlayoutAccount(mean, least, most, playout.repeated, playout.skipped, self._concealed, self._longest)
 
     def _advance(self, number: int, frame: Frame, fades: Frame) -> None:
         """Book what was played for frame `number` and move on to the next one."""
@@ -239,28 +235,42 @@ class LineReceiver:
         self._settled_fades = fades
         self._lost = [a - b for a, b in zip(total, sums, strict=True)]
         self._lost_square = [a - b for a, b in zip(square, squares, strict=True)]
-        self._indebted = self._indebted or any(self._lost) or any(self._lost_square)
+        self._disturbed = self._disturbed or any(self._lost) or any(self._lost_square)
 
     def _allowance(self, axis: int, fades: Frame) -> float:
         """Squares that may still be played beyond the frames themselves; the tank is in it."""
         unsettled = fades[axis] - self._settled_fades[axis]
         return self._lost_square[axis] - self._spent[axis] + self._tank - unsettled
 
-    def _fade(self, fades: Frame) -> tuple[Frame, Frame]:
-        """In place of a frame that is not there: 0, or, lent by bank and tank, the last wave fading out."""
-        if not self._tank and not self._indebted:
-            return self._zero, fades
-        frame, books = [], []
-        for axis, last in enumerate(self._last):
-            room = sqrt(max(0.0, self._allowance(axis, fades)))
-            value = max(-room, min(room, FADE * last))
-            frame.append(value)
-            books.append(fades[axis] + value * value)
-        return tuple(frame), tuple(books)
+    def _books(self) -> tuple[list[float], list[float]]:
+        """What is owed, and the squares that may pay for it; the tank is not for that."""
+        assert self._cursor is not None
+        fades = self._history[self._cursor % HISTORY][2]
+        debt, bank = [], []
+        for axis, spent in enumerate(self._spent):
+            debt.append(self._lost[axis] - self._repaid[axis])
+            bank.append(max(0.0, min(self._lost_square[axis] - spent, self._allowance(axis, fades))))
+        return debt, bank
+
+    def _fill(self, fades: Frame) -> tuple[Frame, Frame]:
+        """In place of a frame that is not there: what the concealment says, as far as bank and tank lend it."""
+        room = [sqrt(max(0.0, self._allowance(axis, fades))) for axis in range(self._axes)]
+        frame = [
+            max(-most, min(most, x)) for x, most in zip(self._concealment.fill(self._last, room), room, strict=True)
+        ]
+        return tuple(frame), tuple([book + x * x for book, x in zip(fades, frame, strict=True)])
+
+    def _bridge(self, number: int) -> Frame:
+        """A take that no frame belongs to: filled as well, but what it plays is owed by the sender."""
+        frame, _ = self._fill(self._history[number % HISTORY][2] if number >= 0 else self._zero)
+        for axis, value in enumerate(frame):
+            self._repaid[axis] += value
+            self._spent[axis] += value * value
+        return self._play(frame)
 
     def _play(self, frame: Frame) -> Frame:
         """Add this tick's repayment to a frame and count the energy."""
-        if self._indebted:
+        if self._disturbed:
             frame = self._repay(frame)
         square = 0.0
         for value in frame:
@@ -270,21 +280,29 @@ class LineReceiver:
         return frame
 
     def _repay(self, frame: Frame) -> Frame:
-        assert self._cursor is not None
-        fades = self._history[self._cursor % HISTORY][2]
+        debt, bank = self._books()
         out = []
-        for axis, value in enumerate(frame):
-            debt = self._lost[axis] - self._repaid[axis]
-            bank = self._lost_square[axis] - self._spent[axis]
-            bank = max(0.0, min(bank, self._allowance(axis, fades)) - RESERVE * self._last[axis] * self._last[axis])
-            reach = sqrt(value * value + bank)  # (value + r)^2 - value^2 <= bank
-            pay = max(-REPAY_LIMIT, min(REPAY_LIMIT, REPAY_SHARE * debt))
-            pay = max(-value - reach, min(reach - value, pay))
-            paid = value + pay
-            self._repaid[axis] += pay
+        for axis, pay in enumerate(self._concealment.pay(frame, debt, bank, self._last, self.gap)):
+            value = frame[axis]
+            reach = sqrt(value * value + bank[axis])  # (value + p)^2 - value^2 <= bank
+            paid = max(-reach, min(reach, value + pay))
+            self._repaid[axis] += paid - value
             self._spent[axis] += paid * paid - value * value
             out.append(paid)
         return tuple(out)
+
+    @property
+    def share(self) -> float:
+        """Of sqrt(b) that the end is to keep now: less where its wave is missing (docs/decisions/0003-gaps.md)."""
+        concealment = self._concealment
+        return concealment.least_share + (1.0 - concealment.least_share) * concealment.quality
+
+    def forgo(self, row: Sequence[float]) -> None:
+        """The end has taken `row` [sqrt(W)] for played in the frame before, at no energy: so much less is owed."""
+        self._disturbed = True
+        self._concealment.forgo(row)
+        for axis, value in enumerate(row):
+            self._repaid[axis] += value
 
     def _pass_over(self) -> None:
         """The loop was not there when this frame was due: it is late, if it had come at all."""
@@ -297,28 +315,3 @@ class LineReceiver:
                 self._missing.add(number)
         self._marks.pop(number, None)
         self._advance(number, self._zero, self._history[number % HISTORY][2] if number >= 0 else self._zero)
-
-    def _realign(self) -> bool:
-        """Follow a drifting clock: when all of a window came earlier, or later, than the playout assumes, move one frame.
-
-        True: let this tick pass without playing a frame. Either way nothing is played twice, and what is passed over is
-        repaid like any lost frame.
-        """
-        assert self._cursor is not None
-        self._fresh = False
-        spare = self._newest - self._cursor
-        if not self._spare_seen:
-            self._spare_low = self._spare_high = spare
-        self._spare_low = min(self._spare_low, spare)
-        self._spare_high = max(self._spare_high, spare)
-        self._spare_seen += 1
-        if self._spare_seen < REALIGN_WINDOW:
-            return False
-        self._spare_seen = 0
-        if self._spare_low > self._delay:
-            self._pass_over()
-            self.realigned += 1
-        elif self._spare_high < self._delay:
-            self.realigned += 1
-            return True
-        return False

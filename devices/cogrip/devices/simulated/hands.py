@@ -61,10 +61,11 @@ class ImpedanceSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReachSettings(ImpedanceSettings, frozen=True, kw_only=True):
-    """Query keys of `reach`. stroke_s: one way. stop_s: from then on the hand rests (see `reach_course`)."""
+    """Query keys of `reach`. stroke_s: one way; rest_s: after each. stop_s: from then on it rests (see `reach_course`)."""
 
     amplitude_m: Finite = 0.03
     stroke_s: Positive = 0.8
+    rest_s: NotNegative = 0.0
     delay_s: NotNegative = 0.0
     stop_s: Annotated[float, Meta(ge=0.0)] = inf
     direction: tuple[Finite, ...] = (1.0,)
@@ -197,27 +198,29 @@ def sine_course(settings: SineSettings) -> Course:
 
 
 def reach_course(settings: ReachSettings) -> Course:
-    """Minimum-jerk strokes 0 -> amplitude_m -> 0 -> ..., each stroke_s long, the first at delay_s.
+    """Minimum-jerk strokes 0 -> amplitude_m -> 0 -> ..., each stroke_s long and rest_s after the last, the first at delay_s.
 
     s(z) = 10 z^3 - 15 z^4 + 6 z^5, z = time into the stroke / stroke_s (Flash and Hogan 1985). A stroke that would not
     be over by stop_s is not begun: from stop_s on the hand rests, at home after an even number of strokes, else at the
     far end.
     """
     amplitude, stroke, delay = settings.amplitude_m, settings.stroke_s, settings.delay_s
-    strokes = max(0.0, (settings.stop_s - delay) / stroke)
+    period = stroke + settings.rest_s
+    strokes = max(0.0, (settings.stop_s - delay + settings.rest_s) / period)
     if strokes != inf:
         strokes = floor(strokes + 1e-9)
     end = amplitude if strokes % 2 == 1 else 0.0
     speed = 30.0 * amplitude / stroke
+    part = stroke / period
 
     def course(time_s: float) -> tuple[float, float]:
-        z = (time_s - delay) / stroke
+        z = (time_s - delay) / period
         if z <= 0.0:
             return 0.0, 0.0
         if z >= strokes:
             return end, 0.0
         n = int(z)
-        z -= n
+        z = min(1.0, (z - n) / part)
         zz = z * z
         s = amplitude * zz * z * (10.0 + z * (6.0 * z - 15.0))
         w = speed * zz * (1.0 - z) ** 2

@@ -1,0 +1,160 @@
+"""Ways through gaps, tried on one storm: the same hands, the same fate of every datagram, beside a clean link.
+
+Half of all datagrams are lost, in bursts; the rest jitters by 50 ms; every 3 s nothing at all comes through for 0.5 s. The
+hands go to and fro by STROKE_S and rest for REST_S, which is no part of 3 s: outages strike at all phases of a stroke.
+
+Drift is how far the gap from proxy to hand is from what it is at that moment on the clean link. It is taken once for each
+recovery: at the last border before the next outage at which the hands have rested for QUIET_S.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import dist, hypot
+from typing import Any
+
+from cogrip.protocol.concealment import CONCEALMENTS
+from cogrip.protocol.settings import resolve
+from cogrip.sim.laboratory import Laboratory
+
+CLEAN = "clean link"
+ROWS = (CLEAN, *CONCEALMENTS)
+STROKE_S, REST_S, QUIET_S = 0.8, 1.65, 1.0
+OUTAGE_S, EVERY_S = 0.5, 3.0
+HAND = f"reach&stroke_s={STROKE_S:g}&rest_s={REST_S:g}&hand_damping_nspm=10"
+DIRECTIONS = ("1", "1,0.5", "1,0.5,0.25")
+STORM: Mapping[str, Any] = {
+    "delay_ms": 10.0, "jitter_ms": 50.0, "loss": 0.5, "burst_frames": 4.0, "outage_s": OUTAGE_S, "outage_every_s": EVERY_S,
+}  # fmt: skip
+Gaps = tuple[tuple[float, ...], ...]  # of all people, all axes [m], at each moment that counts
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One way through the storm. At the motor: what the hand feels; of the law: before safety softens a jump in a gap."""
+
+    name: str
+    peak_n: float
+    step_n: float  # the largest change of the force from one tick to the next
+    law_peak_n: float
+    law_step_n: float
+    least_margin_j: float
+    least_leak_j: float
+    missing: float  # share of the frames down that were not there in time
+    longest_gap: int  # frames
+    gaps_m: Gaps
+    diverged: str
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What may differ between storms."""
+
+    seconds: float = 600.0
+    people: int = 2
+    axes: int = 1
+    kind: str = "cube"
+    frames: int = 8
+    seed: int = 1
+    tank_mj: float = 1.0  # of the row `tank`; the others have none
+    hand: str = HAND
+
+
+def table(setup: Setup, name: str) -> dict[str, Any]:
+    """The settings of a row."""
+    clean = name == CLEAN
+    hand = f"{setup.hand}&direction={DIRECTIONS[setup.axes - 1]}" if setup.hand == HAND else setup.hand
+    return {
+        "name": "storm",
+        "seed": setup.seed,
+        "seconds": setup.seconds,
+        "object": {"kind": setup.kind, "axes": setup.axes, "damping_nspm": 2.0},
+        "playout": {"frames": setup.frames} if clean else {
+            "frames": setup.frames, "concealment": name, "tank_mj": setup.tank_mj if name == "tank" else 0.0,
+        },
+        "link": {"delay_ms": STORM["delay_ms"]} if clean else dict(STORM),
+        "users": [
+            {"name": f"user{number + 1}", "device": "sim:ideal", "hand": hand, "side": ("left", "right")[number % 2]}
+            for number in range(setup.people)
+        ],
+    }  # fmt: skip
+
+
+def moments(seconds: float, network_hz: int) -> list[int]:
+    """Frames at which a recovery is judged."""
+    out = []
+    begin = EVERY_S + OUTAGE_S
+    while begin + EVERY_S - OUTAGE_S <= seconds:
+        last, first = int((begin + EVERY_S - OUTAGE_S) * network_hz) - 1, int(begin * network_hz)
+        rested = [k for k in range(last, first, -1) if k / network_hz % (STROKE_S + REST_S) >= STROKE_S + QUIET_S]
+        out += rested[:1]
+        begin += EVERY_S
+    return out
+
+
+class Watch:
+    """Forces tick by tick, and gaps at the moments that count."""
+
+    def __init__(self, laboratory: Laboratory, at: Sequence[int]) -> None:
+        self._at = set(at)
+        self._last: list[tuple[float, ...]] = [(0.0,) * laboratory.settings.object.axes for _ in laboratory.people]
+        self._wish = list(self._last)
+        self.peak_n = self.step_n = self.law_peak_n = self.law_step_n = 0.0
+        self.gaps_m: list[tuple[float, ...]] = []
+
+    def tick(self, laboratory: Laboratory) -> None:
+        for number, person in enumerate(laboratory.people):
+            core = person.core
+            force, wish = core.force_n, tuple(core.coupling.force(core.position_m, core.velocity_mps))
+            self.peak_n = max(self.peak_n, hypot(*force))
+            self.step_n = max(self.step_n, dist(force, self._last[number]))
+            self.law_peak_n = max(self.law_peak_n, hypot(*wish))
+            self.law_step_n = max(self.law_step_n, dist(wish, self._wish[number]))
+            self._last[number], self._wish[number] = force, wish
+
+    def frame(self, laboratory: Laboratory) -> None:
+        if laboratory.room.steps in self._at:
+            world = laboratory.room.world
+            self.gaps_m.append(
+                tuple(
+                    hand - proxy
+                    for number, person in enumerate(laboratory.people)
+                    for hand, proxy in zip(person.core.position_m, world.proxy_of(number), strict=True)
+                )
+            )
+
+
+def try_out(setup: Setup, name: str) -> Trial:
+    """One row: a session in virtual time."""
+    settings = resolve(table(setup, name))
+    laboratory = Laboratory(settings)
+    watch = Watch(laboratory, moments(setup.seconds, settings.rates.network_hz))
+    laboratory.run(watch.tick, watch.frame)
+    margins, sent, missing, longest = [], 0, 0, 0
+    for number, person in enumerate(laboratory.people):
+        seat, client = laboratory.room.seat_account(number), person.core.account(laboratory.ticks())
+        margins += [seat.up_margin_j, seat.line_margin_j, client.down_margin_j]
+        sent += client.down.sent
+        missing += client.down.lost + client.down.late
+        if client.playout is not None:
+            longest = max(longest, client.playout.longest_gap)
+    return Trial(
+        name=name,
+        peak_n=watch.peak_n,
+        step_n=watch.step_n,
+        law_peak_n=watch.law_peak_n,
+        law_step_n=watch.law_step_n,
+        least_margin_j=min(margin for margin in margins if margin is not None),
+        least_leak_j=min(person.core.least_leak_j for person in laboratory.people),
+        missing=missing / max(1, sent),
+        longest_gap=longest,
+        gaps_m=tuple(watch.gaps_m),
+        diverged=laboratory.diverged,
+    )
+
+
+def drifts_mm(trial: Trial, clean: Trial) -> list[float]:
+    """Of each recovery, the largest over people and axes."""
+    return [
+        1e3 * max(abs(one - other) for one, other in zip(row, there, strict=True))
+        for row, there in zip(trial.gaps_m, clean.gaps_m, strict=True)
+    ]

@@ -1,0 +1,214 @@
+"""Ways through gaps: no strategy makes energy, whatever comes; the best one neither jumps nor forgets what it owes."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import inf, sqrt
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
+
+from cogrip.protocol.concealment import CONCEALMENTS, FASTEST, LINGER, SKIM, STOCK, Concealed
+from cogrip.protocol.line import LineReceiver
+from cogrip.protocol.line_sender import Frame
+
+from tests.protocol.test_line import FRAME_S, TOLERANCE, Books, Road, drive, hand, noise
+
+BEST: Concealed = "elastic"
+
+
+class AnyOrder(RuleBasedStateMachine):
+    """Any datagram, any number of times, in any order, between takes, stumbles, and ends that forgo."""
+
+    datagrams = Bundle("datagrams")
+    concealment: Concealed = BEST
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.books = Books(axes=2, delay=1, redundancy=2, concealment=self.concealment)
+
+    @rule(target=datagrams, value=st.sampled_from([0.0, 1.0, -1.0, 0.25, 3.0]))
+    def send(self, value: float) -> tuple[int, Frame, Frame, Frame]:
+        return self.books.send((value, -0.5 * value))
+
+    @rule(datagram=datagrams)
+    def arrive(self, datagram: tuple[int, Frame, Frame, Frame]) -> None:
+        assert self.books.receiver.receive(*datagram)
+
+    @rule(frames=st.integers(1, 3))
+    def take(self, frames: int) -> None:
+        self.books.take(frames)
+
+    @rule(value=st.floats(-2.0, 2.0))
+    def forgo(self, value: float) -> None:
+        self.books.receiver.forgo((value, -value))
+
+    @precondition(lambda self: self.books.sent)
+    @rule(silent=st.integers(1, 40))
+    def wait(self, silent: int) -> None:
+        for _ in range(silent):
+            self.books.take()
+
+    @invariant()
+    def nothing_is_created(self) -> None:
+        self.books.check()
+        assert 0.0 <= self.books.receiver.share <= 1.0
+
+
+class AnyOrderTank(AnyOrder):
+    concealment: Concealed = "tank"
+
+
+for machine in (AnyOrder, AnyOrderTank):
+    machine.TestCase.settings = settings(max_examples=60, stateful_step_count=50, deadline=None)
+TestAnyOrder = AnyOrder.TestCase
+TestAnyOrderTank = AnyOrderTank.TestCase
+
+
+@pytest.mark.parametrize("name", CONCEALMENTS)
+def test_a_clean_line_never_asks(name: Concealed) -> None:
+    books = Books(axes=2, delay=2, concealment=name)
+    drive(books, Road(delay=0), hand(2, 0), frames=300, seed=0)
+    assert books.played[2:] == books.sent[:298]
+    assert books.receiver.share == 1.0
+
+
+def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], Books]:
+    """Some trouble before; a hand moves on through `silent` frames of nothing, and then rests. Returns what is played."""
+    books = Books(delay=2, redundancy=4, concealment=name)
+    waves = stroke()
+    for number in range(260 + silent + rest):
+        contents = books.send((next(waves) if number < 260 + silent else 0.0,))
+        if not 40 <= number < 60 and not 200 <= number < 200 + silent:
+            books.receiver.receive(*contents)
+        books.take()
+    books.check()
+    return [wave[0] for wave in books.played], books
+
+
+def stroke() -> Iterator[float]:
+    """0.3 sqrt(W), all the time: 0.1 m/s at b = 20."""
+    while True:
+        yield 0.3
+
+
+def largest_step(played: list[float], end: int) -> float:
+    """Before the hand stops, which is a step of its own."""
+    return max(abs(after - before) for before, after in pairwise(played[150 : end + 1]))
+
+
+@pytest.mark.parametrize("silent", [8, 64])
+def test_a_gap_is_entered_and_left_without_a_jump(silent: int) -> None:
+    """Half a second of nothing. The other ways drop to 0 or come back at once: the test can fail."""
+    steps = {
+        name: largest_step(outage(name, silent)[0], 260 + silent) for name in ("zero", "repaid", "tank", "elastic")
+    }
+    assert steps["elastic"] < 0.25 * 0.3
+    assert min(steps["zero"], steps["repaid"]) > 0.29
+    assert steps["tank"] > 1.5 * steps["elastic"]
+
+
+def test_what_was_lost_is_paid_within_seconds() -> None:
+    assert abs(outage("zero", 64, rest=640)[1].debt()) > 18.0
+    assert abs(outage(BEST, 64, rest=640)[1].debt()) < 0.1
+
+
+def test_repayment_that_costs_is_bounded() -> None:
+    played, _ = outage(BEST, 64)
+    assert max(played[400:]) <= 0.3 + FASTEST + 1e-12
+
+
+def test_after_the_first_trouble_a_stock_is_laid_by_for_the_next_gap_and_then_the_line_is_clear() -> None:
+    """A datagram is missing, though no frame is: from then on waves are skimmed, until a fade can be paid for."""
+    books, waves = Books(delay=2, redundancy=4), stroke()
+    for number in range(800):
+        contents = books.send((next(waves),))
+        if number != 10:
+            books.receiver.receive(*contents)
+        books.take()
+    played = [wave[0] for wave in books.played]
+    assert books.receiver.count().lost == 0
+    assert played[2:10] == [0.3] * 8
+    assert min(played[2:]) >= 0.3 * (1.0 - SKIM) - 1e-12
+    assert played[-1] == pytest.approx(0.3, rel=1e-9)
+    saved = sum(0.3**2 - value * value for value in played[2:])
+    assert saved == pytest.approx(STOCK * 0.3**2, rel=0.2)
+    books.check()
+
+
+@pytest.mark.parametrize("frame_s", [1 / 32, 1 / 128, 1 / 1024])
+def test_the_times_do_not_depend_on_the_frame_rate(frame_s: float) -> None:
+    """How long the wave has been fading, and how far, is the same at every rate."""
+    per_second = round(1.0 / frame_s)
+    concealment = CONCEALMENTS[BEST](1, frame_s)
+    value = 1.0
+    for _ in range(per_second // 16):
+        (value,) = concealment.fill([value], [inf])
+    assert value == pytest.approx(LINGER**8, rel=1e-9)
+    assert concealment.quality == pytest.approx(LINGER**8, rel=1e-9)
+
+
+def test_what_the_end_took_for_played_is_swallowed_as_it_comes() -> None:
+    """A hand moved on 12 sqrt(W) frames through an outage without a force; the waves that answer it afterwards are not felt."""
+    books = Books(delay=0, redundancy=4)
+    for number in range(300):
+        if number == 100:
+            for _ in range(40):
+                books.receiver.forgo((0.3,))
+        wave = 0.3 if 150 <= number < 190 else 0.0
+        books.receiver.receive(*books.send((wave,)))
+        books.take()
+    played = [wave[0] for wave in books.played]
+    felt = sum(abs(value) for value in played[150:190])
+    assert felt < 0.75 * 40 * 0.3, "less than has come"
+    assert abs(sum(played[100:])) < 1.5, "12 have come and 12 were taken for played before"
+    books.check()
+
+
+@given(
+    st.integers(1, 3).flatmap(
+        lambda axes: st.tuples(*[st.lists(st.floats(-1e6, 1e6), min_size=axes, max_size=axes)] * 3)
+    ),
+    st.booleans(),
+)
+@settings(max_examples=200, deadline=None)
+def test_no_answer_is_beyond_its_room_or_not_finite(numbers: tuple[list[float], ...], gap: bool) -> None:
+    row, debt, bank = numbers
+    axes = len(row)
+    for name, make in CONCEALMENTS.items():
+        way = make(axes, FRAME_S)
+        room = [abs(value) for value in bank]
+        filled = way.fill(row, room)
+        if name == BEST:
+            assert all(abs(value) <= most for value, most in zip(filled, room, strict=True))
+            paid = way.pay(row, debt, room, row, gap)
+            for value, pay, most in zip(row, paid, room, strict=True):
+                assert abs(value + pay) <= sqrt(value * value + most) * (1.0 + 1e-9) + 1e-9
+        assert 0.0 <= way.quality <= 1.0
+
+
+@pytest.mark.parametrize("name", CONCEALMENTS)
+@pytest.mark.parametrize("size", [1e6, -1e6])
+def test_forged_totals_bring_no_more_than_honest_waves_could(name: Concealed, size: float) -> None:
+    """A peer that lies of what was lost: nothing is played beyond the largest wave that came, and what repayment may add."""
+    receiver = LineReceiver(1, 0, FRAME_S, 0.0, name)
+    largest = 0.0
+    for number in range(400):
+        if number % 3 != 2:
+            receiver.receive(number, (0.2,), (number * size,), (number * size * size,))
+        largest = max(largest, abs(receiver.take()[0]))
+    assert largest <= 0.2 + FASTEST + 1e-9
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(sorted(CONCEALMENTS)), st.sampled_from([noise, hand]), st.integers(0, 2**32))
+def test_outages_create_nothing(name: Concealed, signal: type, seed: int) -> None:
+    books, waves = Books(axes=2, delay=6, redundancy=4, concealment=name), signal(2, seed)
+    for number in range(500):
+        contents = books.send(next(waves))
+        if number % 120 < 90 and (number * 7 + seed) % 5:
+            books.receiver.receive(*contents)
+        books.take()
+    books.check()
+    assert books.worst <= TOLERANCE

@@ -1,0 +1,91 @@
+"""Ways through gaps on the storm of `cogrip bench concealment`, shorter: the same assertions, and both sides of them."""
+
+import tomllib
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.bench_concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfalls
+from cogrip.protocol.settings import resolve
+from cogrip.sim.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out
+
+SETUP = Setup(seconds=30.0)
+CONFIG = Path(__file__).parents[2] / "configs" / "storm.toml"
+
+
+@cache
+def trial_of(name: str) -> Trial:
+    return try_out(SETUP, name)
+
+
+def trials() -> dict[str, Trial]:
+    return {name: trial_of(name) for name in ROWS}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_no_way_through_gaps_makes_energy(name: str) -> None:
+    trial = trial_of(name)
+    assert trial.diverged == ""
+    allowance = -SETUP.tank_mj * 1e-3 if name == "tank" else 0.0
+    assert trial.least_margin_j >= allowance + NOTHING_J
+
+
+def test_the_best_is_lowest_in_every_row_and_the_others_fail_where_they_should() -> None:
+    rows = trials()
+    best, zero = rows["elastic"], rows["zero"]
+    assert shortfalls(rows) == []
+    assert best.peak_n <= MOST_PEAK * zero.peak_n
+    for key in ("peak_n", "step_n", "law_peak_n", "law_step_n"):
+        assert all(getattr(best, key) < getattr(rows[name], key) for name in ("zero", "repaid", "tank"))
+        assert getattr(rows[CLEAN], key) <= getattr(best, key)
+    assert best.law_step_n < 0.25 * zero.law_step_n
+    assert best.law_step_n < 0.5
+    assert max(drifts_mm(best, rows[CLEAN])) < MOST_DRIFT_MM
+    assert max(drifts_mm(zero, rows[CLEAN])) > 10.0
+
+
+def test_the_device_end_gives_less() -> None:
+    rows = trials()
+    assert 3.0 * rows["elastic"].least_leak_j > rows["zero"].least_leak_j, "the device end gives less than a third"
+
+
+def test_it_was_a_storm() -> None:
+    for name in ROWS[1:]:
+        assert trials()[name].missing > 0.2
+        assert trials()[name].longest_gap >= 50
+    assert trials()[CLEAN].missing == 0.0
+
+
+def test_every_recovery_is_judged_once_with_hands_at_rest() -> None:
+    frames = moments(600.0, 128)
+    assert len(frames) == 199
+    for k in frames:
+        assert k / 128 % 3.0 >= 0.5
+        assert k / 128 % 2.45 + 1e-9 >= 1.8
+    assert sorted({int(k / 128 // 3.0) for k in frames}) == list(range(1, 200))
+
+
+def test_a_shortfall_is_named() -> None:
+    rows = trials()
+    worse = {**rows, "elastic": replace(rows["zero"], name="elastic", least_margin_j=-1e-3)}
+    found = " / ".join(shortfalls(worse))
+    assert "above 0.75 of zero-fill's" in found
+    assert "is not below 1 mm" in found
+    assert "step_n of elastic is not below that of zero" in found
+    assert "below 0" in found
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_rows_differ_in_what_they_are_about_alone(name: str) -> None:
+    settings, zero = resolve(table(SETUP, name)), resolve(table(SETUP, "zero"))
+    assert settings.users == zero.users
+    assert settings.object == zero.object
+    assert (settings.link == zero.link) is (name != CLEAN)
+    assert (settings.playout.tank_mj > 0.0) is (name == "tank")
+
+
+def test_the_config_is_the_storm() -> None:
+    config = resolve(tomllib.loads(CONFIG.read_text()))
+    assert config == resolve(table(Setup(), "elastic"))
