@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.messages import NO_BOUND, Stamp, State
 from cogrip.protocol.settings import STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, Settings, for_strangers, resolve
+from cogrip.server.gallery import VIEWS_HZ
 from cogrip.server.limits import (
     BURST_S,
+    MOST_S,
     Record,
     SeatLimits,
     StateLimiter,
@@ -17,6 +19,7 @@ from cogrip.server.limits import (
     limits_of,
     misclaimed,
 )
+from cogrip.server.room import Room
 
 FRAME_S = 1 / 128
 PHANTOM = Record("sim:phantom?hand=reach", 3, 1024.0, 8.5, 2.0)
@@ -141,3 +144,20 @@ def test_states_of_a_coupled_hand_are_judged_by_its_speed() -> None:
     assert bound.fits(state(2, 9.0))  # too late to be applied, so not judged by its place
     assert bound.counts == {"state out of bounds": 2}
     assert StateLimiter(FRAME_S, SeatLimits()).fits(state(0, 1e3, 1e4))
+
+
+@pytest.mark.parametrize("network_hz", [32, 128, 1024])
+def test_how_far_a_hand_may_have_gone_in_silence_is_the_same_at_every_rate(network_hz: int) -> None:
+    """Two seconds at its speed, however many frames that are."""
+    for metres, fits in ((MOST_S * 1.28, True), (MOST_S * 1.28 * 1.001, False)):
+        bound = StateLimiter(1.0 / network_hz, SeatLimits(speed_mps=1.28))
+        assert bound.fits(state(0, 0.0, 0.0))
+        assert bound.fits(state(10 * network_hz, metres, 0.0)) is fits
+
+
+@pytest.mark.parametrize(("network_hz", "views"), [(32, 32), (48, 24), (64, 32), (128, 32), (1000, 31), (1024, 32)])
+def test_views_are_no_more_than_a_picture_needs_at_any_rate(network_hz: int, views: int) -> None:
+    room = Room(resolve({"rates": {"device_hz": 8 * network_hz, "network_hz": network_hz}}))
+    room.gallery.enter(1, 1, "x", 0)
+    sent = sum(len(room.gallery.views(step, room.world, [], 0)) for step in range(1, network_hz + 1))
+    assert sent == views <= VIEWS_HZ

@@ -2,10 +2,15 @@
 
 from collections.abc import Callable
 
+from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.settings import SeatSettings
 
-Coupling = WaveCoupling | VirtualCoupling
+Coupling = WaveCoupling | VirtualCoupling | PassivityControl
 
-COUPLINGS: dict[str, Callable[[SeatSettings], Coupling]] = {"wave": WaveCoupling, "coupling": VirtualCoupling}
+COUPLINGS: dict[str, Callable[[SeatSettings], Coupling]] = {
+    "wave": WaveCoupling,
+    "coupling": VirtualCoupling,
+    "tdpa": PassivityControl,
+}

@@ -6,9 +6,9 @@ F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object sta
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.messages import Frame, Stamp, State
 from cogrip.protocol.settings import SeatSettings
 
 
@@ -26,7 +26,7 @@ class VirtualCoupling:
         self._damping = seat.coupling.damping_nspm
         self._push = seat.side_sign if seat.one_sided else 0.0
         self._tick_s = seat.rates.tick_s
-        self._receiver = StateReceiver()
+        self._receiver: StateReceiver[State] = StateReceiver()
         self._last_force: Sequence[float] = (0.0,) * axes
         self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
         self._number = -1
@@ -87,7 +87,7 @@ class VirtualCoupling:
     ) -> State:  # fmt: skip
         return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.heard, stamp)
 
-    def receive(self, message: Waves | State) -> bool:
+    def receive(self, message: Frame) -> bool:
         if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):
             return False
         return self._receiver.receive(message)
@@ -95,6 +95,9 @@ class VirtualCoupling:
     def lost(self) -> int:
         """Frames from the server that were lost so far."""
         return self._receiver.lost
+
+    def playout_account(self) -> PlayoutAccount | None:
+        return None
 
     def count(self) -> LinkCount:
         return self._receiver.count()

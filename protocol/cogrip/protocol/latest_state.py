@@ -1,28 +1,39 @@
-"""One direction of virtual coupling: the newest state wins (theory section 5)."""
+"""One direction of virtual coupling or of power variables: the newest message wins (theory section 5)."""
+
+from typing import Generic, Protocol, TypeVar
 
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.line import FURTHEST_JUMP
-from cogrip.protocol.messages import State
 
 HISTORY = 256  # states for which the receiver still knows which had come
 
 
-class StateReceiver:
+class Numbered(Protocol):
+    """A message with the number of its frame."""
+
+    @property
+    def number(self) -> int: ...
+
+
+M = TypeVar("M", bound=Numbered)
+
+
+class StateReceiver(Generic[M]):
     """Keeps the newest state. A state that comes after a newer one, or is overtaken before it is taken, is late."""
 
     def __init__(self) -> None:
         self._newest = -1
-        self._waiting: State | None = None
+        self._waiting: M | None = None
         self._received = self._applied = self._late = self._duplicate = 0
         self._seen = [-1] * HISTORY
-        self.latest: State | None = None
+        self.latest: M | None = None
 
     @property
     def heard(self) -> int:
         """Number after the state that was taken last; 0 before the first."""
         return self.latest.number + 1 if self.latest else 0
 
-    def receive(self, state: State) -> bool:
+    def receive(self, state: M) -> bool:
         """Take in one state. False, and nothing changed, if it is too far ahead or too old to be told from a duplicate."""
         if not self._newest - HISTORY < state.number <= self._newest + FURTHEST_JUMP:
             return False

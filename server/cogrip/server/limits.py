@@ -3,21 +3,23 @@
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
               has no bound, [admission]'s
     power     into the object on average over BURST_S; the device's own F V, or what the settings say
-    states    (virtual coupling) speed V, and no farther in one frame than V lets a hand go
+    states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
+    energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
 
 A wave that is taken down keeps its direction and loses energy, so everything stays passive.
 """
 
+from collections.abc import Sequence
 from math import inf, sqrt
 
 import msgspec
 
-from cogrip.protocol.messages import NO_BOUND, Hello, State
+from cogrip.protocol.messages import NO_BOUND, Hello, Power, State
 from cogrip.protocol.settings import Settings
 
 BURST_S = 0.25  # of the power a seat may bring in at once
 
-MOST_FRAMES = 256  # between two states, in which a hand may have moved: two seconds at 128 Hz
+MOST_S = 2.0  # between two states, in which a hand may have moved
 Row = tuple[float, ...]
 
 
@@ -133,16 +135,55 @@ class WaveLimiter:
         self._returned = square
 
 
+class EnergyLimiter:
+    """`limit` what may come out of a line in a step, `book` what came out (less what went in). Energies in J, a row an axis.
+
+    The same bucket as that of `WaveLimiter`: what a line has brought in up to any time is at most power * (time + BURST_S).
+    What its client claims to have sent is no part of it.
+    """
+
+    def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
+        """power_left: how full the bucket is at first, of 1."""
+        self._refill_j = limits.power_w * frame_s
+        self._burst_j = limits.power_w * BURST_S
+        self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
+        self._held = False  # whether the bucket, not what was received, bounds this step
+        self._allowed_j = 0.0
+        self.counts: dict[str, int] = {}
+
+    @property
+    def fullness(self) -> float:
+        """Of the bucket, at most 1."""
+        return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
+
+    def limit(self, left_j: Sequence[float]) -> Row:
+        """Each axis may take an even share of what the bucket holds."""
+        if self._level_j == inf:
+            return tuple(left_j)
+        share = max(0.0, self._level_j) / len(left_j)
+        self._held, self._allowed_j = max(left_j) > share, share
+        return tuple([min(left, share) for left in left_j])
+
+    def book(self, net_j: float, asked_j: float) -> None:
+        """net_j: of all axes; asked_j: what would have come out at the speed that was asked for, on the axis with the most."""
+        if self._level_j == inf:
+            return
+        if self._held and asked_j > self._allowed_j:
+            self.counts["power limited"] = self.counts.get("power limited", 0) + 1
+        self._level_j = min(self._burst_j, self._level_j + self._refill_j - net_j)
+
+
 class StateLimiter:
-    """Judges the states of a virtually coupled hand: False for one that no hand with this record can be in."""
+    """Judges where a hand says it is, and how fast, that sends no waves: False for what no hand with this record can do."""
 
     def __init__(self, frame_s: float, limits: SeatLimits) -> None:
         self._frame_s = frame_s
+        self._most_frames = round(MOST_S / frame_s)
         self._speed_mps = limits.speed_mps
-        self._last: State | None = None
+        self._last: State | Power | None = None
         self.counts: dict[str, int] = {}
 
-    def fits(self, state: State) -> bool:
+    def fits(self, state: State | Power) -> bool:
         """States that come late are not judged by where they stand: they are not applied."""
         if self._speed_mps == inf:
             return True
@@ -152,7 +193,7 @@ class StateLimiter:
         reach = inf
         if last is not None and state.number > last.number:
             moved = sum([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
-            reach = speed * self._frame_s * min(MOST_FRAMES, state.number - last.number)
+            reach = speed * self._frame_s * min(self._most_frames, state.number - last.number)
         if square > speed * speed or moved > reach * reach:
             self.counts["state out of bounds"] = self.counts.get("state out of bounds", 0) + 1
             return False

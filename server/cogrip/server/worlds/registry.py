@@ -6,6 +6,7 @@ from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.few import MOST, FewGripWorld
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
+from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.world import World
 
@@ -17,6 +18,8 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
     first = seats[0]
     if first.coupling.kind == "coupling":
         return CoupledWorld(seats)
+    if first.coupling.kind == "tdpa":
+        return PowerWorld(seats)
     if first.coupling.server_step == "paper":
         return PaperWorld(seats)
     if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:

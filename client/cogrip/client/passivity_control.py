@@ -1,0 +1,226 @@
+"""The client's end of time-domain passivity control (Hannaford and Ryu 2002; Ryu, Artigas and Preusche 2010): the hand's way
+up, force down, and an observer by which no more energy comes out to the hand than has gone in at the object.
+
+Symbols, per axis: F force on the hand in a tick [N], y its mean velocity in the tick [m/s], T tick [s], b `impedance_nspm`.
+Energies in J, per axis:
+
+    in    what the hand has put in, sum of max(0, F y T), less what is kept: told to the server
+    out   what it has taken out, sum of max(0, -F y T)
+    S     what the server says has gone in at the object
+    kept  of the hand's own energy, up to a reserve: pays for what the controller foresaw wrongly
+    W     = S + kept - out, what may still come out; `down_margin_j` is the least of it
+
+Observed is the force that the device gave, whatever safety did to it, and the displacement that it was given over: exact.
+Controlled is the coming tick, of which there is only a guess: what the hand takes beyond it comes from what is kept.
+docs/decisions/0011-methods.md has the equations, and what each constant is for.
+"""
+
+from collections.abc import Sequence
+
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.latest_state import StateReceiver
+from cogrip.protocol.messages import Frame, Power, Stamp
+from cogrip.protocol.power import CHARGE_UP_J, LENT_J
+from cogrip.protocol.settings import SeatSettings
+
+CHARGE_SHARE = 0.5  # of b: the damper by which a hand pays in what the server has none of
+RESERVE_J = 4e-3  # kept of the hand's energy; more where a force needs more that may go astray
+KEPT_SHARE = 0.5  # of what the hand puts in, until that much is kept
+ASTRAY_MPS = 0.5  # by which the guess of the coming tick may be wrong
+HORIZON_S = 8.0 / 1024.0  # over which what is left is spread: a force that runs out of energy fades
+SOFT_NPS = 410.0  # slope of the force while the controller holds it
+
+
+class PassivityControl:
+    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
+
+    Before `elapse`, `applied_n` is to be the force that the hand felt in the ticks that are booked, shape (axes,).
+    """
+
+    gap = False
+
+    def __init__(self, seat: SeatSettings) -> None:
+        axes, rates = seat.object.axes, seat.rates
+        self._tick_s = tick_s = rates.tick_s
+        self._frame_s = rates.frame_s
+        self._most_damping = seat.coupling.impedance_nspm
+        self._charging = CHARGE_SHARE * self._most_damping
+        self._astray_m = ASTRAY_MPS * tick_s
+        self._horizon = max(1.0, HORIZON_S / tick_s)  # ticks
+        self._soft_n = SOFT_NPS * tick_s
+        self._lent = LENT_J / axes
+        self._receiver: StateReceiver[Power] = StateReceiver()
+        self._in = [0.0] * axes
+        self._left = [0.0] * axes  # W
+        self._reserve = [RESERVE_J] * axes
+        self._received: Sequence[float] = (0.0,) * axes  # S
+        self._taken: Sequence[float] = (0.0,) * axes  # what the server says has come out there
+        self._wanted: Sequence[float] = (0.0,) * axes  # the server's force
+        self._given = [0.0] * axes  # the force of the last tick, less the damper that pays debts
+        self._held = [False] * axes  # whether the controller held it
+        self._last: Sequence[float] = (0.0,) * axes  # y of the last tick
+        self._moved = [0.0] * axes  # of the proxy since frame 0 [m]
+        self._border = [0.0] * axes  # the same at the last frame border
+        self._speed: tuple[float, ...] = (0.0,) * axes  # mean of the last frame
+        self._number = -1
+        self._frame = 0
+        self._loop: float | None = None
+        self.applied_n: Sequence[float] = (0.0,) * axes
+        self.forward = self.returning = self.sent = (0.0,) * axes
+        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
+        self.made_j = self.used_j = 0.0
+        self.down_margin_j: float | None = 0.0
+        self.controlled = 0  # ticks and axes in which the controller held the force
+
+    @property
+    def port_j(self) -> float:
+        """Energy that went into the channel here."""
+        return self.made_j - self.used_j
+
+    @property
+    def left_j(self) -> tuple[float, ...]:
+        """W of each axis."""
+        return tuple(self._left)
+
+    def set_latency(self, ticks: int) -> None:
+        """Nothing to keep: what is booked comes with its own force."""
+
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        """One tick has passed, with the displacement it shows / T.
+
+        hold: how firmly a hand that takes its leave still holds: the proxy comes to a stop, and claims no energy on the way.
+        """
+        tick_s, moved, force = self._tick_s, self._moved, self.applied_n
+        self._last = mean_velocity_mps
+        for axis, speed in enumerate(mean_velocity_mps):
+            step = speed * tick_s
+            energy = force[axis] * step
+            if hold != 1.0:
+                step *= hold
+                energy = min(0.0, energy)
+            moved[axis] += step
+            if energy > 0.0:
+                self._put_in(axis, energy)
+            elif energy < 0.0:
+                self._take_out(axis, -energy)
+
+    def _put_in(self, axis: int, energy_j: float) -> None:
+        """A part is kept until the reserve is full; a debt is paid first."""
+        self.made_j += energy_j
+        left = self._left[axis]
+        reserve = self._reserve[axis]
+        if left < reserve:
+            owed = max(0.0, -left)
+            kept = min(energy_j, owed + min(reserve - left - owed, KEPT_SHARE * max(0.0, energy_j - owed)))
+            self._left[axis] = left + kept
+            energy_j -= kept
+        self._in[axis] += energy_j
+
+    def _take_out(self, axis: int, energy_j: float) -> None:
+        self.used_j += energy_j
+        self._left[axis] = left = self._left[axis] - energy_j
+        if self.down_margin_j is None or left < self.down_margin_j:
+            self.down_margin_j = left
+
+    def elapse_absent(self) -> None:
+        """One tick has passed without a hand: the proxy stands still."""
+
+    def end_frame(self) -> None:
+        self._number += 1
+        rate = 1.0 / self._frame_s
+        self._speed = tuple([(now - then) * rate for now, then in zip(self._moved, self._border, strict=True)])
+        self._border = self._moved.copy()
+
+    def start_frame(self) -> None:
+        """The newest force and energy stand from now on; where none came, the last ones go on to."""
+        self._frame += 1
+        before = self._receiver.heard
+        if not self._receiver.take() or self._receiver.latest is None:
+            return
+        newest = self._receiver.latest
+        if newest.number != before:  # what was missed comes at once: softly
+            self._held = [True] * len(self._held)
+        for axis, (now, then) in enumerate(zip(newest.entered_j, self._received, strict=True)):
+            self._left[axis] += now - then
+        self._wanted, self._received, self._taken = newest.force_n, newest.entered_j, newest.taken_j
+        self._reserve = [max(RESERVE_J, abs(force) * self._astray_m) for force in newest.force_n]
+        self.object_state = newest.position_m + newest.velocity_mps
+        if newest.heard:
+            self._loop = float(self._frame - newest.heard)
+
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
+        """The server's force and the charging damper, as far as W pays for them; and a damper that pays a debt."""
+        tick_s = self._tick_s
+        force = []
+        for axis, speed in enumerate(velocity_mps):
+            law = self._wanted[axis]
+            there = self._in[axis] - self._taken[axis]  # what the server may still take
+            if there < CHARGE_UP_J:
+                law += self._charging * (1.0 - max(0.0, there) / CHARGE_UP_J) * speed
+            given = self._control(axis, law, speed)
+            left = self._left[axis]
+            if left < 0.0:
+                square = speed * speed * tick_s
+                most = self._most_damping
+                given += (most if most * square <= -left else -left / square) * speed
+            force.append(given)
+        return force
+
+    def _control(self, axis: int, law: float, speed: float) -> float:
+        """What of the force `law` may be given, and how fast it may come and go."""
+        left, given, last = self._left[axis], self._given[axis], self._last[axis]
+        guess = speed if law * (speed - last) < 0.0 else last  # the one that takes more out
+        taken = -law * guess * self._tick_s  # in the coming tick
+        paid = max(0.0, left - self._reserve[axis]) / self._horizon
+        held = taken > paid
+        wish = law * (paid / taken) if held else law
+        if held or self._held[axis]:
+            step = wish - given
+            if abs(step) > self._soft_n:
+                wish = given + (self._soft_n if step > 0.0 else -self._soft_n)
+                held = True
+        self._held[axis] = held
+        bound = (
+            max(0.0, left + self._lent) / self._astray_m
+        )  # what is left pays for any force, over what the guess may miss
+        if abs(wish) > bound:
+            wish = bound if wish > 0.0 else -bound
+            held = True
+        self._given[axis] = wish
+        self.controlled += held
+        return wish
+
+    def message(
+        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
+        velocity_mps: Sequence[float],
+    ) -> Power:  # fmt: skip
+        """position_m of the message is where the displacements lead that were booked: it stands still where nobody holds.
+
+        taken_j is such that `received` - taken_j is what may still be taken of what the server sends.
+        """
+        place = tuple([start + moved for start, moved in zip(origin_m, self._border, strict=True)])
+        books = zip(self._received, self._reserve, self._left, strict=True)
+        taken = tuple([max(0.0, got + reserve - left) for got, reserve, left in books])
+        return Power(
+            session, self._number, place, self._speed, tuple(self.applied_n), tuple(self._in), taken, self.port_j,
+            self._receiver.heard, stamp,
+        )  # fmt: skip
+
+    def receive(self, message: Frame) -> bool:
+        if not isinstance(message, Power) or not message.of_axes(len(self._in)):
+            return False
+        return self._receiver.receive(message)
+
+    def lost(self) -> int:
+        """Frames from the server that were lost so far."""
+        return self._receiver.lost
+
+    def playout_account(self) -> PlayoutAccount | None:
+        return None
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+    def loop_frames(self) -> float | None:
+        """The loop that was measured last: frames from a message to the frame in which its answer is applied."""
+        return self._loop

@@ -1,0 +1,125 @@
+"""The server's end of time-domain passivity control: what may come out at the object is what has gone in at the hand.
+
+Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m/s], T frame [s].
+
+    received  what the client says has gone in there (its newest message)
+    out       sum of max(0, F w T): taken out here
+    in        sum of max(0, -F w T): gone in here, told to the client
+    W         received - out, what may still come out: the world's step keeps to it, and to E(0) = LENT_J beyond;
+              `up_margin_j` is the least of it
+"""
+
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.latest_state import StateReceiver
+from cogrip.protocol.messages import Frame, Power, Stamp
+from cogrip.protocol.power import CHARGE_DOWN_J, LENT_J
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.limits import EnergyLimiter, SeatLimits, StateLimiter
+
+Row = tuple[float, ...]
+
+
+class PowerPort:
+    """Where the proxy is to go and what that may take, to the world; force and energy, back to the client."""
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
+        self._axes = axes = seat.object.axes
+        self._frame_s = frame_s = seat.rates.frame_s
+        self._states = StateLimiter(frame_s, limits)
+        self._energy = EnergyLimiter(frame_s, limits, power_left)
+        self._receiver: StateReceiver[Power] = StateReceiver()
+        self._number = -1
+        self._lent = LENT_J / axes
+        self._received = self._pace = self._still = (0.0,) * axes
+        self._in = [0.0] * axes
+        self._out = [0.0] * axes
+        self._force = (0.0,) * axes
+        self._fresh = False
+        self.origin: Row | None = None  # the hand before the first frame that came [m]
+        self.hand: Row | None = None
+        self.made_j = self.used_j = 0.0
+        self.up_margin_j: float | None = 0.0
+
+    def receive(self, message: Frame) -> bool:
+        if not isinstance(message, Power) or not message.of_axes(self._axes):
+            return False
+        if not self._states.fits(message):
+            return True  # counted there
+        if not self._receiver.receive(message):
+            return False
+        self.hand = message.position_m
+        if self.origin is None:
+            moved = [speed * self._frame_s for speed in message.velocity_mps]
+            self.origin = tuple([place - step for place, step in zip(message.position_m, moved, strict=True)])
+        return True
+
+    def take(self, frames: int) -> Row:
+        """An axis after the other: where the proxy is to be [m], how it is to go there [m/s], what may come out [J], and how
+        much of what it should have at least, of 1, the client has to take."""
+        self._fresh = self._receiver.take()
+        newest = self._receiver.latest
+        assert newest is not None  # the seat is on the object since its first message
+        self._received = newest.entered_j
+        left = [got + self._lent - out for got, out in zip(newest.entered_j, self._out, strict=True)]
+        there = [put - taken for put, taken in zip(self._in, newest.taken_j, strict=True)]
+        filled = tuple([min(1.0, max(0.0, energy) / CHARGE_DOWN_J) for energy in there])
+        self._pace = newest.velocity_mps if self._fresh else self._still
+        return newest.position_m + self._pace + self._energy.limit(left) + filled
+
+    def put(self, row: Row) -> None:
+        """What the step came to: force [N] and the proxy's velocity [m/s]."""
+        axes, frame_s = self._axes, self._frame_s
+        self._number += 1
+        self._force = row[:axes]
+        net = asked = 0.0
+        for axis, (force, speed) in enumerate(zip(self._force, row[axes:], strict=True)):
+            energy = force * speed * frame_s
+            net += energy
+            asked = max(asked, force * self._pace[axis] * frame_s)
+            if energy > 0.0:
+                self._out[axis] += energy
+                self.used_j += energy
+                margin = self._received[axis] - self._out[axis]
+                if self.up_margin_j is None or margin < self.up_margin_j:
+                    self.up_margin_j = margin
+            elif energy < 0.0:
+                self._in[axis] -= energy
+                self.made_j -= energy
+        self._energy.book(net, asked)
+
+    @property
+    def left_j(self) -> Row:
+        """W of each axis."""
+        return tuple([got - out for got, out in zip(self._received, self._out, strict=True)])
+
+    @property
+    def power_left(self) -> float:
+        """How full the power's bucket is, of 1."""
+        return self._energy.fullness
+
+    @property
+    def limited(self) -> dict[str, int]:
+        """What was not believed, by reason."""
+        return {**self._states.counts, **self._energy.counts}
+
+    def port_in_j(self) -> float | None:
+        """Energy that had gone in at the client's port, less what came out, up to the message just taken."""
+        return self._receiver.latest.port_j if self._fresh and self._receiver.latest else None
+
+    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Power:
+        axes = self._axes
+        return Power(
+            session, self._number, object_state[:axes], object_state[axes:], self._force, tuple(self._in),
+            tuple(self._out), port_j, self._receiver.heard, stamp,
+        )  # fmt: skip
+
+    @property
+    def lost(self) -> int:
+        """Frames that were sent and never came."""
+        return self._receiver.lost
+
+    def playout_account(self) -> PlayoutAccount | None:
+        return None
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()

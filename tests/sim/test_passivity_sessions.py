@@ -1,0 +1,194 @@
+"""Whole sessions under time-domain passivity control: what it promises, what it does not, and beside virtual coupling."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cogrip.client.passivity_control import PassivityControl
+from cogrip.protocol.power import LENT_J
+from cogrip.protocol.settings import SettingsError, resolve, seat_settings
+from cogrip.server.worlds.power import PowerWorld
+from cogrip.sim.analysis.linear_session import ModelError, linear_session
+from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.summary import of_laboratory
+
+FRAME_MS = 1000.0 / 128.0
+TWO = [
+    {"name": "anna", "hand": "reach&amplitude_m=0.04"},
+    {"name": "ben", "hand": "reach&amplitude_m=0.03&delay_s=0.25"},
+]
+
+
+def session(seconds: float, users: list[dict[str, Any]] = TWO, **overrides: Any) -> Laboratory:
+    keys = {key.replace("__", "."): value for key, value in overrides.items()}
+    laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": users, "seconds": seconds}, keys))
+    laboratory.run()
+    return laboratory
+
+
+def margins(summary: dict[str, Any], key: str) -> list[float]:
+    return [user["energy"][key] for user in summary["users"]]
+
+
+def control(laboratory: Laboratory, number: int) -> PassivityControl:
+    coupling = laboratory.people[number].core.coupling
+    assert isinstance(coupling, PassivityControl)
+    return coupling
+
+
+@pytest.mark.parametrize(("frames", "stiffness"), [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
+def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float) -> None:
+    """Rows of the table of theory section 6 in which virtual coupling has an eigenvalue outside the unit circle."""
+    bad: dict[str, Any] = {"coupling__stiffness_npm": stiffness, "link__delay_ms": frames * FRAME_MS}
+    held, loose = session(1.5, **bad), session(1.5, **bad, coupling__kind="coupling")
+    ours, theirs = of_laboratory(held), of_laboratory(loose)
+    assert not ours["diverged"]
+    assert ours["object"]["travel_m"] < 0.15
+    assert theirs["diverged"] or theirs["object"]["travel_m"] > 0.5
+    assert min(margins(ours, "up_margin_j")) >= -LENT_J - 1e-12
+    assert min(margins(theirs, "line_margin_j")) < -0.1
+    assert ours["server"]["energy_balance_error_j"] < 1e-12
+    assert max(abs(user["energy"]["device_leak_j"]) for user in ours["users"]) < 1e-12
+
+
+def test_without_delay_it_is_a_virtual_coupling_and_follows_the_hand() -> None:
+    ours, theirs = of_laboratory(session(3.0)), of_laboratory(session(3.0, coupling__kind="coupling"))
+    assert ours["passive"]
+    assert ours["object"]["travel_m"] == pytest.approx(theirs["object"]["travel_m"], rel=0.05)
+    for mine, other in zip(ours["users"], theirs["users"], strict=True):
+        assert mine["peak_force_n"] == pytest.approx(other["peak_force_n"], rel=0.25)
+        assert mine["proxy_m"] == pytest.approx(mine["position_m"], abs=2e-3)
+        assert mine["predicted_stiffness_npm"] is None
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.sampled_from(["cube", "cube", "faces"]), st.integers(1, 3), st.integers(2, 5), st.floats(0.0, 40.0),
+    st.floats(0.0, 50.0), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(100.0, 1e5),
+    st.integers(0, 2**53),
+)  # fmt: skip
+def test_in_any_weather_no_object_gets_more_than_was_sent(
+    thing: str, axes: int, people: int, delay_ms: float, jitter_ms: float, loss: float, duplicate: float, reorder: float,
+    stiffness: float, seed: int,
+) -> None:  # fmt: skip
+    users = [
+        {"name": f"u{number}", "side": ("left", "right")[number % 2], "hand": ("reach", "tremor", "push")[number % 3]}
+        for number in range(people)
+    ]
+    laboratory = session(
+        0.4, users, object__kind=thing, object__axes=axes, coupling__stiffness_npm=stiffness, link__delay_ms=delay_ms,
+        link__jitter_ms=jitter_ms, link__loss=loss, link__duplicate=duplicate, link__reorder=reorder, seed=seed,
+    )  # fmt: skip
+    summary = of_laboratory(laboratory)
+    assert not summary["diverged"]
+    for user in summary["users"]:
+        energy, link = user["energy"], user["link"]
+        assert energy["up_margin_j"] is None or energy["up_margin_j"] >= -LENT_J - 1e-12
+        assert abs(energy["device_leak_j"]) < 1e-9
+        for way in (link["up"], link["down"]):
+            assert way["sent"] == way["applied"] + way["late"] + way["lost"]
+    assert summary["server"]["energy_balance_error_j"] < 1e-9
+
+
+def test_what_passivity_does_not_promise_is_seen() -> None:
+    """Drift while the controller holds, and a force that comes and goes: both grow with the delay; neither grows on."""
+    near, far = session(4.0, link__delay_ms=FRAME_MS), session(4.0, link__delay_ms=8 * FRAME_MS)
+    for laboratory in (near, far):
+        assert isinstance(laboratory.room.world, PowerWorld)
+        assert of_laboratory(laboratory)["passive"]
+        assert control(laboratory, 0).controlled > 0
+    assert isinstance(near.room.world, PowerWorld)
+    assert isinstance(far.room.world, PowerWorld)
+    assert 0 < near.room.world.controlled < far.room.world.controlled
+
+
+def test_hands_at_rest_find_their_proxies_again() -> None:
+    """After a second of the worst weather: drift compensation, as far as the energy goes."""
+    users = [{"name": name, "hand": "reach&amplitude_m=0.03&stroke_s=1.0&rest_s=3"} for name in "ab"]
+    laboratory = session(3.5, users, link__delay_ms=20.0, link__jitter_ms=20.0, link__loss=0.3, link__burst_frames=4.0)
+    for user in of_laboratory(laboratory)["users"]:
+        assert user["proxy_m"] == pytest.approx(user["position_m"], abs=4e-3)
+
+
+def test_who_leaves_and_comes_again_begins_with_nothing_owed() -> None:
+    laboratory = Laboratory(
+        resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}, {"link.delay_ms": 15.625})
+    )
+    for _ in range(128):
+        laboratory.frame()
+    laboratory.leave(0)
+    while not laboratory.people[0].gone:
+        laboratory.frame()
+    for _ in range(40):
+        laboratory.frame()
+    assert laboratory.room.seats[0].state == "free"
+    assert abs(laboratory.people[1].core.force_n[0]) < 3.0
+    laboratory.come(0)
+    for _ in range(128):
+        laboratory.frame()
+    seat = laboratory.room.seats[0]
+    assert seat.on_object
+    assert seat.port is not None
+    assert seat.port.up_margin_j is not None
+    assert -LENT_J - 1e-12 <= seat.port.up_margin_j <= 0.0
+    assert seat.port.used_j > 0.0
+    assert not laboratory.diverged
+
+
+def test_a_lost_address_and_a_new_server_are_survived() -> None:
+    laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}))
+    for _ in range(100):
+        laboratory.frame()
+    laboratory.lose_address(0)
+    for _ in range(200):
+        laboratory.frame()
+    assert laboratory.people[0].core.session.resumed == 1
+    assert laboratory.room.seats[0].port is not None
+    checkpoints = laboratory.kill()
+    for _ in range(60):
+        laboratory.frame()
+    assert laboratory.people[0].core.force_n == (0.0,), "stale: no force"
+    laboratory.restart(checkpoints)
+    for _ in range(400):
+        laboratory.frame()
+    for person in laboratory.people:
+        assert person.core.session.renewed == 1
+        assert person.core.safety.state == "live"
+    assert not laboratory.diverged
+    assert all(
+        seat.port is not None and (seat.port.up_margin_j or 0.0) >= -LENT_J - 1e-12 for seat in laboratory.room.seats
+    )
+
+
+def test_e0_is_all_that_a_passive_session_may_have_lent_itself() -> None:
+    """`passive` allows E(0) of each direction, and of the whole line what both may lend; not a microjoule more."""
+    laboratory = session(0.5)
+    energy = of_laboratory(laboratory)["users"][0]["energy"]
+    assert of_laboratory(laboratory)["passive"]
+    assert -LENT_J <= energy["up_margin_j"] < 0.0, "it was used"
+    port = laboratory.room.seats[0].port
+    assert port is not None
+    for margin, passive in ((-LENT_J, True), (-LENT_J - 1e-6, False)):
+        port.up_margin_j = margin
+        assert of_laboratory(laboratory)["passive"] is passive
+    port.up_margin_j = 0.0
+    for margin, passive in ((-2.0 * LENT_J, True), (-2.0 * LENT_J - 1e-6, False)):
+        laboratory.room.seats[0].line_margin_j = margin
+        assert of_laboratory(laboratory)["passive"] is passive
+
+
+def test_there_is_no_linear_model_of_it_and_the_error_says_what_to_do() -> None:
+    settings_ = resolve({"coupling": {"kind": "tdpa"}})
+    with pytest.raises(ModelError, match=r"not linear, so there is no model of it; `cogrip lab`"):
+        linear_session(settings_)
+    with pytest.raises(ModelError, match=r"coupling\.compensate has no effect"):
+        linear_session(resolve({"coupling": {"kind": "tdpa", "compensate": True}}))
+
+
+def test_settings_of_the_wave_scheme_are_refused_or_have_no_effect() -> None:
+    with pytest.raises(SettingsError, match=r'coupling\.kind = "tdpa" leave it "passive"'):
+        resolve({"coupling": {"kind": "tdpa", "server_step": "paper"}})
+    seat = seat_settings(resolve({"coupling": {"kind": "tdpa", "compensate": True, "stiffness_npm": 1e5}}), 0)
+    assert (seat.rendered_npm, seat.predicted_stiffness(3.0)) == (1e5, None)
