@@ -77,6 +77,9 @@ def test_a_snapshot_says_what_the_room_knows():
     sit(room)
     hold(room, range(20))
     assert room.seats[0].port.receive(waves(19)), "a duplicate"
+    room.seats[0].clock.read(
+        Stamp(5_010_000_000, 1_000_000_000, 0), 1_040_000_000
+    )  # 40 ms there and back, 3.99 s ahead
     for tick in (0, 1, 5):
         pacer.take(pacer.due_ns(tick) + 300_000)
     snapshot = SnapshotMaker([room], {"lab": pacer}, "1.2.3").look(
@@ -95,6 +98,9 @@ def test_a_snapshot_says_what_the_room_knows():
     assert anna.frames == room.seats[0].port.count()
     assert (anna.frames.sent, anna.frames.applied, anna.frames.duplicate) == (20, 20, 1)
     assert anna.rtt_s == pytest.approx(0.041)
+    assert (anna.up_delay_s, anna.down_delay_s, anna.clock_offset_s) == pytest.approx((0.02, 0.02, 3.99))
+    assert anna.rendered_npm == room.world.stiffness_of(0) > 0.0
+    assert (ben.up_delay_s, ben.down_delay_s, ben.clock_offset_s, ben.rendered_npm) == (None, None, None, None)
     assert anna.up_margin_j == room.seats[0].port.up_margin_j
     assert (ben.user, ben.seated, ben.frames, ben.rtt_s, ben.up_margin_j) == ("ben", False, LinkCount(), None, None)
 
@@ -234,7 +240,9 @@ def samples_in(text: str) -> dict:
 
 
 def test_the_text_says_what_the_snapshot_says():
-    seat = SeatSnapshot("anna", True, LinkCount(9, 8, 7, 6, 5, 4), 0.04, 1e-3, -2e-3, {"wave clipped": 12})
+    seat = SeatSnapshot(
+        "anna", True, LinkCount(9, 8, 7, 6, 5, 4), 0.04, 1e-3, -2e-3, {"wave clipped": 12}, 0.02, 0.03, -7.0, 1837.0
+    )
     room = RoomSnapshot(
         "lab", 1, (seat, SeatSnapshot("b\"e\\n\n", False)), (0.1, 0.2, 0.3), 1.5, 100, 2,
         Times(0.5, 1e-4, 2e-4, 3e-4), Times(), 3, 1e-3, -2e-3,
@@ -264,6 +272,8 @@ def test_the_text_says_what_the_snapshot_says():
     assert (value("least_up_margin_joules", room="lab"), value("least_line_margin_joules", room="lab")) == (1e-3, -2e-3)
     assert (value("up_margin_joules", **anna), value("line_margin_joules", **anna)) == (1e-3, -2e-3)
     assert value("rtt_seconds", **anna) == 0.04
+    assert (value("up_delay_seconds", **anna), value("down_delay_seconds", **anna)) == (0.02, 0.03)
+    assert (value("clock_offset_seconds", **anna), value("rendered_newtons_per_meter", **anna)) == (-7.0, 1837.0)
     assert value("seat_taken", **anna) == 1.0
     assert value("seat_taken", room="lab", user='b"e\\n\n') == 0.0, "a name cannot break a line"
     assert value("limited_total", **anna, reason="wave clipped") == 12.0

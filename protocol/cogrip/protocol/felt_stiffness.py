@@ -8,6 +8,10 @@ other way round, says which K' to render so that the hand feels K (`compensated_
 
 from math import ceil
 
+MOST_GAIN = (
+    100.0  # of what is rendered over what is to be felt: beyond it the hand would feel 1 % more, at the very most
+)
+
 
 class OutOfReachError(ValueError):
     """The wanted stiffness cannot be felt through this line, whatever the server renders."""
@@ -28,7 +32,7 @@ def compensated_stiffness(stiffness_npm: float, impedance_nspm: float, complianc
     share = stiffness_npm * compliance_mpn
     if share < 1.0:
         return stiffness_npm / (1.0 - share)
-    enough = share * impedance_nspm  # the impedance at which K C_line is exactly 1
+    enough = enough_impedance(stiffness_npm, impedance_nspm, compliance_mpn)
     advised = ceil(1.1 * enough)
     raise OutOfReachError(
         f"coupling.compensate: a felt stiffness of {stiffness_npm:g} N/m is out of reach: at impedance "
@@ -36,3 +40,13 @@ def compensated_stiffness(stiffness_npm: float, impedance_nspm: float, complianc
         f"An impedance above {enough:.4g} N s/m would do: set coupling.impedance_nspm = {advised} or more, "
         f"or ask for less than {1.0 / compliance_mpn:.4g} N/m, or shorten the delay"
     )
+
+
+def reachable_stiffness(stiffness_npm: float, compliance_mpn: float) -> float:
+    """K' as above, or MOST_GAIN K where that is less, as it is near K C_line = 1 and wherever K is out of reach."""
+    return stiffness_npm / max(1.0 - stiffness_npm * compliance_mpn, 1.0 / MOST_GAIN)
+
+
+def enough_impedance(stiffness_npm: float, impedance_nspm: float, compliance_mpn: float) -> float:
+    """The impedance [N s/m] at which K C_line is 1: from there on K can be felt."""
+    return stiffness_npm * compliance_mpn * impedance_nspm

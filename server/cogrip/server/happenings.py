@@ -25,6 +25,7 @@ EVENTS = (
     "refused",
     "restored",
     "limited",
+    "stiffness",
     "reloaded",
     "trouble",
 )

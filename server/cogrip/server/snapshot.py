@@ -37,6 +37,10 @@ class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     up_margin_j: Number = None
     line_margin_j: Number = None
     limited: dict[str, int] = {}  # by reason
+    up_delay_s: Number = None  # one way, as last heard of, as far as the clocks' offset is known
+    down_delay_s: Number = None
+    clock_offset_s: Number = None  # the person's clock beyond the server's
+    rendered_npm: Number = None
 
 
 class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
@@ -154,11 +158,19 @@ def _seat(room: "Room", number: int, rtt_ns: int | None) -> SeatSnapshot:
     seat, limited = room.seats[number], room.limited(number)
     port, last = seat.port, seat.last
     if port is not None:
-        rtt_s = None if rtt_ns is None else rtt_ns * 1e-9
-        return SeatSnapshot(seat.name, True, port.count(), rtt_s, port.up_margin_j, seat.line_margin_j, limited)
+        rtt_s = _seconds(rtt_ns)
+        clock, stiffness = seat.clock, room.world.stiffness_of(number) if seat.on_object else None
+        return SeatSnapshot(
+            seat.name, True, port.count(), rtt_s, port.up_margin_j, seat.line_margin_j, limited,
+            _seconds(clock.back_ns), _seconds(clock.there_ns), _seconds(clock.offset_ns), stiffness,
+        )  # fmt: skip
     if last is not None:
         return SeatSnapshot(seat.name, False, last.up, None, last.up_margin_j, last.line_margin_j, limited)
     return SeatSnapshot(seat.name, False, limited=limited)
+
+
+def _seconds(value_ns: int | None) -> Number:
+    return None if value_ns is None else value_ns * 1e-9
 
 
 def _lesser(one: Number, other: Number) -> Number:

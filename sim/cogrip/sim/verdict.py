@@ -55,6 +55,24 @@ def people(summary: Summary) -> list[dict[str, Any]]:
     return [user for user in users if isinstance(user, dict)] if isinstance(users, list) else []
 
 
+def earlier(user: dict[str, Any]) -> list[dict[str, Any]]:
+    """The sittings of a person before the last, oldest first."""
+    before = user.get("earlier")
+    return [each for each in before if isinstance(each, dict)] if isinstance(before, list) else []
+
+
+def sittings(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Every sitting of everybody."""
+    return [sitting for user in users for sitting in (*earlier(user), user)]
+
+
+def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
+    """Whether a margin that is a number is below what its ledger may lend: the tank of each direction."""
+    bounds = {key: -(2.0 if key == "line_margin_j" else 1.0) * tank_j - _ROUNDING_J for key in MARGINS}
+    books = [dig(user, "energy") for user in sittings(users)]
+    return any(is_number(value := dig(book, key)) and value < bound for book in books for key, bound in bounds.items())
+
+
 def name_of(user: dict[str, Any]) -> str:
     return str(user.get("name") or "nameless")
 
@@ -63,7 +81,7 @@ def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:
     """(energy [J], which ledger, whose); None where no end told."""
     found = [
         (float(value), words, name_of(user))
-        for user in users
+        for user in sittings(users)
         for key, words in MARGINS.items()
         if is_number(value := dig(user, "energy", key))
     ]
@@ -93,6 +111,9 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[str, st
 def _passive(summary: Summary, tank_j: float | None) -> tuple[str, str]:
     worst = worst_margin(people(summary))
     said = summary.get("passive")
+    if said is False and not overdrawn(people(summary), tank_j or 0.0):
+        least = f"the least that is one is {energy(worst[0])} ({worst[1]} of {worst[2]})" if worst else "none is one"
+        return "bad", f"Not passive as far as can be told: an end told an energy margin that is no number; {least}."
     if worst is None or not isinstance(said, bool):
         return "warn", "Whether the run was passive is not known: no end told its energy margin."
     margin_j, ledger, who = worst

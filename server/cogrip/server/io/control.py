@@ -7,12 +7,14 @@ import os
 import socket
 import time
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Annotated
 
 import msgspec
 
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
+from cogrip.server.present import Present
 
 MOST_REQUEST_BYTES = 4096
 MOST_ANSWER_BYTES = 65536
@@ -56,15 +58,25 @@ class Status(Order, frozen=True, tag="status"):
     """Say how it goes."""
 
 
-class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Who(Order, frozen=True, tag="who"):
+    """Say who sits and looks on."""
+
+    room: Word = ""  # "" every room
+
+
+class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     ok: bool
     text: str
+    people: tuple[Present, ...] = ()
+
+
+AnyOrder = Kick | Reload | Status | Who
 
 
 class Request(msgspec.Struct, frozen=True):
     """An order that waits for its answer."""
 
-    order: Kick | Reload | Status
+    order: AnyOrder
     caller: int
 
 
@@ -113,13 +125,13 @@ class Control:
                 requests.append(Request(order, number))
         return requests
 
-    def answer(self, request: Request, text: str, *, ok: bool = True) -> None:
+    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[Present] = ()) -> None:
         """Tell whoever asked; where they have gone, it is counted."""
         caller = self._callers.get(request.caller)
         if caller is None:
             self._count("nobody waits")
             return
-        self._tell(request.caller, Answer(ok, text))
+        self._tell(request.caller, Answer(ok, text, tuple(people)))
 
     def close(self) -> None:
         """Nobody can ask any more."""
@@ -142,7 +154,7 @@ class Control:
             self._last += 1
             self._callers[self._last] = _Caller(connection, now_ns)
 
-    def _hear(self, number: int) -> Kick | Reload | Status | None:
+    def _hear(self, number: int) -> AnyOrder | None:
         caller = self._callers[number]
         try:
             piece = caller.socket.recv(MOST_REQUEST_BYTES + 1 - len(caller.heard))
@@ -164,7 +176,7 @@ class Control:
         try:
             if rest:
                 raise msgspec.DecodeError("more than one line")
-            order = msgspec.json.decode(line, type=Kick | Reload | Status)
+            order: AnyOrder = msgspec.json.decode(line, type=AnyOrder)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             self._count("malformed")
             self._tell(number, Answer(False, f"that is no order: {error}"))
@@ -203,7 +215,7 @@ class Control:
         self._callers.pop(number).socket.close()
 
 
-def ask(folder: StateFolder, order: Kick | Reload | Status, limit_s: float = ASK_LIMIT_S) -> Answer:
+def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> Answer:
     """Ask the running server, and wait for its answer. Raises NotRunningError, ControlError."""
     path = _fit_path(folder)
     heard = deque[bytes]()

@@ -8,12 +8,13 @@ from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.happenings import Happening
 from cogrip.server.io import checkpoint_file
 from cogrip.server.io.checkpoint_file import CheckpointWriter
-from cogrip.server.io.control import Control, Kick, Reload, Request
+from cogrip.server.io.control import Control, Kick, Reload, Request, Who
 from cogrip.server.io.doorkeeper import TokenDoor
 from cogrip.server.io.metrics_feed import MetricsFeed
 from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.loop import LiveServer
+from cogrip.server.present import MOST_PRESENT, Present, people_of
 from cogrip.server.room import Room
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
@@ -183,6 +184,10 @@ class Keeper:
             text, ok = self._kick(order)
         elif isinstance(order, Reload):
             text, ok = self._reload()
+        elif isinstance(order, Who):
+            text, ok, people = self._who(order)
+            self._control.answer(request, text, ok=ok, people=people)
+            return
         else:
             text, ok = self._status(), True
         self._control.answer(request, text, ok=ok)
@@ -202,6 +207,15 @@ class Keeper:
         if order.revoke:
             revoked = f"; revoked: {', '.join(sorted(tokens))}" if tokens else "; there was no token to revoke"
         return f"{order.user} was shown out{revoked}", True
+
+    def _who(self, order: Who) -> tuple[str, bool, list[Present]]:
+        rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]
+        if not rooms:
+            return f"there is no room {order.room!r} here", False, []
+        people = people_of(rooms, time.monotonic_ns())
+        more = len(people) - MOST_PRESENT
+        words = f"{len(people)} in {len(rooms)} room{'s' if len(rooms) != 1 else ''}" if people else "nobody is here"
+        return f"{words}; {more} are not listed" if more > 0 else words, True, people[:MOST_PRESENT]
 
     def _status(self) -> str:
         rooms = [

@@ -40,6 +40,14 @@ ROOM_COUNTERS: Table[RoomSnapshot] = (
 SEAT_GAUGES: Table[SeatSnapshot] = (
     ("seat_taken", "1 where somebody sits, else 0.", lambda seat: float(seat.seated)),
     ("rtt_seconds", "Round trip, as last seen.", lambda seat: seat.rtt_s),
+    ("up_delay_seconds", "One way to the server, as last seen, by the clocks' offset.", lambda seat: seat.up_delay_s),
+    (
+        "down_delay_seconds",
+        "One way to the person, as last seen, by the clocks' offset.",
+        lambda seat: seat.down_delay_s,
+    ),
+    ("clock_offset_seconds", "What the person's clock shows beyond the server's.", lambda seat: seat.clock_offset_s),
+    ("rendered_newtons_per_meter", "The stiffness that is integrated for the seat.", lambda seat: seat.rendered_npm),
     ("up_margin_joules", "Least energy margin of the forward line of this sitting.", lambda seat: seat.up_margin_j),
     ("line_margin_joules", "Least energy margin of the line of this sitting.", lambda seat: seat.line_margin_j),
 )

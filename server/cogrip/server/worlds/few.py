@@ -11,7 +11,7 @@ import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
-from cogrip.server.worlds.world import Array, Row
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, Row
 
 MOST = 18  # people times axes, up to which this is faster: rooms of six in three axes
 
@@ -37,6 +37,7 @@ class FewGripWorld(GripWorld):
         self._ports: list[Port] = []
         super().__init__(seats)
         self._paid_j = [0.0] * len(seats)  # the ledger
+        self._follows: list[bool] = self.follows.tolist()
 
     def _weigh(self) -> list[Port]:
         """What follows from stiffness and damping, which have changed."""
@@ -109,15 +110,24 @@ class FewGripWorld(GripWorld):
             answers.append(answer)
             taken.append(B * relatives)
         self.balance_error_j = max(self.balance_error_j, abs(came + period * supplied - 0.5 * gained - period * lost))
+        if self._growing or self._saving:
+            self._save(taken)
         if self._growing:
-            self._grow_by(taken)
+            self._grow_now()
+        if self._saving:
+            for user, follows in enumerate(self._follows):
+                if follows and self._paid_j[user] > MOST_SAVED_J:
+                    self._paid_j[user] = MOST_SAVED_J
         return answers
 
-    def _grow_by(self, taken_w: Sequence[float]) -> None:
-        """As `_grow`: raise K towards its target, paid from what the user's own damper has taken."""
+    def _save(self, taken_w: Sequence[float]) -> None:
+        for user, power in enumerate(taken_w):
+            self._paid_j[user] += self.frame_s * power
+
+    def _grow_now(self) -> None:
+        """As `_grow`: move K towards its target, paid from what the user's own damper has taken."""
         self._growing = False
         for user, (e, target) in enumerate(zip(self._stretch, self.target_stiffness[:, 0].tolist(), strict=True)):
-            self._paid_j[user] += self.frame_s * taken_w[user]
             if not self.present[user]:
                 continue
             square = sum([value * value for value in e])
@@ -126,7 +136,7 @@ class FewGripWorld(GripWorld):
                 step = min(step, 2.0 * self._paid_j[user] / square)
             self._paid_j[user] -= 0.5 * step * square
             self._K[user] += step
-            self._growing = self._growing or self._K[user] < target
+            self._growing = self._growing or self._K[user] != target
         self._ports = []
 
     def proxy(self, user: int) -> Array:
@@ -135,6 +145,9 @@ class FewGripWorld(GripWorld):
     def proxy_of(self, user: int) -> Row:
         offset = self.offset[user].tolist()
         return tuple([x + e + away for x, e, away in zip(self._place, self._stretch[user], offset, strict=True)])
+
+    def stiffness_of(self, user: int) -> float:
+        return self._K[user]
 
     def force_of(self, user: int) -> Row:
         return tuple(self._force[user])

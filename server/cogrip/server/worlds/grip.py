@@ -8,19 +8,30 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.world import Array, World, dot
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
 
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 
 
 class GripWorld(World):
-    """`stretch` is e, shape (n, a)."""
+    """`stretch` is e, shape (n, a).
+
+    A spring that follows a measured delay puts by what its damper takes, and what it gives up itself where it grows softer,
+    to grow stiffer with.
+    """
+
+    can_follow = True
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self.stretch = np.zeros_like(self.force)
         self._ledger = np.zeros(len(seats))  # what each user's spring may spend on growing stiffer [J]
         self._growing = False
+        self._saving = bool(self.follows.any())
+
+    def aim(self, user: int, stiffness_npm: float) -> None:
+        self.target_stiffness[user] = stiffness_npm
+        self._growing = True
 
     def join(self, user: int, position_m: Array) -> None:
         self.offset[user] = position_m - self.position
@@ -69,13 +80,17 @@ class GripWorld(World):
         self.stretch = grown
         self.position = self.position + period * mid
         self.velocity = velocity
-        if self._growing:
+        if self._growing or self._saving:
             self._ledger += period * (B * relative * relative).sum(axis=1)
+        if self._growing:
             self._grow()
+        if self._saving:
+            np.minimum(self._ledger, MOST_SAVED_J, out=self._ledger, where=self.follows)
         return back
 
     def _grow(self) -> None:
-        """Raise K towards its target; dK e^2 / 2 is paid from what the user's own damper has taken (theory section 3.7)."""
+        """Move K towards its target. To raise it costs dK e^2 / 2, which is paid from what the user's own damper has taken
+        (theory section 3.7); to lower it takes as much from the spring, which the ledger keeps."""
         square = (self.stretch * self.stretch).sum(axis=1)
         wanted = np.minimum(
             self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), self.target_stiffness[:, 0] - self.stiffness[:, 0]
@@ -84,4 +99,4 @@ class GripWorld(World):
         step = np.where(self.present, np.minimum(wanted, affordable), 0.0)
         self._ledger -= 0.5 * step * square
         self.stiffness[:, 0] += step
-        self._growing = bool(np.any(self.present & (self.stiffness[:, 0] < self.target_stiffness[:, 0])))
+        self._growing = bool(np.any(self.present & (self.stiffness[:, 0] != self.target_stiffness[:, 0])))

@@ -4,13 +4,35 @@ Contact is along the first axis, with no friction on the others. Whether there i
 force alone: the usual extra test `depth > 0` creates energy. Passive for any K, B, b, m_o, n.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from cogrip.server.worlds.world import Array, HandWorld, dot
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.worlds.grip import RAMP_S
+from cogrip.server.worlds.world import MOST_SAVED_J, Array, HandWorld, dot
 
 
 class PushWorld(HandWorld):
-    """Depth is d = s (x_s - x_o) on the first axis."""
+    """Depth is d = s (x_s - x_o) on the first axis.
+
+    A spring that follows a measured delay grows stiffer for nothing while nothing is pressed in. Else it pays from what its
+    contact took: T F (w - v) - change of K max(d, 0)^2 / 2, which is never below 0, as the step is implicit.
+    """
+
+    can_follow = True
+
+    def __init__(self, seats: Sequence[SeatSettings]) -> None:
+        super().__init__(seats)
+        self._ledger = np.zeros(len(seats))  # [J]
+        self._saving = bool(self.follows.any())
+
+    def aim(self, user: int, stiffness_npm: float) -> None:
+        self.target_stiffness[user] = stiffness_npm
+
+    def join(self, user: int, position_m: Array) -> None:
+        super().join(user, position_m)
+        self._ledger[user] = 0.0
 
     def step(self, inputs: Array) -> Array:
         period, b, c = self.frame_s, self.impedance, self.wave_gain
@@ -44,7 +66,25 @@ class PushWorld(HandWorld):
 
         self.port_work += port
         self.force, self.hand, self.position, self.velocity = force, hand, position, velocity
+        if self._saving:
+            squares, before = np.maximum(grown, 0.0) ** 2, np.maximum(depth, 0.0) ** 2
+            came = period * push * side * (proxy_velocity[:, 0] - v)
+            self._follow(came - 0.5 * K * (squares - before), squares)
         return back
+
+    def _follow(self, taken_j: Array, squares: Array) -> None:
+        """Move K towards its target; dK d^2 / 2 is paid, or put by where it is lowered. Shapes (n,)."""
+        self._ledger += np.maximum(taken_j, 0.0)
+        change = np.where(self.present & self.follows, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
+        if change.any():
+            most = np.full_like(squares, np.inf)
+            pressed = squares > 0.0
+            np.divide(2.0 * self._ledger, squares, out=most, where=pressed)
+            np.minimum(most, self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), out=most, where=pressed)
+            change = np.minimum(change, most)
+            self._ledger -= 0.5 * change * squares
+            self.stiffness[:, 0] += change
+        np.minimum(self._ledger, MOST_SAVED_J, out=self._ledger)
 
     def _free_velocity(self, first: float) -> Array:
         period = self.frame_s

@@ -11,6 +11,7 @@ from cogrip.protocol.settings import SeatSettings
 Array = NDArray[np.float64]
 Row = tuple[float, ...]
 
+MOST_SAVED_J = 0.05  # that a spring may have put by to grow stiffer: what can be spent at once is bounded
 WORKSPACE_M = 0.5  # the object has left the room beyond this
 
 
@@ -28,6 +29,7 @@ class World(ABC):
     """
 
     inputs_per_axis = 1  # waves
+    can_follow = False  # whether `aim` may be called: stiffness changes within the energy law
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
@@ -40,6 +42,9 @@ class World(ABC):
         self.side = np.array([seat.side_sign for seat in seats])
         self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
         self.target_damping = np.array([[seat.coupling.damping_nspm] for seat in seats])
+        self.follows = np.array(
+            [seat.follows for seat in seats]
+        )  # whose stiffness may change while they hold the object
         self.stiffness = np.zeros((len(seats), 1))
         self.damping = np.zeros((len(seats), 1))
         self.present = np.zeros(len(seats), dtype=bool)
@@ -67,6 +72,10 @@ class World(ABC):
     def proxy(self, user: int) -> Array:
         """The person's hand as the server knows it [m], shape (a,), in the person's own frame."""
 
+    def aim(self, user: int, stiffness_npm: float) -> None:
+        """From now on the user's spring is to have this stiffness; how fast it gets there is a matter of energy."""
+        raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
+
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
         """`step` in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
@@ -88,6 +97,10 @@ class World(ABC):
     def proxy_of(self, user: int) -> Row:
         """`proxy` in plain floats."""
         return tuple(self.proxy(user).tolist())
+
+    def stiffness_of(self, user: int) -> float:
+        """K of a user's spring as it is now [N/m]."""
+        return float(self.stiffness[user, 0])
 
     def force_of(self, user: int) -> Row:
         """Force of one user's coupling [N], in plain floats."""

@@ -1,0 +1,84 @@
+"""`cogrip who`: who sits and looks on in a running server."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.text import Text
+
+from cogrip.cli.json_answer import Json, write_json
+from cogrip.cli.problem import Problem
+from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
+from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.protocol.messages import shown
+from cogrip.server.io.control import MOST_WORD, Who, ask
+from cogrip.server.io.state_folder import StateError
+from cogrip.server.present import Present
+
+_HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
+_NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
+_BETWEEN = "  "
+
+
+def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
+    """List who sits and looks on in a running server: since when, from where, and how far away they are.
+
+    Exit code 1 where the server does not run.
+
+    Parameters
+    ----------
+    room
+        Of this room only.
+    """
+    check_words("who: --room", room, MOST_WORD)
+    folder = state_at(state, port)
+    server = server_at(folder)
+    if server is not None:
+        check_known("--room", room, list(server.rooms), "room")
+    try:
+        answer = ask(folder, Who(room))
+    except StateError as error:
+        raise Problem(str(error)) from None
+    if not answer.ok:
+        raise Problem(f"who: {answer.text}")
+    if json is not None:
+        people = [{name: getattr(each, name) for name in Present.__struct_fields__} for each in answer.people]
+        write_json({"folder": str(folder.path), "people": people, "said": answer.text}, json)
+        return 0
+    console = Console(highlight=False, soft_wrap=True)
+    for line in _lines(answer.people):
+        console.print(line)
+    console.print(answer.text, markup=False)
+    return 0
+
+
+def _lines(people: Sequence[Present]) -> list[Text]:
+    """A heading and a line each, in columns as wide as they must be."""
+    if not people:
+        return []
+    rows = [_cells(each) for each in people]
+    widths = [max(map(len, column)) for column in zip(_HEADINGS, *rows, strict=True)]
+    lines: list[Text] = []
+    for row in (_HEADINGS, *rows):
+        cells = [
+            cell.rjust(width) if heading in _NUMBERS else cell.ljust(width)
+            for heading, cell, width in zip(_HEADINGS, row, widths, strict=True)
+        ]
+        lines.append(Text(_BETWEEN.join(cells).rstrip(), style="" if lines else "dim"))
+    return lines
+
+
+def _cells(each: Present) -> tuple[str, ...]:
+    """As _HEADINGS. Names and devices are what strangers say of themselves."""
+    seat = "looks on" if each.seat is None else f"{each.seat}" if each.holds else f"{each.seat} (comes)"
+    ways = ["-" if value is None else f"{value:.1f}" for value in (each.rtt_ms, each.up_ms, each.down_ms)]
+    return (
+        shown(each.name), shown(each.room), seat, shown(each.address), _ago(each.since_s), *ways,
+        "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-",
+    )  # fmt: skip
+
+
+def _ago(seconds: float) -> str:
+    """As a watch shows it."""
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

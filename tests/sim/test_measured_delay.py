@@ -1,0 +1,224 @@
+"""Whole sessions in virtual time: clocks that differ, ways that differ, and a stiffness that is felt as asked whatever the
+delay becomes (docs/decisions/0012-measured-delay.md)."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from cogrip.client.core import ClientCore
+from cogrip.devices.simulated.hands import DirectedHand, ImpedanceSettings
+from cogrip.protocol.link_profile import LinkProfile
+from cogrip.protocol.settings import resolve
+from cogrip.sim.laboratory import Laboratory, Person
+from cogrip.sim.link import LinkEmulator
+from cogrip.sim.report_tables import people_table
+from cogrip.sim.summary import of_laboratory
+
+FRAME_MS = 7.8125
+TICK_MS = 1000.0 / 1024.0
+MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
+
+Table = dict[str, Any]
+
+
+def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
+    """This client's clock shows `clock(now_ns)` from now on, in all that it is called with."""
+    for name in ("receive", "sense", "act", "poll", "keep_seat", "leave"):
+        called = getattr(core, name)
+        setattr(core, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
+
+
+def least_margin(summary: Table) -> float:
+    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
+
+
+# Clocks ------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "ppm", "up_frames", "down_ticks"),
+    [(0.0, 0.0, 1, 8), (1000.0, 0.0, 2, 20), (-0.001, 300.0, 3, 4), (123.456, -300.0, 1, 40), (5e8, 100.0, 0, 12)],
+)
+def test_both_ends_find_the_others_clock_but_for_half_of_what_the_ways_differ_by(
+    ahead_s: float, ppm: float, up_frames: int, down_ticks: int
+) -> None:
+    link = {"up": {"delay_ms": up_frames * FRAME_MS}, "down": {"delay_ms": down_ticks * TICK_MS}}
+    laboratory = Laboratory(resolve({"seconds": 3.0, "link": link}))
+    core, seat = laboratory.people[0].core, laboratory.room.seats[0]
+    with_clock(core, lambda now_ns: now_ns + int(ahead_s * 1e9) + int(now_ns * ppm * 1e-6))
+    laboratory.run()
+    delay = of_laboratory(laboratory)["users"][0]["delay"]
+    up_ms, down_ms = up_frames * FRAME_MS, down_ticks * TICK_MS
+    wrong_ms = 0.5 * (up_ms - down_ms)  # no stamp shows it
+    ahead_ms = ahead_s * 1e3 + 3.0e3 * ppm * 1e-6
+    slack_ms = 1e-4 + 2e-8 * abs(ahead_ms) + 0.02 * abs(ppm) / 300.0
+    assert delay["clock_offset_ms"] == pytest.approx(-ahead_ms + wrong_ms, abs=slack_ms)
+    assert delay["uncertainty_ms"] == pytest.approx(0.5 * (up_ms + down_ms), abs=slack_ms)
+    for way in ("up_ms", "down_ms"):
+        assert delay[way]["p50"] == pytest.approx(0.5 * (up_ms + down_ms), rel=1 / 31)  # of a histogram's bin
+    assert seat.clock.offset_ns is not None
+    assert seat.clock.offset_ns * 1e-6 == pytest.approx(ahead_ms - wrong_ms, abs=slack_ms)
+    assert core.session.clock.turned == seat.clock.turned == 0
+
+
+def test_through_jitter_loss_repetition_and_disorder_the_clock_is_found_within_what_is_said() -> None:
+    link = {"delay_ms": 15.0, "jitter_ms": 10.0, "loss": 0.3, "burst_frames": 4.0, "duplicate": 0.2, "reorder": 0.2}
+    laboratory = Laboratory(resolve({"seconds": 6.0, "link": link, "playout": {"frames": 4}}))
+    core = laboratory.people[0].core
+    ahead_ns = 77 * 10**9
+    with_clock(core, lambda now_ns: now_ns + ahead_ns + now_ns // 5000)  # 200 ppm
+    wrong_ms = []
+
+    def look(laboratory: Laboratory) -> None:
+        clock = core.session.clock
+        if clock.offset_ns is not None and laboratory.seconds > 1.0:
+            truth_ns = -ahead_ns - laboratory.now_ns // 5000
+            assert clock.uncertainty_ns is not None
+            assert abs(clock.offset_ns - truth_ns) <= clock.uncertainty_ns + 1_000_000  # it was read up to a frame ago
+            wrong_ms.append(abs(clock.offset_ns - truth_ns) * 1e-6)
+
+    laboratory.run(each_frame=look)
+    assert max(wrong_ms) < 6.0
+    delay = of_laboratory(laboratory)["users"][0]["delay"]
+    assert 15.0 < delay["down_ms"]["p50"] < delay["down_ms"]["p99"]
+    assert 15.0 < delay["up_ms"]["p50"] < delay["up_ms"]["p99"]
+    assert not {"wild stamp"} & {*core.session.dropped, *laboratory.server.dropped}
+
+
+# The spring --------------------------------------------------------------------------------------------------------------
+
+K_NPM = 1000.0
+PRESS_S, CYCLE_S = 3.25, 4.0
+
+
+def course(sign: float) -> Callable[[float], tuple[float, float]]:
+    """Press 6 mm in, hold, draw back 4 mm out, and again."""
+
+    def at(time_s: float) -> tuple[float, float]:
+        phase_s = time_s % CYCLE_S
+        if phase_s < 0.4:
+            return sign * (-0.004 + 0.010 * phase_s / 0.4), sign * 0.025
+        if phase_s < PRESS_S:
+            return sign * 0.006, 0.0
+        if phase_s < PRESS_S + 0.4:
+            return sign * (0.006 - 0.010 * (phase_s - PRESS_S) / 0.4), -sign * 0.025
+        return sign * -0.004, 0.0
+
+    return at
+
+
+class Felt:
+    """A session whose link changes its delay; what every hand felt at the end of each pressing."""
+
+    def __init__(
+        self, kind: str, axes: int, delays: list[tuple[float, float]], seconds: float, **tables: Table
+    ) -> None:
+        people = 1 if kind == "wall" else 2
+        users = [
+            {"name": f"u{number}", "device": "sim:ideal", "device_mass_kg": 0.2, "side": "right" if number else "left"}
+            for number in range(people)
+        ]
+        coupling = {"impedance_nspm": 60.0, "stiffness_npm": K_NPM, "compensate": True, **tables.pop("coupling", {})}
+        self.laboratory = Laboratory(resolve({
+            "seconds": seconds, "object": {"kind": kind, "axes": axes, "damping_nspm": 5.0}, "coupling": coupling,
+            "users": users, "link": {"delay_ms": delays[0][1]}, **tables,
+        }))  # fmt: skip
+        for number, person in enumerate(self.laboratory.people):
+            hand = DirectedHand(
+                ImpedanceSettings(hand_stiffness_npm=500.0, hand_damping_nspm=10.0),
+                course(-1.0 if number else 1.0), (1.0, *[0.5] * (axes - 1)) if kind != "wall" else (1.0, *[0.0] * (axes - 1)),
+            )  # fmt: skip
+            hand.open(1024, (0.0,) * axes)
+            person.device.hand = hand
+        self.felt_npm: list[float] = []
+        self._delays = delays[1:]
+        self.laboratory.run(each_frame=self._frame)
+        self.summary = of_laboratory(self.laboratory)
+
+    def _frame(self, laboratory: Laboratory) -> None:
+        if self._delays and laboratory.seconds >= self._delays[0][0]:
+            (_, delay_ms), *self._delays = self._delays
+            for person in laboratory.people:
+                reroute(person, delay_ms, laboratory.seconds)
+        if abs(laboratory.seconds % CYCLE_S - PRESS_S) < 1e-9:
+            one, *other = laboratory.people
+            depth = one.core.position_m[0] - (other[0].core.position_m[0] if other else 0.0)
+            self.felt_npm.append(
+                one.core.force_n[0] / depth * (2.0 if other else 1.0)
+            )  # two springs, one after the other
+
+
+def reroute(person: Person, delay_ms: float, seconds: float) -> None:
+    """Another way through the network: what was under way on the old one is gone."""
+    person.up = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/up/{seconds}")
+    person.down = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/down/{seconds}")
+
+
+@pytest.mark.parametrize(
+    ("kind", "axes", "before_ms", "after_ms"),
+    [
+        ("wall", 1, 20.0, 40.0),
+        ("wall", 1, 40.0, 20.0),
+        ("wall", 3, 20.0, 40.0),
+        ("cube", 3, 20.0, 40.0),
+        ("cube", 3, 40.0, 20.0),
+        ("faces", 1, 40.0, 20.0),
+    ],
+)
+def test_the_stiffness_is_felt_as_asked_before_and_after_the_delay_changes(
+    kind: str, axes: int, before_ms: float, after_ms: float
+) -> None:
+    """The playout is fixed: it takes its 4 s to follow, and so the loop. Then the spring does."""
+    session = Felt(kind, axes, [(0.0, before_ms), (3.5, after_ms)], 15.3)
+    felt, summary = session.felt_npm, session.summary
+    assert felt[0] == pytest.approx(K_NPM, rel=0.01)
+    assert felt[-1] == pytest.approx(K_NPM, rel=0.02)
+    assert summary["passive"]
+    assert not summary["diverged"]
+    assert least_margin(summary) >= -1e-12
+    assert summary["server"]["energy_balance_error_j"] < 1e-12
+    frames = {20.0: 3, 40.0: 6}[after_ms]
+    for user in summary["users"]:
+        compliance = (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0
+        assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
+        assert user["predicted_stiffness_npm"] == pytest.approx(K_NPM, rel=1e-9)
+
+
+def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_prediction_follows_the_loop() -> None:
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 40.0)], 15.3, coupling={"compensate": False})
+    [user] = session.summary["users"]
+    assert user["rendered_npm"] == K_NPM
+    compliances = [1.0 / K_NPM + (2 * frames + 1) * FRAME_MS * 1e-3 / 120.0 for frames in (3, 6)]
+    assert session.felt_npm[0] == pytest.approx(1.0 / compliances[0], rel=0.01)
+    assert session.felt_npm[-1] == pytest.approx(1.0 / compliances[1], rel=0.02)
+    assert user["predicted_stiffness_npm"] == pytest.approx(1.0 / compliances[1], rel=1e-9)
+    assert session.laboratory.room.seats[0].follower is None
+
+
+def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 19.3)
+    [user] = session.summary["users"]
+    line_npm = 120.0 / (17 * FRAME_MS * 1e-3)  # 903.5: softer than what is asked for
+    assert user["rendered_npm"] == pytest.approx(100.0 * K_NPM)
+    assert session.felt_npm[-1] == pytest.approx(1.0 / (1e-2 / K_NPM + 1.0 / line_npm), rel=0.02)
+    told = [event.text for event in session.laboratory.server.events if event.event == "stiffness"]
+    assert len(told) == 1
+    assert "u0 is told: a felt stiffness of 1000 N/m is out of reach by the delay now measured (125 ms" in told[0]
+    assert "coupling.impedance_nspm above 66.41 would do" in told[0]
+    assert least_margin(session.summary) >= -1e-12
+
+
+def test_a_playout_that_finds_its_own_depth_is_part_of_what_is_measured() -> None:
+    session = Felt("wall", 1, [(0.0, 15.0), (3.5, 30.0)], 15.3, playout={"frames": "auto"})
+    [user] = session.summary["users"]
+    loop = session.laboratory.people[0].core.coupling.loop_frames()
+    assert loop is not None
+    compliance = loop * FRAME_MS * 1e-3 / 120.0
+    assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
+    page = people_table(session.summary)
+    ways = " / ".join(f"{user['delay'][way]['p50']:.1f}" for way in ("up_ms", "down_ms"))
+    assert f"one way, median <span class=unit>[ms]</span></th><td>{ways}</td>" in page
+    assert f"rendered stiffness <span class=unit>[N/m]</span></th><td>{user['rendered_npm']:.0f}</td>" in page
+    assert session.felt_npm[-1] == pytest.approx(K_NPM, rel=0.02)
+    assert least_margin(session.summary) >= -1e-12
