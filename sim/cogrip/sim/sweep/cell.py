@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,3 +47,8 @@ def run_cell(job: Job) -> Result:
 
 def run_cells(jobs: list[Job]) -> list[Result]:
     return [run_cell(job) for job in jobs]
+
+
+def at_once(jobs: Sequence[Job]) -> int:
+    """How many cells are worth sending to another process together: those of a linear model take milliseconds."""
+    return 1 if jobs and needs_session(jobs[0].columns) else 16

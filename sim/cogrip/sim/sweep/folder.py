@@ -1,5 +1,7 @@
 """What a sweep keeps: `sweep.json` (what was asked), `cells.jsonl` (a line a cell, as they finish), `table.csv` (in order).
 
+A comparison of methods keeps the same under its own name.
+
 A line that was cut short, by a kill or a full disk, is no line: its cell is run again. Nothing of another sweep is touched.
 """
 
@@ -10,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from cogrip.protocol.version import VERSION
 from cogrip.sim.sweep.cell import Result
@@ -21,6 +23,25 @@ MANIFEST, CELLS, TABLE = "sweep.json", "cells.jsonl", "table.csv"
 
 class FolderError(Exception):
     """The folder is not this sweep's."""
+
+
+class Kind(NamedTuple):
+    """What a folder is of: a word for people, and the file that says what was asked."""
+
+    word: str
+    manifest: str
+
+
+SWEEP = Kind("sweep", MANIFEST)
+
+
+class Cells(Protocol):
+    """Numbered cells, each with its values by name."""
+
+    @property
+    def keys(self) -> Sequence[str]: ...
+
+    def values(self, cell: int) -> Mapping[str, Any]: ...
 
 
 def manifest(grid: Grid, columns: Sequence[str]) -> dict[str, Any]:
@@ -40,31 +61,33 @@ def digest(asked: Mapping[str, Any]) -> str:
 class SweepFolder:
     """The folder of one sweep, new or begun before. `finished` has the cells that are kept already."""
 
-    def __init__(self, path: Path, asked: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, asked: Mapping[str, Any], kind: Kind = SWEEP) -> None:
         """Raises FolderError, and changes nothing, for a folder of another sweep or of somebody else; OSError."""
         self.path = path
+        self._kind = kind
         self._asked = json.loads(json.dumps(asked))
         self.finished: dict[int, Result] = {}
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             self._resume()
         else:
             path.mkdir(parents=True, exist_ok=True)
-            _write(path / MANIFEST, json.dumps(self._asked, indent=2) + "\n")
+            _write(path / kind.manifest, json.dumps(self._asked, indent=2) + "\n")
         self._lines = (path / CELLS).open("a", encoding="utf-8")
 
     def _resume(self) -> None:
-        file = self.path / MANIFEST
+        file = self.path / self._kind.manifest
+        word = self._kind.word
         try:
             found = json.loads(file.read_text(encoding="utf-8"))
             differ = [key for key in self._asked if found.get(key) != self._asked[key]]
         except (OSError, ValueError, AttributeError):
             raise FolderError(
-                f"{self.path} is no sweep's folder ({MANIFEST} is missing or unreadable); name another"
+                f"{self.path} is no {word}'s folder ({file.name} is missing or unreadable); name another"
             ) from None
         if differ:
             raise FolderError(
-                f"{self.path} holds another sweep (other {', '.join(differ)}); name another folder, "
-                "or ask for the same sweep to resume it"
+                f"{self.path} holds another {word} (other {', '.join(differ)}); name another folder, "
+                f"or ask for the same {word} to resume it"
             )
         self._read_cells()
 
@@ -89,17 +112,17 @@ class SweepFolder:
         self._lines.flush()
         self.finished[result.cell] = result
 
-    def write_table(self, grid: Grid, columns: Sequence[str]) -> Path:
-        """Every finished cell in the grid's order, whatever order they came in."""
+    def write_table(self, cells: Cells, columns: Sequence[str]) -> Path:
+        """Every finished cell in order, whatever order they came in."""
         path = self.path / TABLE
         partial = path.with_suffix(".part")
         with partial.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["cell", *(axis.key for axis in grid.axes), *columns, "error"])
+            writer.writerow(["cell", *cells.keys, *columns, "error"])
             for cell in sorted(self.finished):
                 result = self.finished[cell]
                 measures = [_text(result.measures.get(column)) for column in columns]
-                writer.writerow([cell, *map(_text, grid.values(cell).values()), *measures, result.error])
+                writer.writerow([cell, *map(_text, cells.values(cell).values()), *measures, result.error])
         partial.replace(path)
         return path
 

@@ -99,6 +99,11 @@ class Grid:
         if self.cells > MOST_CELLS:
             raise GridError(f"{self.cells} cells are more than {MOST_CELLS}: give fewer values, or several sweeps")
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The settings that are varied."""
+        return tuple(axis.key for axis in self.axes)
+
     def values(self, cell: int) -> dict[str, Any]:
         """What cell number `cell` sets."""
         found: dict[str, Any] = {}

@@ -6,18 +6,17 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from types import TracebackType
+from typing import Any, Protocol
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.sim.sweep.cell import Job, Result, run_cells
-from cogrip.sim.sweep.measures import needs_session
+from cogrip.sim.sweep.cell import Result, at_once, run_cells
 
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 MOST_DEATHS = 3  # of a worker, before its cells are given up
-_AT_ONCE = 16  # cells of a linear model take milliseconds
 _LOOK_EVERY_S = 0.2
 
 
@@ -26,10 +25,26 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class Numbered(Protocol):
+    """A job, by the number of its cell."""
+
+    @property
+    def cell(self) -> int: ...
+
+
 class LocalWorkers:
     """`workers` processes, used as a context manager. `deaths` counts workers that ended by themselves."""
 
-    def __init__(self, workers: int, stop: Stop | None = None) -> None:
+    def __init__(
+        self,
+        workers: int,
+        stop: Stop | None = None,
+        task: Callable[[list[Any]], list[Result]] = run_cells,
+        at_once: Callable[[Sequence[Any]], int] = at_once,
+    ) -> None:
+        """task: what a worker does with jobs, a sweep's if none is given; at_once: how many of them it gets together."""
+        self._task = task
+        self._at_once = at_once
         self._workers = workers
         self._stop = stop or Stop()
         self._pool: ProcessPoolExecutor | None = None
@@ -43,16 +58,16 @@ class LocalWorkers:
     ) -> None:
         self._end()
 
-    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+    def run(self, jobs: Sequence[Numbered]) -> Iterator[Result]:
         """Results as they come, in any order. Ends early once `stop` is set; what was under way then is lost."""
-        at_once = 1 if jobs and needs_session(jobs[0].columns) else _AT_ONCE
+        at_once = self._at_once(jobs)
         todo = [list(jobs[start : start + at_once]) for start in range(0, len(jobs), at_once)]
-        under_way: dict[Future[list[Result]], list[Job]] = {}
+        under_way: dict[Future[list[Result]], list[Numbered]] = {}
         while todo or under_way:
             pool = self._begin()
             try:
                 while todo and len(under_way) < 2 * self._workers:
-                    under_way[pool.submit(run_cells, todo[0])] = todo[0]
+                    under_way[pool.submit(self._task, todo[0])] = todo[0]
                     todo.pop(0)
                 done, _ = wait(under_way, timeout=_LOOK_EVERY_S, return_when=FIRST_COMPLETED)
                 if self._stop.reason:
@@ -81,7 +96,7 @@ class LocalWorkers:
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin_worker)
                 for _ in range(self._workers):
-                    self._pool.submit(run_cells, [])  # starts a worker, while the environment is theirs
+                    self._pool.submit(self._task, [])  # starts a worker, while the environment is theirs
             finally:
                 for name, value in before.items():
                     if value is None:

@@ -1,0 +1,203 @@
+"""A comparison's results: gathered over seeds, and as the table of a paper (Markdown, LaTeX, rows of text for a terminal)."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cogrip.protocol.version import VERSION
+from cogrip.sim.methods.measures import MEASURES
+from cogrip.sim.methods.method import METHODS, OURS
+from cogrip.sim.methods.question import Comparison
+from cogrip.sim.sweep.cell import Result
+from cogrip.sim.verdict import is_number
+
+FELT = "felt_error_percent"
+NONE = "–"
+
+
+class Column(NamedTuple):
+    """A measure in the table: heading with its unit, as text and as LaTeX."""
+
+    measure: str
+    heading: str
+    unit: str
+    latex: str
+
+
+TABLE = (
+    Column("created_mj", "created", "mJ", "$E_\\mathrm{created}$"),
+    Column("peak_force_n", "peak", "N", "$F_\\mathrm{peak}$"),
+    Column("force_step_n", "step", "N", "$\\Delta F_\\mathrm{max}$"),
+    Column("coherence_rms_mm", "views", "mm", "$\\Delta x_o$ rms"),
+    Column("coherence_max_mm", "max", "mm", "$\\Delta x_o$ max"),
+    Column("rest_mm", "rest", "mm", "drift"),
+    Column(FELT, "felt", "%", "$K_\\mathrm{felt}/K-1$"),
+    Column("error_clean_n", "to clean", "N", "$e_F$ clean"),
+    Column("error_ideal_n", "to ideal", "N", "$e_F$ ideal"),
+)
+
+
+def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
+    """`summary.json`: what was asked, and one row for every method on every network, over all seeds."""
+    rows = []
+    for network in asked.networks:
+        for method in asked.methods:
+            found = [
+                result
+                for cell, result in sorted(results.items())
+                if asked.values(cell)["method"] == method and asked.values(cell)["network"] == network
+            ]
+            rows.append({"network": network, "method": method, **_gathered(found)})
+    return {
+        "name": asked.base["name"],
+        "sessions": asked.cells,
+        "run": len(results),
+        "version": VERSION,
+        "measures": {name: {"unit": measure.unit, "what": measure.what} for name, measure in MEASURES.items()},
+        "asked": asked.asked,
+        "rows": rows,
+    }
+
+
+def _gathered(results: Sequence[Result]) -> dict[str, Any]:
+    ran = [result.measures for result in results if not result.error]
+    ends = sorted(row["diverged_s"] for row in ran if row["diverged"])
+    return {
+        "runs": len(ran),
+        "failed": sum(bool(result.error) for result in results),
+        "errors": dict(Counter(result.error for result in results if result.error)),
+        "diverged": len(ends),
+        "diverged_s": {"median": statistics.median(ends), "first": ends[0]} if ends else None,
+        "reasons": dict(Counter(row["reason"].partition(" at ")[0] for row in ran if row["diverged"])),
+        "oscillates": sum(row["oscillates"] for row in ran),
+        "not_passive": sum(not row["passive"] for row in ran),
+        "felt_npm": _median([row["felt_npm"] for row in ran]),
+        "asked_npm": next((row["asked_npm"] for row in ran if row["asked_npm"] is not None), None),
+        **{name: spread([row[name] for row in ran]) for name in MEASURES},
+    }
+
+
+def spread(values: Sequence[Any]) -> dict[str, float] | None:
+    """Median, and the worst: the value furthest from 0. None where nobody has a number."""
+    numbers = [float(value) for value in values if is_number(value)]
+    return {"median": statistics.median(numbers), "worst": max(numbers, key=abs)} if numbers else None
+
+
+def _median(values: Sequence[Any]) -> float | None:
+    found = spread(values)
+    return found["median"] if found else None
+
+
+def ours_failed(summary: Mapping[str, Any]) -> bool:
+    """Whether cogrip's own method diverged anywhere, or gave out energy on a line that had not been put in."""
+    return any(row["method"] == OURS and (row["diverged"] or row["not_passive"]) for row in summary["rows"])
+
+
+def unstable(row: Mapping[str, Any]) -> bool:
+    """Whether half of the runs or more diverged or oscillate."""
+    return bool(row["runs"]) and 2 * (row["diverged"] + row["oscillates"]) >= row["runs"]
+
+
+def verdict(row: Mapping[str, Any]) -> str:
+    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, and how many sessions could not be run."""
+    runs, words = row["runs"], []
+    if row["diverged"]:
+        words.append(f"diverged {row['diverged']}/{runs} at {row['diverged_s']['median']:.2g} s")
+    if row["oscillates"]:
+        words.append(f"oscillates {row['oscillates']}/{runs}")
+    if row["failed"]:
+        words.append(f"not run {row['failed']}")
+    return ", ".join(words) or ("stable" if runs else NONE)
+
+
+def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:
+    """The median, and the worst behind it where it differs as shown."""
+    found = row[column.measure]
+    if found is None or (column.measure == FELT and unstable(row)):
+        return NONE
+    show = _signed if column.measure == FELT else _short
+    median, worst = show(found["median"]), show(found["worst"])
+    return f"{median} ({worst})" if worst_too and worst != median else median
+
+
+def _short(value: float) -> str:
+    """Three digits; powers of ten as people write them where there are many zeros."""
+    if abs(value) >= 1e5:
+        digits, _, power = f"{value:.1e}".partition("e")
+        return f"{digits}e{int(power)}"
+    if abs(value) >= 100.0:
+        return f"{value:.0f}"
+    if abs(value) < 0.0005:
+        return "0"
+    return f"{value:.{3 if abs(value) < 0.1 else 2 if abs(value) < 10.0 else 1}f}"
+
+
+def _signed(value: float) -> str:
+    text = f"{value:+.1f}"
+    return "0.0" if float(text) == 0.0 else text.replace("-", "−")
+
+
+def cells(row: Mapping[str, Any], worst_too: bool = True) -> list[str]:
+    """One row's text, from the verdict on."""
+    return [verdict(row), *(shown(row, column, worst_too) for column in TABLE)]
+
+
+def headings() -> list[str]:
+    return ["profile", "method", "stability", *(f"{column.heading} [{column.unit}]" for column in TABLE)]
+
+
+def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
+    """What stands under the table."""
+    seeds = len(summary["asked"]["seeds"])
+    return (
+        f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that the network made; peak, "
+        "step: largest force, and largest change of it in one tick; views: distance of what two people are told of the object, "
+        "rms and max over time; rest: distance left between hands that hold still at the end; felt: stiffness felt under a "
+        "static load against the K asked for; to clean, to ideal: rms force difference to the same method on a clean link, and "
+        "to the object directly in the hands."
+    )
+
+
+def markdown(summary: Mapping[str, Any]) -> str:
+    """The table in Markdown."""
+    lines = [_bars(headings()), _bars(["---", "---", "---", *["---:"] * len(TABLE)])]
+    lines += [_bars([row["network"], row["method"], *cells(row)]) for row in summary["rows"]]
+    return "\n".join([*lines, "", note(summary), ""])
+
+
+def _bars(texts: Sequence[str]) -> str:
+    return f"| {' | '.join(text.replace('|', '/') for text in texts)} |"
+
+
+def latex(summary: Mapping[str, Any]) -> str:
+    """The table in LaTeX, with booktabs and graphicx."""
+    head = " & ".join(["network", "method", "stability", *(f"{column.latex}" for column in TABLE)])
+    units = " & ".join(["", "", "", *(f"[{_tex(column.unit)}]" for column in TABLE)])
+    lines = [
+        "% \\usepackage{booktabs,graphicx}",
+        "\\begin{table*}",
+        "\\centering",
+        f"\\caption{{{_tex(note(summary))}}}",
+        "\\resizebox{\\textwidth}{!}{%",
+        f"\\begin{{tabular}}{{lll{'r' * len(TABLE)}}}",
+        "\\toprule",
+        f"{head} \\\\",
+        f"{units} \\\\",
+    ]
+    last = None
+    for row in summary["rows"]:
+        if row["network"] != last:
+            lines.append("\\midrule")
+        name = _tex(row["network"]) if row["network"] != last else ""
+        last = row["network"]
+        lines.append(" & ".join([name, _tex(METHODS[row["method"]].title), *map(_tex, cells(row))]) + " \\\\")
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}}", "\\end{table*}", ""])
+
+
+def _tex(text: str) -> str:
+    for mark in "&%$#_{}":
+        text = text.replace(mark, f"\\{mark}")
+    return text.replace("−", "$-$").replace(NONE, "--")

@@ -1,0 +1,90 @@
+"""`compare` as its users type it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.spoiled_runs import Cogrip
+
+PAIR = """
+name = "pair"
+seconds = 2.0
+[rates]
+device_hz = 512
+[coupling]
+stiffness_npm = 4000.0
+[link]
+delay_ms = 20.0
+[[users]]
+name = "anna"
+[[users]]
+name = "ben"
+hand = "hold"
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "pair.toml"
+    path.write_text(PAIR)
+    return path
+
+
+def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
+    """Recorded hands, the settings' own link, and a baseline that fails: that is a result, not a failure."""
+    hand = config.with_name("hand.csv")
+    hand.write_text("t_s,x_m\n" + "".join(f"{0.05 * k},{0.01 * (k % 4)}\n" for k in range(40)))
+    command = ["compare", config, "--methods", "wave,coupling", "--profiles", "own", "--seeds", "1", "--workers", "1"]
+    command += ["--hands", f"csv:{hand}&time=t_s&x=x_m"]
+    code, out, err = cogrip(*command, "--json", "answer.json")
+    assert code == 0
+    lines = [line.split() for line in out.splitlines()]
+    table = [line for line in lines if line[:1] in (["clean"], ["own"], ["wave"], ["coupling"])]
+    assert [line[0] for line in table] == ["clean", "wave", "coupling", "own", "wave", "coupling"]
+    assert table[4][1] == "stable"
+    assert table[5][1] in ("diverged", "oscillates")
+    assert table[5][2].startswith("1/1")
+    assert "2 of 4 sessions" in err
+    (folder,) = (config.parent / "runs").iterdir()
+    assert folder.name.endswith("-compare-pair")
+    assert f"report: runs/{folder.name}/report.html" in out
+    found = json.loads(Path("answer.json").read_text())
+    assert found["run"] == found["sessions"] == 4
+    assert found["asked"]["settings"]["users"][0]["hand"].startswith("csv:")
+    code, _, err = cogrip(*command, "--out", folder, "--set", "seconds=3")
+    assert code == 2
+    assert "holds another comparison (other settings, rest_s)" in err
+
+
+def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
+    """Two people who throw the object out of the room."""
+    pushes = ["--hands", "push&force_n=8", "--hands", "push&force_n=8"]
+    command = ["compare", config, "--methods", "wave", "--profiles", "clean", "--seeds", "1", "--workers", "1", *pushes]
+    command += ["--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal"]
+    code, out, _ = cogrip(*command)
+    assert code == 1
+    assert "diverged 1/1 at" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--methods", "wave,copling"], "there is no method 'copling'; did you mean coupling?"),
+        (["--profiles", "wify"], "there is no profile 'wify'; did you mean wifi?"),
+        (["--profiles", ","], "no profile is named; there are: lan, wifi"),
+        (["--seeds", "0"], "at least 1"),
+        (["--workers", "0"], "--workers 0 must be at least 1"),
+        (["--set", "seconds=1"], "too short"),
+        (["--set", "users.0.device=emulated:vintage"], "has to be a simulated device"),
+        (["--set", "users.0.device=haply:/dev/ttyACM0"], "haply"),
+        (["--hands", "csv:none.csv&time=t&x=x"], "none.csv"),
+        (["--out", "pair.toml"], "is no comparison's folder"),
+    ],
+)
+def test_bad_input_is_named_and_leaves_nothing(config: Path, cogrip: Cogrip, arguments: list[str], words: str) -> None:
+    code, _, err = cogrip("compare", config, *arguments)
+    assert code == 2
+    assert words in err
+    assert [path.name for path in config.parent.iterdir()] == ["pair.toml"]

@@ -1,0 +1,626 @@
+"""Methods compared: what is measured, against known traces and theory; the same numbers whoever computes them."""
+
+import csv
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.cli.settings_file import load
+from cogrip.devices.registry import make
+from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.settings import coupling_of, resolve
+from cogrip.sim.methods import cell as cells_module
+from cogrip.sim.methods import question
+from cogrip.sim.methods.cell import Job, run_cell, run_cells, run_session
+from cogrip.sim.methods.felt import LOAD_N, balanced_loads, measure_felt
+from cogrip.sim.methods.hand import FADE_S, RestingHand, let_rest
+from cogrip.sim.methods.measures import (
+    COLUMNS,
+    LAST_S,
+    SWING_MJ,
+    SWING_N,
+    at_rest,
+    created_at_rest_j,
+    created_j,
+    force_error_n,
+    furthest,
+    is_oscillating,
+    swing_n,
+)
+from cogrip.sim.methods.method import (
+    CLEAN,
+    METHODS,
+    NETWORKS,
+    OWN,
+    ChoiceError,
+    choose,
+    ideal_settings,
+    session_settings,
+)
+from cogrip.sim.methods.page import LATEX, MARKDOWN, PLOTS, REPORT, render, write_outcome
+from cogrip.sim.methods.question import COMPARISON, Comparison, prepare, run_comparison
+from cogrip.sim.methods.table import TABLE as COLUMNS_SHOWN
+from cogrip.sim.methods.table import gather, latex, markdown, ours_failed, shown, spread, unstable, verdict
+from cogrip.sim.methods.watch import Trace, sketch
+from cogrip.sim.run_folder import SUMMARY
+from cogrip.sim.sweep.cell import Result
+from cogrip.sim.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
+from cogrip.sim.sweep.local import LocalWorkers
+
+TWO: dict[str, Any] = {
+    "name": "two",
+    "seconds": 2.0,
+    "rates": {"device_hz": 512},
+    "users": [
+        {"name": "a", "hand": "tremor&amplitude_m=0.02"},
+        {"name": "b", "hand": "reach&amplitude_m=0.02&delay_s=0.2", "decimator": "none"},
+    ],
+}
+FREE = "push&force_n={}&start_s={}"  # a force, and a device that nobody damps: theory section 6 has free devices
+FRAME_MS = 1e3 / 128
+
+
+class InProcess:
+    """Workers of the very simplest kind."""
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+        return map(run_cell, jobs)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _felt_once() -> Iterator[None]:
+    """The probe takes longer than a session of these."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(question, "FELT_SEEDS", 1)
+        yield
+
+
+def small(
+    methods: Sequence[str] = ("wave", "coupling"), networks: Sequence[str] = ("wifi",), seeds: int = 2
+) -> Comparison:
+    return prepare(resolve(TWO), methods, networks, seeds)
+
+
+# Measures of known traces
+
+
+def test_energy_is_created_where_more_comes_out_than_went_in() -> None:
+    work = np.array([0.0, 1.0, 1.0, 0.5, 2.0])
+    assert created_j(work, np.array([0.0, 1.0, 0.5, 0.5, 2.0])) == 0.0
+    assert created_j(work, np.array([0.0, 1.0, 0.5, 0.8, 2.1])) == pytest.approx(0.3)
+    assert created_j(-work, np.zeros(5)) == 2.0
+    assert created_j(np.zeros(0), np.zeros(0)) == 0.0
+
+
+@given(st.lists(st.tuples(st.floats(-1, 1), st.floats(0, 1)), min_size=1, max_size=20))
+def test_what_spends_only_what_came_in_creates_nothing(steps: list[tuple[float, float]]) -> None:
+    """A store that is filled by the hands' work and gives a share of what it has to the object never owes."""
+    store, work, given_out = 0.0, [0.0], [0.0]
+    for power, share in steps:
+        power = max(power, -store)  # it gives back what it has at most
+        store += power
+        given = share * max(store, 0.0)
+        store -= given
+        work.append(work[-1] + power)
+        given_out.append(given_out[-1] + given)
+    assert created_j(np.array(work), np.array(given_out)) <= 1e-12
+
+
+def test_distances_swings_and_errors_are_what_they_say() -> None:
+    time = np.arange(1000) / 1000.0
+    three = np.zeros((1000, 3, 1))
+    three[:, 1, 0] = 2e-3 * np.sin(2 * math.pi * time)
+    three[:, 2, 0] = 1e-3
+    rms, most = furthest(three)
+    assert most == pytest.approx(3e-3, rel=1e-4)
+    assert rms == pytest.approx(math.sqrt(2e-6 + 1e-6), rel=1e-4)  # of the second and the third
+    assert furthest(three[:, :1]) == (0.0, 0.0)
+    flat = np.ones((10, 2, 3))
+    assert furthest(np.concatenate((flat, 0 * flat), axis=1))[0] == pytest.approx(math.sqrt(3))
+    assert swing_n(three) == pytest.approx(4e-3, rel=1e-4)
+    assert force_error_n(flat, flat) == 0.0
+    assert force_error_n(flat, flat[:4] + 2.0) == pytest.approx(2 * math.sqrt(3))  # over what both have
+    assert force_error_n(flat, flat[:0]) is None
+
+
+def test_a_sketch_keeps_every_extreme() -> None:
+    force = np.zeros((10_240, 2, 1))
+    force[5000, 1], force[5001, 1] = 7.0, -9.0
+    first, second = sketch(force)
+    assert len(first) == len(second) <= 500
+    assert (min(first), max(first), min(second), max(second)) == (0.0, 0.0, -9.0, 7.0)
+    assert sketch(force[:3, :, :]) == [[0.0] * 6] * 2
+    assert sketch(force[:0]) == []
+
+
+def test_rest_is_judged_over_the_last_part_alone() -> None:
+    frames, ticks = 256, 2048
+    position, force = np.zeros((frames, 2, 1)), np.zeros((ticks, 2, 1))
+    position[: frames - round(LAST_S * 128), 1] = 0.1
+    force[: ticks - round(LAST_S * 1024)] = 5.0
+    trace = Trace(1 / 128, force, position, position, position[:, 0], np.zeros(frames), np.zeros(frames))
+    assert at_rest(trace) == (0.0, 0.0)
+    assert created_at_rest_j(trace) == 0.0
+    position[-1, 0] = 64e-3
+    force[-1] = -1.5
+    trace.work_j[10:] = -2.0
+    trace.work_j[-1] = -2.5
+    assert at_rest(trace) == (pytest.approx(1e-3), 1.5)
+    assert created_at_rest_j(trace) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("swing", "created", "oscillates"),
+    [
+        (2 * SWING_N, 2 * SWING_MJ, True),
+        (0.99 * SWING_N, 2 * SWING_MJ, False),
+        (2 * SWING_N, 0.99 * SWING_MJ, False),  # a long line rings
+    ],
+)
+def test_what_oscillates(swing: float, created: float, oscillates: bool) -> None:
+    assert is_oscillating(swing, created) == oscillates
+
+
+# Hands
+
+
+@pytest.mark.parametrize("hand", ["reach", "tremor&amplitude_m=0.03", "sine&frequency_hz=2", "push&force_n=2", "hold"])
+@pytest.mark.parametrize("x0", [0.0, 0.01])
+def test_a_hand_comes_to_rest_where_it_began(hand: str, x0: float) -> None:
+    """Put back into the equation: drive = K x_int + B v_int (+ push), and v_int is the slope of x_int."""
+    rate = 1024
+    bare, device = (make(f"sim:ideal?hand={hand}&x0_m={x0}", axes=1) for _ in range(2))
+    assert isinstance(bare, SimulatedDevice)
+    assert isinstance(device, SimulatedDevice)
+    for each in (bare, device):
+        each.open(rate)
+    assert let_rest(device, rate, 1.0) == (x0,)
+    resting, inner = device.hand, bare.hand
+    first, last = rate, rate + round(FADE_S * rate)
+    for tick in (0, 1, 500, first - 1):
+        assert resting.drive(tick) == inner.drive(tick)
+        assert resting.intended(tick) == inner.intended(tick)
+    for tick in range(first, last + 10):
+        (x,), (v,) = resting.intended(tick)
+        if not hand.startswith("push"):
+            assert resting.drive(tick)[0] == pytest.approx(
+                resting.stiffness_npm * x + resting.damping_nspm * v, abs=1e-9
+            )
+        slope = 0.5 * rate * (resting.intended(tick + 1)[0][0] - resting.intended(tick - 1)[0][0])
+        assert v == pytest.approx(slope, abs=2e-3)
+    for tick in (last, last + 1, 5 * rate):
+        assert resting.intended(tick) == ((x0,), (0.0,))
+        assert tuple(resting.drive(tick)) == (resting.stiffness_npm * x0,)
+
+
+def test_only_a_simulated_hand_can_be_told_to_rest() -> None:
+    with pytest.raises(TypeError, match="no simulated device"):
+        let_rest(object(), 1024, 1.0)
+    hand = RestingHand(make("sim:ideal?hand=hold", axes=1).hand, (0.0,), 1024, 1.0)  # type: ignore[attr-defined]
+    assert hand.open(1024, None) == (0.0,)
+
+
+# Settings of a session
+
+
+def test_a_method_stands_above_a_users_own_settings() -> None:
+    base = msgspec.to_builtins(resolve(TWO))
+    for name in ("wave", "paper", "coupling", "tdpa"):
+        settings = session_settings(base, name, "wan", 5)
+        wanted = METHODS[name].overrides
+        for user in settings.users:
+            coupling = coupling_of(settings, user)
+            for key, value in wanted.items():
+                section, _, last = key.partition(".")
+                if section == "coupling":
+                    assert getattr(coupling, last) == value
+        assert settings.seed == 5
+        assert settings.link.profile == "wan"
+    assert session_settings(base, "wave", CLEAN, 5).link == resolve({}).link
+    with_link = {**base, "link": {"delay_ms": 7.0}}
+    assert session_settings(with_link, "wave", OWN, 5).link.delay_ms == 7.0
+    assert ideal_settings(with_link, 5).rates.network_hz == 512
+    assert ideal_settings(with_link, 5).link.delay_ms is None
+
+
+def test_a_seed_is_the_same_hands_for_every_method_and_others_for_another() -> None:
+    base = msgspec.to_builtins(resolve({**TWO, "users": [{"name": n, "hand": "tremor&seed=3"} for n in "ab"]}))
+    hands = {
+        seed: [tuple(user.hand for user in session_settings(base, method, "lan", seed).users) for method in METHODS]
+        for seed in (1, 2)
+    }
+    assert len(set(hands[1])) == len(set(hands[2])) == 1
+    both = {*hands[1][0], *hands[2][0]}
+    assert len(both) == 4  # people tremble each for themselves
+    assert all(hand.count("seed=") == 1 for hand in both)
+    assert ideal_settings(base, 2).users == session_settings(base, "coupling", CLEAN, 2).users
+    reach = session_settings(msgspec.to_builtins(resolve(TWO)), "wave", "lan", 9).users[1]
+    assert reach.hand == TWO["users"][1]["hand"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [("wavs", "did you mean wave"), ("zzzz", "there are: wave, paper, coupling, tdpa"), ("", "there is no method")],
+)
+def test_a_name_there_is_not(asked: str, words: str) -> None:
+    with pytest.raises(ChoiceError, match=words):
+        choose("method", [asked], tuple(METHODS))
+    with pytest.raises(ChoiceError, match="no method is named"):
+        choose("method", [], tuple(METHODS))
+    assert choose("method", ["wave", "wave"], tuple(METHODS)) == ("wave",)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seconds": 1.9}, "too short.* at least 2"),
+        ({"users": [{"name": "a", "device": "emulated:vintage"}]}, "a: emulated:vintage: the same hand is held"),
+    ],
+)
+def test_what_cannot_be_compared(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(ChoiceError, match=words):
+        prepare(resolve({**TWO, **change}), ["wave"], ["lan"], 1)
+
+
+def test_too_few_and_too_many_seeds() -> None:
+    for seeds, words in ((0, "at least 1"), (100_001, "more than 100000")):
+        with pytest.raises(ChoiceError, match=words):
+            prepare(resolve(TWO), ["wave"], ["lan"], seeds)
+
+
+def test_every_cell_is_named_once_and_clean_comes_first() -> None:
+    asked = prepare(resolve({**TWO, "seed": 7}), ["wave", "coupling"], list(NETWORKS), 3)
+    values = [asked.values(cell) for cell in range(asked.cells)]
+    assert len({tuple(each.values()) for each in values}) == asked.cells == 2 * 6 * 3
+    assert {each["seed"] for each in values} == {7, 8, 9}
+    jobs = asked.jobs({0: Result(0, {})})
+    assert [job.cell for job in jobs] == list(range(1, asked.cells))
+    chunks = [values[start : start + asked.at_once(jobs)] for start in range(0, asked.cells, asked.at_once(jobs))]
+    for chunk in chunks:
+        assert chunk[0]["network"] == CLEAN
+        assert len({(each["method"], each["seed"]) for each in chunk}) == 1
+
+
+# Felt stiffness
+
+
+@pytest.mark.parametrize("frames", [0, 1, 3])
+@pytest.mark.parametrize(("compensate", "stiffness"), [(False, 1000.0), (True, 300.0)])
+def test_waves_feel_as_theory_says(frames: int, compensate: bool, stiffness: float) -> None:
+    """1 / K_felt = 1 / K + (T_fwd + T_back + T_n) / (2 b) (theory section 4), to 0.5 %."""
+    settings = resolve({
+        **TWO, "link": {"delay_ms": frames * FRAME_MS}, "coupling": {"stiffness_npm": stiffness, "compensate": compensate},
+        "users": [{"name": "a"}, {"name": "b"}],
+    })  # fmt: skip
+    felt = measure_felt(settings)
+    assert felt is not None
+    line = 0.0 if compensate else (2 * frames + 1) / 128 / 40.0
+    assert felt.felt_npm == pytest.approx(1.0 / (1.0 / stiffness + line), rel=5e-3)
+    assert felt.asked_npm == stiffness
+
+
+def test_virtual_coupling_feels_its_spring_and_nothing_where_it_never_rests() -> None:
+    table = {**TWO, "coupling": {"kind": "coupling", "stiffness_npm": 800.0}, "users": [{"name": n} for n in "abc"]}
+    felt = measure_felt(resolve(table))
+    assert felt is not None
+    assert felt.felt_npm == pytest.approx(800.0, rel=1e-3)
+    shaking = {**table, "coupling": {"kind": "coupling", "stiffness_npm": 20_000.0}, "link": {"delay_ms": 20.0}}
+    felt = measure_felt(resolve(shaking))
+    assert felt is not None
+    assert felt.felt_npm is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "sides", "loads"),
+    [
+        ("cube", "ll", [1.0, -1.0]),
+        ("cube", "lll", [1.0, -2.0, 1.0]),
+        ("cube", "l", None),
+        ("faces", "lr", [1.0, -1.0]),
+        ("faces", "rl", [-1.0, 1.0]),
+        ("faces", "ll", None),
+        ("wall", "lr", [1.0, -1.0]),
+        ("wall", "l", [1.0]),
+    ],
+)
+def test_loads_are_balanced_or_there_are_none(kind: str, sides: str, loads: list[float] | None) -> None:
+    users = [{"name": str(n), "side": {"l": "left", "r": "right"}[side]} for n, side in enumerate(sides)]
+    found = balanced_loads(resolve({"object": {"kind": kind}, "users": users}))
+    assert found == (None if loads is None else [LOAD_N * load for load in loads])
+
+
+# Sessions
+
+
+def free(method: str, stiffness: float, frames: int) -> Any:
+    """Two free ideal devices of theory section 6, for three seconds; 0.3 N each, apart, one a little after the other."""
+    users = [
+        {"name": name, "device": "sim:ideal", "hand": FREE.format(force, start), "device_mass_kg": 0.1}
+        for name, force, start in (("a", 0.3, 0.2), ("b", -0.3, 0.21))
+    ]
+    settings = resolve({
+        "seconds": 3.0, "link": {"delay_ms": frames * FRAME_MS}, "coupling": {"stiffness_npm": stiffness},
+        "object": {"mass_kg": 0.2}, "users": users,
+    })  # fmt: skip
+    return run_session(session_settings(msgspec.to_builtins(settings), method, OWN, 1), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "stiffness", "frames", "fails"),
+    [
+        ("coupling", 1000.0, 0, False),  # 1.0000
+        ("coupling", 500.0, 1, False),  # 1.0000
+        ("coupling", 1000.0, 1, True),  # 1.0866
+        ("paper", 100.0, 1, False),  # 1.0000
+        ("paper", 2000.0, 1, True),  # 1.2554
+        ("wave", 2000.0, 1, False),
+        ("wave", 100_000.0, 4, False),
+    ],
+)
+def test_methods_fail_where_theory_says_and_nowhere_else(
+    method: str, stiffness: float, frames: int, fails: bool
+) -> None:
+    """Theory section 6's table, as whole sessions: so a comparison can fail, and ours does not."""
+    session = free(method, stiffness, frames)
+    created_mj = 1e3 * created_j(session.trace.work_j, session.trace.object_j)
+    assert (created_mj > SWING_MJ) == fails
+    late_mj = 1e3 * created_at_rest_j(session.trace)
+    oscillates = is_oscillating(at_rest(session.trace)[1], late_mj)  # the motors' limit keeps some from going further
+    assert (bool(session.diverged) or oscillates) == fails
+    if method == "wave":
+        assert session.summary["passive"]
+        leaks = [user["energy"]["device_leak_j"] for user in session.summary["users"]]
+        assert created_mj <= -1e3 * sum(leaks) + 1e-9  # lines and object made none: what there is, sampled dampers leak
+
+
+def test_a_clean_link_has_no_error_to_itself_and_one_view() -> None:
+    asked = small(networks=["wan"], seeds=1)
+    by = {(job.method, job.network): run_cell(job).measures for job in asked.jobs({})}
+    for method in asked.methods:
+        clean, wan = by[method, CLEAN], by[method, "wan"]
+        assert clean["error_clean_n"] == 0.0
+        assert clean["coherence_max_mm"] < 1e-9
+        assert wan["error_clean_n"] > 0.01
+        assert wan["coherence_max_mm"] > wan["coherence_rms_mm"] > 0.0
+        assert set(clean) == {*COLUMNS, "trace"}
+    assert by["coupling", CLEAN]["error_ideal_n"] < by["coupling", "wan"]["error_ideal_n"]
+    assert by["coupling", CLEAN]["felt_error_percent"] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("method", list(METHODS))
+def test_views_do_not_depend_on_where_hands_begin(method: str) -> None:
+    """Some servers answer in each person's own frame, some in the object's."""
+    views = []
+    for begins in ((0.0, 0.0), (0.01, -0.02)):
+        users = [
+            {"name": name, "device": f"sim:ideal?x0_m={x0}", "hand": f"reach&amplitude_m=0.02&delay_s={delay}"}
+            for name, x0, delay in (("a", begins[0], 0.1), ("b", begins[1], 0.3))
+        ]
+        base = msgspec.to_builtins(resolve({"seconds": 1.5, "rates": {"device_hz": 512}, "users": users}))
+        trace = run_session(session_settings(base, method, CLEAN, 1), 1.0).trace
+        assert np.abs(trace.position_m[0]).max() < 1e-3
+        assert np.abs(trace.view_m).max() > 5e-3
+        assert furthest(trace.view_m)[1] < 1e-12
+        views.append(trace.view_m)
+    assert np.abs(views[0] - views[1]).max() < 1e-9
+
+
+def test_an_error_inside_a_session_is_its_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = small(seeds=1)
+
+    def broken(settings: Any, rest_s: float) -> Any:
+        raise ArithmeticError("broken")
+
+    monkeypatch.setattr(cells_module, "run_session", broken)
+    cells_module._clean.cache_clear()
+    cells_module._ideal.cache_clear()
+    results = {job.cell: run_cell(job) for job in asked.jobs({})}
+    assert all(result.error == "ArithmeticError: broken" for result in results.values())
+    row = gather(asked, results)["rows"][0]
+    assert (row["runs"], row["failed"], row["errors"]) == (0, 1, {"ArithmeticError: broken": 1})
+    assert verdict(row) == "not run 1"
+
+
+# A whole comparison
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two methods, a clean link and another, two seeds, in this process."""
+    path = tmp_path_factory.mktemp("whole") / "out"
+    asked = small()
+    folder = SweepFolder(path, asked.asked, COMPARISON)
+    assert run_comparison(asked, folder, InProcess()) == asked.cells
+    write_outcome(path, asked, folder.finished)
+    return path
+
+
+def test_the_same_numbers_whoever_computes_them(whole: Path, tmp_path: Path) -> None:
+    asked = small()
+    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
+    with LocalWorkers(2, None, run_cells, asked.at_once) as workers:
+        run_comparison(asked, folder, workers)
+    assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
+
+
+def test_a_seed_changes_the_numbers(whole: Path) -> None:
+    with (whole / TABLE).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["error"] for row in rows] == [""] * 8
+    waves = [row for row in rows if row["method"] == "wave" and row["network"] == "wifi"]
+    assert waves[0]["error_clean_n"] != waves[1]["error_clean_n"]
+
+
+def test_ours_creates_no_more_than_its_devices_leak(whole: Path) -> None:
+    with (whole / TABLE).open() as file:
+        rows = [row for row in csv.DictReader(file) if row["method"] == "wave"]
+    for row in rows:
+        assert row["passive"] == "true"
+        assert float(row["margin_mj"]) >= -1e-9
+        assert float(row["created_mj"]) <= float(row["leak_mj"]) + 1e-9
+
+
+def test_what_it_leaves(whole: Path) -> None:
+    assert {path.name for path in whole.iterdir()} == {
+        "comparison.json", CELLS, TABLE, SUMMARY, MARKDOWN, LATEX, REPORT, PLOTS,
+    }  # fmt: skip
+    drawn = {path.name for path in (whole / PLOTS).iterdir()}
+    names = {"stability", "traces", "forces", "coherence", "errors", "felt"}
+    assert drawn == {f"{name}.{suffix}" for name in names for suffix in ("png", "svg")}
+    page = (whole / REPORT).read_text()
+    assert page.count("data:image/png;base64,") == len(names)
+    assert "http" not in page.replace("http-equiv", "")
+    summary = json.loads((whole / SUMMARY).read_text())
+    assert [(row["network"], row["method"], row["runs"]) for row in summary["rows"]] == [
+        ("clean", "wave", 2), ("clean", "coupling", 2), ("wifi", "wave", 2), ("wifi", "coupling", 2),
+    ]  # fmt: skip
+    assert summary["asked"]["networks"]["wifi"]["up"]["jitter_ms"] > 0.0
+    assert summary["asked"]["networks"]["clean"]["up"]["jitter_ms"] == 0.0
+
+
+def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Path) -> None:
+    stop = Stop()
+    asked = small()
+    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
+
+    def stop_early(finished: int) -> None:
+        if finished:
+            stop.reason = "interrupted"
+
+    with LocalWorkers(1, stop, run_cells, asked.at_once) as workers:
+        run = run_comparison(asked, folder, workers, stop_early)
+    assert 0 < run < asked.cells
+    summary = gather(asked, folder.finished)
+    assert (summary["run"], summary["sessions"]) == (run, asked.cells)
+    assert "were not run: it was interrupted" in render(summary, [])
+    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
+    assert len(folder.finished) == run
+    assert run_comparison(asked, folder, InProcess()) == asked.cells - run
+    assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
+
+
+def test_another_comparison_is_not_touched(whole: Path) -> None:
+    before = {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()}
+    with pytest.raises(FolderError, match=r"holds another comparison .other seeds"):
+        SweepFolder(whole, small(seeds=3).asked, COMPARISON)
+    assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
+
+
+def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
+    """The whole parent by SIGKILL once something is finished; then the same question runs the rest alone."""
+    config = tmp_path / "two.toml"
+    config.write_text(
+        'name = "two"\nseconds = 2.0\n[rates]\ndevice_hz = 512\n[[users]]\nname = "a"\n[[users]]\nname = "b"\nhand = "hold"\n'
+    )
+    out = tmp_path / "out"
+    command = [
+        sys.executable, "-m", "cogrip.cli.main", "compare", str(config), "--profiles", "lan", "--methods", "wave",
+        "--seeds", "4", "--workers", "1", "--out", str(out),
+    ]  # fmt: skip
+    cells = out / CELLS
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None and not (cells.exists() and cells.read_text().count("\n") >= 2):
+            pass
+        os.kill(process.pid, signal.SIGKILL)
+    kept = [line for line in cells.read_text().splitlines(keepends=True) if line.endswith("\n")]
+    assert 2 <= len(kept) < 8
+    asked = prepare(load(config), ["wave"], ["lan"], 4)
+    folder = SweepFolder(out, asked.asked, COMPARISON)
+    assert run_comparison(asked, folder, InProcess()) == 8 - len(kept)
+    assert cells.read_text().splitlines(keepends=True)[: len(kept)] == kept
+    assert len(folder.finished) == 8
+
+
+# The table
+
+
+def row_of(**changes: Any) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
+        "oscillates": 0, "not_passive": 0, "felt_npm": 500.0, "asked_npm": 1000.0,
+        **{column.measure: {"median": 1.0, "worst": 2.0} for column in COLUMNS_SHOWN},
+    }  # fmt: skip
+    return {**row, **changes}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "bad"),
+    [
+        ({}, "stable", False),
+        ({"diverged": 20, "diverged_s": {"median": 1.3, "first": 1.1}}, "diverged 20/20 at 1.3 s", True),
+        ({"oscillates": 9}, "oscillates 9/20", False),
+        ({"oscillates": 10}, "oscillates 10/20", True),
+        ({"diverged": 1, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 10, "failed": 2},
+         "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True),
+        ({"runs": 0}, "–", False),
+    ],
+)  # fmt: skip
+def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool) -> None:
+    row = row_of(**changes)
+    assert verdict(row) == words
+    assert unstable(row) == bad
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ({"median": 1.234, "worst": 1.234}, "1.23"),
+        ({"median": 0.0123, "worst": 123.4}, "0.012 (123)"),
+        ({"median": 1e-5, "worst": 94349706.0}, "0 (9.4e7)"),
+        (None, "–"),
+    ],
+)
+def test_numbers_as_they_are_shown(value: Any, text: str) -> None:
+    assert shown(row_of(created_mj=value), COLUMNS_SHOWN[0]) == text
+
+
+def test_nobody_feels_what_is_unstable() -> None:
+    felt = next(column for column in COLUMNS_SHOWN if column.measure == "felt_error_percent")
+    value = {"median": -16.25, "worst": -20.0}
+    assert shown(row_of(felt_error_percent=value), felt) == "−16.2 (−20.0)"
+    assert shown(row_of(felt_error_percent=value, oscillates=20), felt) == "–"
+
+
+def test_spread_is_the_median_and_the_furthest_from_nothing() -> None:
+    assert spread([1.0, None, -5.0, 3.0]) == {"median": 1.0, "worst": -5.0}
+    assert spread([None, float("nan")]) is None
+
+
+@pytest.mark.parametrize(
+    ("row", "failed"),
+    [
+        (row_of(), False),
+        (row_of(diverged=1), True),
+        (row_of(not_passive=1), True),
+        (row_of(method="coupling", diverged=20, not_passive=20), False),  # that is a result
+    ],
+)
+def test_ours_alone_is_judged(row: dict[str, Any], failed: bool) -> None:
+    assert ours_failed({"rows": [row_of(), row]}) == failed
+
+
+def test_the_tables_of_a_paper(whole: Path) -> None:
+    summary = json.loads((whole / SUMMARY).read_text())
+    rows = [line for line in markdown(summary).splitlines() if line.startswith("|")]
+    assert len(rows) == 2 + 4
+    assert len({row.count("|") for row in rows}) == 1
+    text = latex(summary)
+    body = [line for line in text.splitlines() if line.endswith("\\\\")]
+    assert len(body) == 2 + 4
+    assert len({line.replace("\\&", "").count("&") for line in body}) == 1
+    assert text.count("\\midrule") == 2
+    assert "[\\%]" in text
+    assert "−" not in text
