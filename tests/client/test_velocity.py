@@ -275,3 +275,22 @@ def test_the_estimator_of_a_device_has_its_axes_and_memory() -> None:
     estimator.update((0.0, 0.0, 0.0))
     jump = (1.0 - memory_for(found, T_C)) ** 2 * 2.82e-5 * HZ
     assert estimator.update((2.82e-5, 0.0, -2.82e-5)) == pytest.approx([jump, 0.0, -jump])
+
+
+# Faster loops --------------------------------------------------------------------------------------------------------
+
+
+@given(RECORDS, st.floats(1.0, 8.0))
+def test_a_faster_loop_takes_nothing_from_what_a_device_carries(found: Capability, times: float) -> None:
+    """One count is no louder than at 1024 Hz, and the damper no later, however many samples there are."""
+    slow, fast = impedance_bounds(found, T_C), impedance_bounds(found, T_C / times)
+    for name, bound in slow.items():
+        assert fast[name] >= bound * (1.0 - 1e-9), name
+
+
+def test_the_memory_of_a_faster_loop() -> None:
+    heavy = record(1.0, 3e-5, 0)
+    assert memory_for(heavy, T_C) == memory_for(heavy, 2.0 * T_C) == MEMORY
+    assert memory_for(heavy, T_C / 4) == pytest.approx(0.8, abs=1e-12)
+    jumps = [(1.0 - memory_for(heavy, T_C / times)) ** 2 * times for times in (1, 2, 4, 8)]
+    assert jumps == pytest.approx([0.16] * 4, rel=1e-12)

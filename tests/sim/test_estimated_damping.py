@@ -129,11 +129,11 @@ def wave_of(
     client.returning = (float(inputs[0]),)
     late = 0 if person.encoder == "velocity" else person.latency_ticks
     client.set_latency(late)
-    client._late.extend([(wave,) for wave in state[len(state) - late :][::-1].tolist()])
+    client._late.extend([((wave,), 1.0) for wave in state[len(state) - late :][::-1].tolist()])
     for _ in range(rates.ticks_per_frame):
         place, velocity = memory.read()
         client.elapse([memory.step(client.force(place, velocity)) * rates.device_hz], velocity)
-    return [*memory.state(), *[wave for (wave,) in reversed(client._late)]], list(client._decimator.take())
+    return [*memory.state(), *[wave for (wave,), _ in reversed(client._late)]], list(client._decimator.take())
 
 
 def coupled_of(
@@ -253,8 +253,8 @@ def test_what_a_device_that_is_held_still_sends_back(decimator: str, encoder: st
     """The closed form of `feel` is the block of a device that nothing moves."""
     found = late_session(latency, decimator=decimator, encoder=encoder)
     z = np.exp(1j * np.array([angle]))
-    still = wave_frame(replace(found.people[0], device_mass_kg=1e15), found.rates)
-    np.testing.assert_allclose(_mirror(found.people[0], found.rates, z), still.response(z), atol=1e-9)
+    still = wave_frame(replace(found.people[0], device_mass_kg=1e15), found.people[0].rates)
+    np.testing.assert_allclose(_mirror(found.people[0], found.people[0].rates, z), still.response(z), atol=1e-9)
 
 
 @pytest.mark.parametrize("scheme", ["wave", "coupling"])

@@ -51,7 +51,7 @@ def test_felt_stiffness_is_theory_4(
         scheme, frames, estimated, stiffness_npm=K, impedance_nspm=b, lowpass_rad_s=cutoff
     )  # fmt: skip
     which = replace(which, people=tuple(replace(one, decimator=decimator, encoder=encoder) for one in which.people))
-    frame_s = which.rates.frame_s
+    frame_s = which.people[0].rates.frame_s
     lag = lag_s(decimator, frame_s, cutoff) - (2.0 * frame_s if scheme == "paper" else 0.0)
     theory = felt_stiffness(K, line_compliance(b, 2 * frames * frame_s, lag))
     assert slow_feel(on_wall(which, 0), 0).stiffness_npm == pytest.approx(theory, rel=1e-6)
@@ -83,7 +83,7 @@ def test_in_free_motion_the_line_is_a_mass(frames: int, b: float, encoder: str) 
     """Its delay 2 d + 1 frames times b / 2, a tick's worth apart: energy b y^2 is under way; no drag at constant speed."""
     which = no_contact(session("passive", frames, impedance_nspm=b, encoder=encoder), 0)
     slow = slow_feel(which, 0)
-    loop_s = (2 * frames + 1) * which.rates.frame_s
+    loop_s = (2 * frames + 1) * which.people[0].rates.frame_s
     assert slow.stiffness_npm == pytest.approx(0.0, abs=2e-6)
     assert slow.damping_nspm == pytest.approx(0.0, abs=1e-6 * b)
     assert slow.inertia_kg == pytest.approx(0.5 * b * loop_s, rel=0.15)
@@ -114,8 +114,8 @@ def test_a_second_persons_hand_is_felt_as_springs_in_a_row() -> None:
 def test_the_passive_scheme_gives_no_energy_at_any_frequency(frames: int, K: float, B: float, b: float) -> None:
     """The work F w of a tick, w = s y its mean velocity, is at least the sampled damper's own b (y - w) w (theory 3.6)."""
     which = session("passive", frames, stiffness_npm=K, damping_nspm=B, impedance_nspm=b)
-    w = 2.0 * np.pi * frequencies_hz(which.rates)
-    mean = encoded(which.people[0], which.rates, w)
+    w = 2.0 * np.pi * frequencies_hz(which.people[0].rates)
+    mean = encoded(which.people[0], which.people[0].rates, w)
     leak = (b * (1.0 - mean) * mean.conj()).real
     for case in (no_contact(which, 0), alone(which, 0), on_wall(which, 0)):  # a second device has a leak of its own
         Z = impedance(case, 0, w)
@@ -173,7 +173,7 @@ def test_the_budget_adds_up_to_the_delay_of_slow_motion(
         "playout": {"frames": playout},
     }
     which = linear_session(resolve(table), estimated=estimated)
-    person, rates = which.people[0], which.rates
+    person, rates = which.people[0], which.people[0].rates
     w = np.array([1e-3])
     frames = person.up.frames + person.down.frames + 1
     ticks = np.arange(rates.ticks_per_frame)
@@ -184,9 +184,9 @@ def test_the_budget_adds_up_to_the_delay_of_slow_motion(
 
 def test_the_budget_of_a_boxcar_is_the_time_of_theory_4() -> None:
     which = session("passive", 3)
-    assert total_s(budget(which, 0)) == pytest.approx(7 * which.rates.frame_s, abs=1e-12)
+    assert total_s(budget(which, 0)) == pytest.approx(7 * which.people[0].rates.frame_s, abs=1e-12)
 
 
 def test_the_budget_of_virtual_coupling() -> None:
     which = session("coupling", 2)
-    assert total_s(budget(which, 0)) == pytest.approx(5.5 * which.rates.frame_s, abs=1e-12)
+    assert total_s(budget(which, 0)) == pytest.approx(5.5 * which.people[0].rates.frame_s, abs=1e-12)

@@ -64,7 +64,7 @@ class CoresFrame:
         self.seats = [seat_settings(settings, number) for number in range(len(settings.users))]
         self.deep = self.seats[0].one_sided
         self.sides = [seat.side_sign for seat in self.seats]
-        self.ticks = self.session.rates.ticks_per_frame
+        self.ticks = self.session.people[0].rates.ticks_per_frame
 
     def matrix(self) -> Array:
         base = self.touching()
@@ -89,7 +89,7 @@ class CoresFrame:
     def plant(self, person: Person, position: float, velocity: float) -> IdealPlant:
         settings = IdealSettings(mass_kg=person.device_mass_kg, damping_nspm=person.device_damping_nspm)
         plant = IdealPlant(settings, 1)
-        hz = self.session.rates.device_hz
+        hz = self.session.people[0].rates.device_hz
         plant.open(hz, person.hand_stiffness_npm, person.hand_damping_nspm, (position,))
         plant.velocity_mps = [velocity]
         return plant
@@ -105,7 +105,7 @@ class CoresFrame:
         self, client: WaveCoupling | VirtualCoupling, person: Person, plant: IdealPlant, error: float, estimate: float
     ) -> list[float]:
         """M ticks in the order of `ClientCore`: law, plant, estimator, books. The estimator's error and estimate after them."""
-        hz = self.session.rates.device_hz
+        hz = self.session.people[0].rates.device_hz
         estimator = AlphaBeta(1, 1.0 / hz, person.memory)
         estimator._position, estimator._velocity = [plant.position_m[0] + error], [estimate]
         held = self.push(person, client)
@@ -274,13 +274,15 @@ def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
     }
     resolved = resolve(table)
     session = linear_session(resolved, hands=True, estimated=estimated)
-    delays = [[one_way(draw(st.integers(0, 4)) * FRAME_MS, 0, session.rates) for _ in "ud"] for _ in session.people]
+    delays = [
+        [one_way(draw(st.integers(0, 4)) * FRAME_MS, 0, session.people[0].rates) for _ in "ud"] for _ in session.people
+    ]
     people = zip(session.people, delays, strict=True)
     session = replace(session, people=tuple(replace(person, up=up, down=down) for person, (up, down) in people))
     if (
         scheme == "coupling" and kind == "wall"
     ):  # a device that is unstable by itself would leave the wall within the frame
-        assume(all(_tame(person, session.rates.tick_s) for person in session.people))
+        assume(all(_tame(person, session.people[0].rates.tick_s) for person in session.people))
     return resolved, LiftedModel(session)
 
 

@@ -2,14 +2,15 @@
 
 from collections import deque
 
-SAMPLES = 64  # frames that must agree: half a second at 128 Hz
+REST_S = 0.5  # for which the frames must agree
 
 
 class RestStiffness:
     """Fed once a frame with the depth pressed in [m] and the force along it [N]."""
 
-    def __init__(self, resolution_m: float) -> None:
-        self._samples: deque[tuple[float, float]] = deque(maxlen=SAMPLES)
+    def __init__(self, resolution_m: float, frame_s: float) -> None:
+        self._count = max(2, round(REST_S / frame_s))
+        self._samples: deque[tuple[float, float]] = deque(maxlen=self._count)
         self._resolution_m = resolution_m
 
     def add(self, depth_m: float, force_n: float) -> None:
@@ -17,11 +18,12 @@ class RestStiffness:
 
     def stiffness_npm(self) -> float | None:
         """None while the hand moves, or where nothing pushes back."""
-        if len(self._samples) < SAMPLES:
+        count = self._count
+        if len(self._samples) < count:
             return None
         depths = [depth for depth, _ in self._samples]
-        depth = sum(depths) / SAMPLES
-        force = sum(force for _, force in self._samples) / SAMPLES
+        depth = sum(depths) / count
+        force = sum(force for _, force in self._samples) / count
         moved = max(depths) - min(depths)
         if depth <= 0.0 or force <= 0.0 or moved > max(2.0 * self._resolution_m, 1e-3 * depth):
             return None

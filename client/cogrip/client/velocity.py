@@ -10,7 +10,10 @@ takes b l T from the mass. Bounds:
     lag     b < m / (l T)               no more than there is: theory's b T_c / m < 1, for an estimate and for old samples
     noise   b < F_q T / (s^2 q)         one count moves the estimate by s^2 q / T
 
-More memory is quieter and later. A bare device on its damper holds to b T / m = 2 (1 - mu^2) / (1 + mu^2) with L = 0, and to
+More memory is quieter and later. A faster loop takes more, so that one count is no louder than at 1024 Hz, and is still
+earlier: with s ~ sqrt(T) the noise s^2 q / T stays, and the lag 2 T / s falls with sqrt(T).
+
+A bare device on its damper holds to b T / m = 2 (1 - mu^2) / (1 + mu^2) with L = 0, and to
 2 (sqrt(p^2 + s^3 (1 + mu)) - p) / s^2 with L = 1, p = 1 + mu - mu^2 (Jury's conditions on (z - 1) (z - mu)^2 z^(L-1) +
 b T / (2 m) s^2 (z + 1)); a line leaves less of that, and the lag bound is well inside. docs/velocity.md has the comparison
 that chose this estimator, and how far sessions really go.
@@ -20,12 +23,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, sqrt
 from typing import Literal
 
 from cogrip.devices.device import Capability
 
 MEMORY, LEAST_MEMORY = 0.6, 0.5
+MEMORY_TICK_S = 1.0 / 1024.0
+"""The tick that MEMORY is for; shorter ones take more."""
 WANTED_NSPM = 20.0
 """The impedance that a device should carry, if it can: the paper's."""
 NOISE_N = 0.175
@@ -78,10 +83,13 @@ def memory_for(capability: Capability, tick_s: float) -> float:
     """The memory that the client's estimator runs with on this device.
 
     MEMORY, or what is less and keeps WANTED_NSPM inside the lag bound, but LEAST_MEMORY: with more than the one sessions end
-    sooner, with less than the other they go no further, and noise grows (docs/velocity.md).
+    sooner, with less than the other they go no further, and noise grows (docs/velocity.md). In a loop
+    faster than MEMORY_TICK_S s is that of MEMORY_TICK_S times sqrt(T / MEMORY_TICK_S).
     """
-    lag = capability.apparent_mass_kg / (WANTED_NSPM * tick_s) - capability.latency_ticks
-    return min(MEMORY, max(LEAST_MEMORY, (lag - 1.0) / (lag + 1.0) if lag > 0.0 else 0.0))
+    slow_s = max(tick_s, MEMORY_TICK_S)
+    lag = capability.apparent_mass_kg / (WANTED_NSPM * slow_s) - capability.latency_ticks
+    memory = min(MEMORY, max(LEAST_MEMORY, (lag - 1.0) / (lag + 1.0) if lag > 0.0 else 0.0))
+    return memory if tick_s >= MEMORY_TICK_S else 1.0 - (1.0 - memory) * sqrt(tick_s / MEMORY_TICK_S)
 
 
 def estimator_for(capability: Capability, tick_s: float) -> AlphaBeta | None:

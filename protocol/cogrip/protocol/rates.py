@@ -13,8 +13,21 @@ class RatesError(ValueError):
     """The two rates do not fit together."""
 
 
+def misfit(device_hz: int, network_hz: int, key: str = "rates.device_hz") -> str:
+    """Why there is no whole number of device ticks in a frame, "" if there is. key: the setting that `device_hz` is from."""
+    ratio, rest = divmod(device_hz, network_hz)
+    if ratio >= 1 and not rest:
+        return ""
+    near = max(1, round(device_hz / network_hz)) * network_hz
+    why = f"{key} = {device_hz} is not a whole multiple of rates.network_hz = {network_hz}"
+    return f"{why}; use for instance device_hz = {near}"
+
+
 class Rates(msgspec.Struct, frozen=True, array_like=True):
-    """Device loop and network/object loop (P section III; theory section 2). Raises RatesError for two that do not fit."""
+    """One person's device loop and the room's network/object loop (P section III; theory section 2).
+
+    Raises RatesError for two that do not fit.
+    """
 
     device_hz: Hz
     network_hz: Hz
@@ -25,14 +38,9 @@ class Rates(msgspec.Struct, frozen=True, array_like=True):
     @property
     def ticks_per_frame(self) -> int:
         """M: device ticks in one network frame. Raises RatesError unless it is a whole number of at least 1."""
-        ratio, rest = divmod(self.device_hz, self.network_hz)
-        if rest or ratio < 1:
-            near = max(1, round(self.device_hz / self.network_hz)) * self.network_hz
-            raise RatesError(
-                f"rates.device_hz = {self.device_hz} is not a whole multiple of rates.network_hz = {self.network_hz}; "
-                f"use for instance device_hz = {near}"
-            )
-        return ratio
+        if why := misfit(self.device_hz, self.network_hz):
+            raise RatesError(why)
+        return self.device_hz // self.network_hz
 
     @property
     def tick_s(self) -> float:

@@ -2,8 +2,9 @@
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import VIEWED_SEATS, View
-from cogrip.protocol.session import LOST_NS, Clock
+from cogrip.protocol.session import LOST_NS
 from cogrip.server.gate import HELLOS, Buckets
 from cogrip.server.worlds.world import World
 
@@ -19,7 +20,7 @@ class Observer:
         self.session = session
         self.nonce = nonce
         self.address = address
-        self.last_heard_ns = now_ns
+        self.last_heard_ns = self.since_ns = now_ns
         self.clock = Clock()
         self.ticket = ""  # its mark
         self.token = ""
@@ -32,7 +33,7 @@ class Gallery:
     def __init__(self, places: int, network_hz: int) -> None:
         self.places = places
         self.observers: dict[int, Observer] = {}
-        self._every = max(1, network_hz // VIEWS_HZ)
+        self._every = -(-network_hz // VIEWS_HZ)  # rounded up
 
     @property
     def full(self) -> bool:

@@ -32,7 +32,7 @@ def find_observer(rooms: Sequence[Room], mark: str) -> tuple[Room, int] | None:
 
 
 def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) -> tuple[Room, int] | Denied:
-    """The first free seat that hello and grant agree on, and that the device fits."""
+    """The first free seat that hello and grant agree on, and that the device fits; else why the first of them does not fit."""
     among = _rooms(rooms, hello, grant)
     if isinstance(among, Denied):
         return among
@@ -43,10 +43,16 @@ def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) ->
             "device", f"this token is for {grant.device}, and {hello.device} is claimed; join with the device it is for"
         )
     name = hello.name or grant.user
+    misfit: Denied | None = None
     for room in among:
         for number, seat in enumerate(room.seats):
             if room.free(number, now_ns) and name in ("", seat.settings.user):
-                return _fitting(room, number, hello)
+                found = _fitting(room, number, hello)
+                if not isinstance(found, Denied):
+                    return found
+                misfit = misfit or found
+    if misfit is not None:
+        return misfit
     names = [seat.settings.user for room in among for seat in room.seats]
     if name and name not in names:
         return Denied("name", f"no seat is kept for {name!r}; seats are: {', '.join(names)}")
@@ -79,7 +85,11 @@ def _rooms(rooms: Sequence[Room], hello: Hello, grant: Grant) -> list[Room] | De
 
 
 def _fitting(room: Room, number: int, hello: Hello) -> tuple[Room, int] | Denied:
-    misfit = unfit(hello, digest=room.digest, axes=room.world.axes, device_hz=room.settings.rates.device_hz)
+    whose = "this room at rates.device_hz"
+    if room.settings.users[number].device_hz is not None:
+        whose = f"the seat of {room.settings.users[number].name!r} at users.{number}.device_hz"
+    device_hz = room.seats[number].settings.rates.device_hz
+    misfit = unfit(hello, digest=room.digest, axes=room.world.axes, device_hz=device_hz, whose=whose)
     if misfit is not None:
         return Denied(*misfit)
     misclaim = misclaimed(record_of(hello), room.settings, number)

@@ -13,7 +13,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Sink
 from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.protocol.settings import Settings
+from cogrip.protocol.settings import Settings, rates_of
 from cogrip.server.recorded import WHO, RecordedServer, server_topics
 from cogrip.sim.laboratory import Laboratory, Record, unrecorded
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording, write_settings, write_summary
@@ -67,10 +67,11 @@ def run_laboratory(
 
 def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:
     """Recordings in `folder`, by the clock of the laboratory: one seed gives the same bytes every time."""
+    device_hz = {user.name: rates_of(settings, user).device_hz for user in settings.users}
 
     def record(core: RecordedClient | RecordedServer, who: str) -> Sink:
         if isinstance(core, RecordedClient):
-            path, role, rate_hz, topics = client_recording(who), "client", settings.rates.device_hz, client_topics(who)
+            path, role, rate_hz, topics = client_recording(who), "client", device_hz[who], client_topics(who)
         else:
             path, role, rate_hz, topics = (
                 SERVER_RECORDING,

@@ -4,11 +4,15 @@ At a frame border the order is that of theory section 6: every client senses and
 delivered, the server steps, its answers that have arrived by now are delivered, every client acts. A link delay of
 exactly d frames therefore means d frames.
 
+Between two borders every client ticks on its own grid, exactly: those of one rate at the same moments, in seat order; a client
+hears what has come when it ticks itself. Borders are common to all, so all begin a frame together.
+
 People may go and come, lose their address, or their server: `leave`, `come`, `lose_address`, `kill` and `restart`, each
 between two frames. A way to the server is an address here, and dialling gives another one.
 """
 
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 from itertools import count
 
 from cogrip.client.dialler import Dialler
@@ -21,13 +25,16 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
-from cogrip.protocol.settings import Settings, digest
+from cogrip.protocol.settings import Settings, digest, rates_of
 from cogrip.protocol.version import VERSION
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.recorded import RecordedServer
+from cogrip.sim.configured_link import configured_link
 from cogrip.sim.link import LinkEmulator
 
 Watch = Callable[["Laboratory"], None]
+Moment = tuple[tuple[int, int], ...]
+"""Who ticks at one time: seat numbers, each with the tick of the frame that it is for them."""
 Record = Callable[[RecordedClient | RecordedServer, str], Sink]
 """Where an end's recording goes: called with its core and, for a client, the person's name (else "")."""
 
@@ -42,7 +49,8 @@ class Person:
 
     def __init__(self, settings: Settings, number: int, begins: int, visit: int = 0) -> None:
         user = settings.users[number]
-        self.begins = begins  # tick of the session that is this person's first
+        self.begins = begins  # tick of the session, at this person's rate, that is their first
+        self.rates = rates_of(settings, user)
         self.visit = visit
         self.name = user.name
         self.going = self.gone = False
@@ -57,7 +65,7 @@ class Person:
             force_n=record.peak_force_n, speed_mps=record.speed_mps,
         )  # fmt: skip
         self.core = RecordedClient(hello, device.capability)
-        self.handle = Handle(device, self.core, settings.rates.device_hz)
+        self.handle = Handle(device, self.core, self.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
 
@@ -67,7 +75,7 @@ class Person:
         return self.dialler.way
 
     def ticks_at(self, tick: int) -> bool:
-        """Whether this person's loop runs at a tick of the session."""
+        """Whether this person's loop runs at a tick of the session, counted at their rate."""
         return tick >= self.begins and not self.gone
 
     def dial(self, now_ns: int, refused: bool) -> None:
@@ -89,7 +97,8 @@ class Person:
 class Laboratory:
     """One session of `settings`. `run` to the end, or `frame` by frame.
 
-    begins: each person's first tick, a whole number of frames; all begin together if it is empty.
+    begins: each person's first tick, at their own rate, a whole number of frames; all begin together if it is empty.
+    tick: moments so far at which somebody ticked, or is ticking; with one rate for all, everybody's tick
     """
 
     def __init__(self, settings: Settings, record: Record = unrecorded, begins: Sequence[int] = ()) -> None:
@@ -103,8 +112,9 @@ class Laboratory:
         self.alive = True  # the server
         self.now_ns = 0
         self.tick = 0
-        self._device_hz = settings.rates.device_hz
-        self._ticks_per_frame = settings.rates.device_hz // settings.rates.network_hz
+        self._network_hz = settings.rates.network_hz
+        self._frame = 0  # the one that comes next, or is under way
+        self._moments = moments_of([person.rates.ticks_per_frame for person in self.people])
         self.frames = max(1, round(settings.seconds * settings.rates.network_hz))
         for person in self.people:
             person.core.record(record(person.core, person.name))
@@ -134,8 +144,9 @@ class Laboratory:
     def _begin(self, person: Person) -> None:
         seat = person.core.seat
         assert seat is not None
-        person.up = LinkEmulator(seat.up, f"{seat.seed}/{seat.seat}/up")
-        person.down = LinkEmulator(seat.down, f"{seat.seed}/{seat.seat}/down")
+        link = self.settings.link
+        person.up = configured_link(link, "up", f"{seat.seed}/{seat.seat}/up")
+        person.down = configured_link(link, "down", f"{seat.seed}/{seat.seat}/down")
         person.handle.open()
 
     # Coming and going
@@ -149,8 +160,9 @@ class Laboratory:
     def come(self, number: int) -> Person:
         """Who had this seat before comes again, with a hand that begins anew."""
         before = self.people[number]
-        person = self.people[number] = Person(self.settings, number, self.tick, before.visit + 1)
-        self.now_ns = due_ns(0, self.tick, self._device_hz)
+        begins = self._frame * before.rates.ticks_per_frame
+        person = self.people[number] = Person(self.settings, number, begins, before.visit + 1)
+        self.now_ns = due_ns(0, self._frame, self._network_hz)
         person.core.record(self._record(person.core, f"{person.name} {person.visit + 1}"))
         self._call(person)
         self._begin(person)
@@ -208,34 +220,40 @@ class Laboratory:
                     dialler.adopt(str(address))
                 person.down.send(datagram, self.now_ns)
 
-    def _to_clients(self) -> None:
+    def _to_clients(self, moment: Moment) -> None:
         now_ns = self.now_ns
-        for person in self.people:
+        for number, _ in moment:
+            person = self.people[number]
             next_ns = person.down.next_ns
             if next_ns is not None and next_ns <= now_ns:
                 for datagram in person.down.due(now_ns):
                     person.core.receive(datagram, now_ns)
 
     def frame(self, each_tick: Watch | None = None) -> None:
-        """One network frame: M device ticks, the border first."""
-        for step in range(self._ticks_per_frame):
-            now_ns = self.now_ns = due_ns(0, self.tick, self._device_hz)
-            self._sense(step == 0)
+        """One network frame: everybody's M device ticks, the border first."""
+        for moment in self._moments:
+            number, step = moment[0]
+            rates = self.people[number].rates
+            now_ns = self.now_ns = due_ns(0, self._frame * rates.ticks_per_frame + step, rates.device_hz)
+            self._sense(moment, step == 0)
             if step == 0:
                 self._from_clients()
                 self._to_server()
                 if self.alive:
                     self.server.tick(self.room, now_ns)
                 self._from_server()
-            self._to_clients()
-            self._act()
+            self._to_clients(moment)
+            self._act(moment)
             if each_tick is not None:
                 each_tick(self)
             self.tick += 1
+        self._frame += 1
 
-    def _sense(self, border: bool) -> None:
-        tick, now_ns = self.tick, self.now_ns
-        for person in self.people:
+    def _sense(self, moment: Moment, border: bool) -> None:
+        frame, now_ns = self._frame, self.now_ns
+        for number, step in moment:
+            person = self.people[number]
+            tick = frame * person.rates.ticks_per_frame + step
             if person.ticks_at(tick):
                 person.core.sense(tick - person.begins, person.handle.read(tick - person.begins), now_ns)
             elif border and person.gone:
@@ -243,20 +261,20 @@ class Laboratory:
             elif border:
                 person.core.keep_seat(now_ns)
 
-    def _act(self) -> None:
-        tick, now_ns = self.tick, self.now_ns
-        for person in self.people:
-            core = person.core
+    def _act(self, moment: Moment) -> None:
+        frame, now_ns = self._frame, self.now_ns
+        for number, step in moment:
+            person = self.people[number]
+            core, tick = person.core, frame * person.rates.ticks_per_frame + step
             if person.ticks_at(tick):
                 person.handle.write(core.act(now_ns))
             if core.session.state == "resuming" or person.dialler.newer is not None:
                 person.dial(now_ns, not self.alive)
             if person.going and core.released:
-                self._say_goodbye(person)
+                self._say_goodbye(person, tick - person.begins)
 
-    def _say_goodbye(self, person: Person) -> None:
+    def _say_goodbye(self, person: Person, ticks: int) -> None:
         person.going, person.gone = False, True
-        ticks = self.tick - person.begins
         person.core.leave("had enough", person.core.account(TickCount(due=ticks, run=ticks)), self.now_ns)
         person.device.close()
 
@@ -267,16 +285,15 @@ class Laboratory:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         """To the end of the session, until it has diverged, or until `stopped` says so."""
-        while self.tick < self.frames * self._ticks_per_frame and not self.diverged and not stopped():
+        while self._frame < self.frames and not self.diverged and not stopped():
             self.frame(each_tick)
             if each_frame is not None:
                 each_frame(self)
 
     def close_books(self) -> None:
         """Note what every end knows; nothing is recorded after."""
-        ticks = self.ticks()
-        for person in self.people:
-            person.core.account(ticks)
+        for number, person in enumerate(self.people):
+            person.core.account(self.ticks(number))
         self.server.close_books()
         self.server.record(Nowhere())
         for person in self.people:
@@ -292,9 +309,22 @@ class Laboratory:
 
     @property
     def seconds(self) -> float:
-        """Virtual time that has passed."""
-        return self.tick / self._device_hz
+        """Virtual time that has passed, in whole frames."""
+        return self._frame / self._network_hz
 
-    def ticks(self) -> TickCount:
-        """In virtual time every tick is run, and none is late."""
-        return TickCount(due=self.tick, run=self.tick)
+    def ticks(self, number: int = 0) -> TickCount:
+        """Of one person's loop, in whole frames. In virtual time every tick is run, and none is late."""
+        ticks = self._frame * self.people[number].rates.ticks_per_frame
+        return TickCount(due=ticks, run=ticks)
+
+
+def moments_of(ticks_per_frame: Sequence[int]) -> tuple[Moment, ...]:
+    """A frame's moments in their order, for seats with so many ticks in it. The first is the border, where everybody ticks.
+
+    Two ticks that are not at one time are 1 / (M_i M_j network_hz) apart, 2.5 ns or more: in whole nanoseconds, too.
+    """
+    at: dict[Fraction, list[tuple[int, int]]] = {}
+    for number, ticks in enumerate(ticks_per_frame):
+        for step in range(ticks):
+            at.setdefault(Fraction(step, ticks), []).append((number, step))
+    return tuple(tuple(at[when]) for when in sorted(at))

@@ -16,7 +16,8 @@ from cogrip.protocol.io.ring import Ring, make_ring
 from cogrip.protocol.recording.header import Header
 
 RING_BYTES = 8 * 2**20
-"""Several seconds of a client or of a room of many."""
+"""Several seconds of a client at RING_HZ, or of a room of many; a faster loop gets as many times more, up to MOST_RINGS."""
+RING_HZ, MOST_RINGS = 1024, 4
 END_LIMIT_S = 20.0
 _LOOK_EVERY = 64  # messages between two looks at what the writer says
 
@@ -93,8 +94,13 @@ class Recorder:
         self._ring.close()
 
 
+def ring_for(rate_hz: int) -> int:
+    """Bytes of the ring of a loop at `rate_hz`."""
+    return RING_BYTES * min(MOST_RINGS, max(1, -(-rate_hz // RING_HZ)))
+
+
 def open_recorder(
-    path: Path, header: Header, say: Callable[[str], None], ring_bytes: int = RING_BYTES
+    path: Path, header: Header, say: Callable[[str], None], ring_bytes: int | None = None
 ) -> Recorder | None:
     """Begin a recording in a new file at `path`; where that cannot be, it is said, and the session goes on without.
 
@@ -116,7 +122,7 @@ def open_recorder(
     with suppress(OSError):
         lock(out)
     try:
-        ring = make_ring(ring_bytes)
+        ring = make_ring(ring_for(header.rate_hz) if ring_bytes is None else ring_bytes)
         process = subprocess.Popen(
             [sys.executable, "-m", "cogrip.protocol.io.recording_process", str(ring.fd), str(out)],
             stdin=subprocess.PIPE, pass_fds=(ring.fd, out), start_new_session=True,

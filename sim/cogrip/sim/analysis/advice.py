@@ -122,7 +122,7 @@ def _stability(found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
 
 
 def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
-    coupling, rates = seats[0].coupling, seats[0].rates
+    coupling = seats[0].coupling
     if coupling.kind == "coupling":
         text = "not passive: plain virtual coupling makes energy of delay, so its stability holds for these very numbers only"
         return [Finding("passivity", text, level="note")]
@@ -131,7 +131,7 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
         text = "not passive: the paper's server step uses a force one frame old, so stability holds for these very numbers only"
         found.append(Finding("passivity", text, level="note"))
     for seat in seats:
-        kind = seat.coupling.decimator
+        kind, rates = seat.coupling.decimator, seat.rates
         gain, _ = largest_gain(filter_of(kind, rates, seat.coupling.lowpass_rad_s), rates.ticks_per_frame)
         if gain > 1.0 + _TINY:
             text = f'{seat.user}: decimator "{kind}" can make up to {100.0 * (gain - 1.0):.3g} % energy of what aliases'

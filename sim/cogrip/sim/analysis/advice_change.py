@@ -82,8 +82,10 @@ def _candidates(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
         yield "coupling.impedance_nspm", float(f"{share * coupling.impedance_nspm:.3g}")
     for share in (0.75, 0.5, 0.25, 0.1):
         yield "coupling.stiffness_npm", float(f"{share * coupling.stiffness_npm:.3g}")
-    if settings.playout.frames:  # the slack against jitter, which the model does not know: for what nothing else does
-        yield "playout.frames", settings.playout.frames - 1
+    frames = settings.playout.frames
+    if frames and frames != "auto":
+        # the slack against jitter, which the model does not know: for what nothing else does
+        yield "playout.frames", frames - 1
 
 
 def _effect(before: _Score, after: _Score) -> str:

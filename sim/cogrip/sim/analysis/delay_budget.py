@@ -31,7 +31,8 @@ class Stage:
 
 def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
     """Every stage of one user's way round, those without delay included, in order."""
-    person, rates = session.people[user], session.rates
+    person = session.people[user]
+    rates = person.rates
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
     if session.scheme == "coupling":
         server = Stage("server", "step", rates.frame_s, "what a step has moved is seen after it")

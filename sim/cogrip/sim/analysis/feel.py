@@ -73,7 +73,8 @@ def held(session: LinearSession, user: int, hand_stiffness_npm: float, hand_damp
 
 def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
     """Z [N s/m] at w, shape (W,), of the session as it stands: hands of others are theirs in `session`."""
-    rates, person = session.rates, session.people[user]
+    person = session.people[user]
+    rates = person.rates
     w = np.asarray(omega_rad_s, dtype=float)
     z = np.exp(1j * w * rates.frame_s)
     kind = KINDS[session.scheme]
@@ -87,7 +88,7 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
         if number == user:
             answer = _mirror(other, rates, z) if width == 1 else np.zeros((len(w), width, width))
         else:
-            answer = kind.client(other, K[number], rates).response(z)
+            answer = kind.client(other, K[number], other.rates).response(z)
         G[:, mine, mine] = answer * z[:, None, None] ** -frames
     port = _wave_port if session.scheme != "coupling" else _coupled_port
     sent, law = port(person, rates, w)

@@ -117,7 +117,8 @@ class LiftedModel:
         return determinant
 
     def _client(self, number: int, stiffness: Array) -> StateSpace:
-        return self.kind.client(self.session.people[number], stiffness[..., number], self.session.rates)
+        person = self.session.people[number]
+        return self.kind.client(person, stiffness[..., number], person.rates)
 
     def _chains(self, stiffness: Array) -> StateSpace:
         """Everything but the server, from its answers to what reaches it."""

@@ -15,7 +15,7 @@ from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.delays import OneWay, one_way
+from cogrip.protocol.delays import OneWay, expected_frames, one_way
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_settings
 
@@ -39,6 +39,7 @@ class Person:
     impedance_nspm                        b
     stiffness_npm, damping_nspm           K, B of the spring to the object
     up, down                              delay of the line each way, whole frames
+    rates                                 of this user's device, and the room's network
     memory                                of that estimate, see `AlphaBeta`
     latency_ticks                         age of a sample when it is read
     """
@@ -54,6 +55,7 @@ class Person:
     encoder: str
     up: OneWay
     down: OneWay
+    rates: Rates
     hand_stiffness_npm: float = 0.0
     hand_damping_nspm: float = 0.0
     estimated: bool = False
@@ -63,10 +65,13 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class LinearSession:
-    """A session as far as it is linear. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed)."""
+    """A session as far as it is linear. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed).
+
+    frame_s: T_n, everybody's; device ticks are each person's own.
+    """
 
     scheme: Scheme
-    rates: Rates
+    frame_s: float
     people: tuple[Person, ...]
     fixed: bool
     midpoint: bool
@@ -79,7 +84,13 @@ class LinearSession:
 
 
 def scheme_of(coupling: Coupling) -> Scheme:
-    """The scheme that the settings ask for."""
+    """The scheme that the settings ask for. Raises ModelError where they ask for one that is not linear."""
+    if coupling.kind == "tdpa":
+        raise ModelError(
+            'coupling.kind = "tdpa": a passivity controller is not linear, so there is no model of it; '
+            "`cogrip lab` and `cogrip sweep` run whole sessions of it"
+            + (" (coupling.compensate has no effect there)" if coupling.compensate else "")
+        )
     if coupling.kind == "coupling":
         return "coupling"
     return "paper" if coupling.server_step == "paper" else "passive"
@@ -140,6 +151,7 @@ def _person(seat: SeatSettings, capability: Capability, delay_frames: float | No
         encoder=coupling.encoder,
         up=up,
         down=down,
+        rates=seat.rates,
         estimated=not capability.gives_velocity,
         memory=memory_for(capability, seat.rates.tick_s),
         latency_ticks=capability.latency_ticks,
@@ -156,7 +168,7 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
         )
     return LinearSession(
         scheme=scheme,
-        rates=seat.rates,
+        frame_s=seat.rates.frame_s,
         people=tuple(people),
         fixed=kind == "wall",
         midpoint=kind == "cube",
@@ -179,20 +191,23 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWay, OneWay]:
     """Up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
-    playout = seat.playout.frames if seat.coupling.kind == "wave" else 0
     ways = (seat.up.delay_ms, seat.down.delay_ms)
+    held = [
+        expected_frames(seat.playout, way, seat.rates) if seat.coupling.kind == "wave" else 0
+        for way in (seat.up, seat.down)
+    ]
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
-        ways, playout = (delay_frames * seat.rates.frame_s * 1e3,) * 2, 0
-    up, down = (one_way(delay_ms, playout, seat.rates) for delay_ms in ways)
+        ways, held = (delay_frames * seat.rates.frame_s * 1e3,) * 2, [0, 0]
+    up, down = (one_way(delay_ms, playout, seat.rates) for delay_ms, playout in zip(ways, held, strict=True))
     return up, down
 
 
 def rounding_notes(session: LinearSession) -> tuple[str, ...]:
     """What was done about delays that are no whole number of ticks, or of frames; one sentence each, none twice."""
-    ways = [way for person in session.people for way in (person.up, person.down)]
-    return tuple(_rounding(way, session.rates) for way in dict.fromkeys(ways) if not way.whole or way.frame_wait_ticks)
+    ways = [(way, person.rates) for person in session.people for way in (person.up, person.down)]
+    return tuple(_rounding(way, rates) for way, rates in dict.fromkeys(ways) if not way.whole or way.frame_wait_ticks)
 
 
 def _rounding(way: OneWay, rates: Rates) -> str:

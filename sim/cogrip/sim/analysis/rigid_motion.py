@@ -173,7 +173,7 @@ def _glide(model: LiftedModel, user: int, vector: Array) -> None:
         own[-1] = wave
     vector[layout.ups[user]] = vector[layout.downs[user]] = wave
     if session.scheme == "paper":
-        vector[layout.server.start + user] = -session.rates.frame_s
+        vector[layout.server.start + user] = -session.frame_s
 
 
 def _of_coupling(model: LiftedModel, K: tuple[float, ...]) -> list[Freedom]:
@@ -210,13 +210,13 @@ def _place(model: LiftedModel, users: list[int], with_object: bool, name: str) -
 
 def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -> Freedom:
     """Uniform motion where dampers alone couple: a frame k steps old has a place k T behind."""
-    layout, T = model.layout, model.session.rates.frame_s
+    layout, T = model.layout, model.session.frame_s
     vector = np.zeros(model.states)
     for i in users:
         person, own = model.session.people[i], vector[layout.clients[i]]
         for part in gliding(person):
             own[part] = 1.0
-        late_s = person.latency_ticks * model.session.rates.tick_s
+        late_s = person.latency_ticks * person.rates.tick_s
         vector[layout.ups[i]] = _trail(vector[layout.ups[i]].size, T, late_s)
     if with_object:
         vector[layout.server.start + 1] = 1.0

@@ -19,7 +19,7 @@ from cogrip.sim.analysis.state_space import Array, StateSpace
 
 def passive_step(session: LinearSession, stiffness: Array) -> StateSpace:
     """Theory sections 3.3 (midpoint) and 3.4 (implicit Euler, in touch). States e, x_o, v_o (fixed: e alone); u to v."""
-    N, T = len(session.people), session.rates.frame_s
+    N, T = len(session.people), session.frame_s
     b, c, B = _ports(session)
     moving = 0 if session.fixed else 2
     e, u = _rows(N, 0, 2 * N + moving), _rows(N, N + moving, 2 * N + moving)
@@ -44,7 +44,7 @@ def passive_step(session: LinearSession, stiffness: Array) -> StateSpace:
 
 def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
     """P eq. 17, 18 with slips mended: the wave decoded with the force of the step before. States e, x_o, v_o, F; u to v."""
-    N, T = len(session.people), session.rates.frame_s
+    N, T = len(session.people), session.frame_s
     b, c, B = _ports(session)
     moving = 0 if session.fixed else 2
     size = 3 * N + moving
@@ -90,7 +90,7 @@ def _rows(count: int, first: int, size: int) -> Array:
 
 def _held(session: LinearSession, v_o: Array, force: Array) -> tuple[Array, Array]:
     """Displacement and velocity of the object after a frame under a held force: exact zero-order hold."""
-    T, mass, damping = session.rates.frame_s, session.object_mass_kg, session.object_damping_nspm
+    T, mass, damping = session.frame_s, session.object_mass_kg, session.object_damping_nspm
     if damping == 0.0:
         return T * v_o + 0.5 * T * T / mass * force, v_o + T / mass * force
     decay = exp(-damping * T / mass)

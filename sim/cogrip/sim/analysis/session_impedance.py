@@ -89,11 +89,16 @@ def measure(
         amplitude_m=amplitude_m, frequency_hz=frequency, offset_m=offset_m, ramp_s=0.8 * max(settle_s, _RAMPS_S)
     )
     person.device = SwungDevice(person.device.capability, swing)
-    person.device.open(settings.rates.device_hz)
+    person.device.open(person.rates.device_hz)
     _settle(laboratory, max(settle_s, _RAMPS_S))
     rows: list[tuple[float, float, float]] = []
+    ticked = person.core.tick
 
     def watch(lab: Laboratory) -> None:
+        nonlocal ticked
+        if person.core.tick == ticked:
+            return  # somebody else's moment
+        ticked = person.core.tick
         rows.append((person.core.position_m[0], person.core.velocity_mps[0], person.core.force_n[0]))
 
     for _ in range(frames):

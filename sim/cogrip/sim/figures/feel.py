@@ -14,7 +14,7 @@ from cogrip.sim.plots.style import DASHED, DOTTED, FAINT, INK, Sheet, colour, la
 
 def feel_page(session: LinearSession, user: int) -> Page:
     """Each condition with its ideal; the bare device's own impedance, which comes on top, beside them."""
-    frequency = frequencies_hz(session.rates)
+    frequency = frequencies_hz(session.people[0].rates)
     found = conditions(session, user, frequency)
     device = device_impedance(session, user, 2.0 * np.pi * frequency)
     sheet = Sheet(2, len(found), row_in=2.6)

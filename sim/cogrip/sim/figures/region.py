@@ -76,7 +76,7 @@ def frames(count: float) -> str:
 
 
 def _ms(region: Region) -> float:
-    return region.session.people[0].up.frames * region.session.rates.frame_s * 1e3
+    return region.session.people[0].up.frames * region.session.frame_s * 1e3
 
 
 def extent(outline: Outline) -> str:

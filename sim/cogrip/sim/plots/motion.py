@@ -52,8 +52,8 @@ def waves(run: Run) -> Figure:
     if not up:
         raise NotDrawnError("no client's trace is here")
     if not any(np.any(line.values) for _, line in up + down):
-        kind = dig(run.settings, "coupling", "kind")
-        raise NotDrawnError("virtual coupling sends no waves" if kind == "coupling" else "every wave was 0")
+        waves = dig(run.settings, "coupling", "kind") in (None, "wave")
+        raise NotDrawnError("every wave was 0" if waves else "this coupling sends no waves")
     rows = 1 + max(axis for axis, _ in up)
     sheet = Sheet(rows, 2, row_in=2.7 if rows == 1 else 1.8)
     for column, lines in enumerate((up, down)):

@@ -35,12 +35,14 @@ class NotDrawnError(Exception):
 
 
 def colour(person: int) -> str | tuple[float, float, float]:
-    """Person number n's colour in every plot; from the seventh on a darker round."""
+    """Person number n's colour in every plot; from the seventh on a darker round, from the thirteenth a paler one."""
     base = _PALETTE[person % len(_PALETTE)]
     if person < len(_PALETTE):
         return base
     red, green, blue = to_rgb(base)
-    return 0.55 * red, 0.55 * green, 0.55 * blue
+    if person < 2 * len(_PALETTE):
+        return 0.55 * red, 0.55 * green, 0.55 * blue
+    return 0.45 + 0.55 * red, 0.45 + 0.55 * green, 0.45 + 0.55 * blue
 
 
 def label(text: str) -> str:

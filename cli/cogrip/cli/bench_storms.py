@@ -1,0 +1,157 @@
+"""`cogrip bench storms`: whole sessions on every network, and whether each shows what it must."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from cogrip.cli.json_answer import Json, write_json
+from cogrip.cli.problem import BadInput
+from cogrip.cli.question import Overrides
+from cogrip.cli.settings_file import override
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.settings_table import SettingsError
+from cogrip.sim.methods.method import ChoiceError, choose
+from cogrip.sim.storms.cell import Job, rest_from_s, run_cells
+from cogrip.sim.storms.matrix import MOST_PEOPLE, LooseRow, Matrix, Row, at_once, rows, wrong
+from cogrip.sim.storms.room import NETWORKS
+from cogrip.sim.sweep.cell import Result
+from cogrip.sim.sweep.local import LocalWorkers, processors
+
+MOST_TOLD = 10
+LEAST_WIDTH = 132
+
+
+def bench_storms(
+    *,
+    profiles: str = ",".join(NETWORKS),
+    people: str = "2,3,4,5",
+    stiffness: Annotated[str, Parameter(name="--stiffness")] = "1000,10000,100000",
+    seeds: int = 20,
+    seconds: float = 8.0,
+    loose_seeds: int = 5,
+    overrides: Overrides = (),
+    workers: int | None = None,
+    json: Json = None,
+) -> int:
+    """Run whole sessions on every network: every one must be passive and must not diverge.
+
+    Each seed is another room: gripped or pushed, on 1 axis or 3, with other hands, devices and rates. Besides, loose cubes
+    are pushed once: virtual coupling and the paper's step must fail wherever their eigenvalues say so, and ours hold.
+
+    Exit code 0 if every session showed what it must, 1 if not, 130 if it was interrupted.
+
+    Parameters
+    ----------
+    profiles
+        Networks, with commas between: names of link.profile.
+    people
+        Numbers of people, with commas between.
+    stiffness
+        Stiffnesses K [N/m], with commas between.
+    seeds
+        How many rooms for each of these.
+    seconds
+        Virtual time of each session; in its last 3 s, or second half, hands come to rest where they began.
+    loose_seeds
+        How many loose cubes for each network, number of people, scheme and stiffness; 0 for none.
+    workers
+        Worker processes; else one for each processor.
+    """
+    if workers is not None and workers < 1:
+        raise BadInput(f"--workers {workers} must be at least 1")
+    matrix = _matrix(profiles, people, stiffness, seeds, seconds, loose_seeds, overrides)
+    jobs = matrix.jobs()
+    console, stop, results = Console(highlight=False, soft_wrap=True), Stop(), dict[int, Result]()
+    console.width = max(console.width, LEAST_WIDTH)  # in a file, too: no cell is cut
+    with on_signals(stop), Progress(
+        TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TimeRemainingColumn(), console=Console(stderr=True), transient=True,
+    ) as bar, LocalWorkers(workers or processors(), stop, run_cells, at_once) as these:  # fmt: skip
+        task = bar.add_task("sessions", total=len(jobs))
+        for result in these.run(jobs):
+            results[result.cell] = result
+            bar.update(task, completed=len(results))
+    return _tell([(job, results[job.cell]) for job in jobs if job.cell in results], len(jobs), stop, json, console)
+
+
+def _matrix(
+    profiles: str, people: str, stiffness: str, seeds: int, seconds: float, loose_seeds: int, overrides: Sequence[str]
+) -> Matrix:
+    try:
+        networks = choose("profile", [name.strip() for name in profiles.split(",") if name.strip()], NETWORKS)
+        counts = tuple(int(text) for text in people.split(","))
+        values = tuple(float(text) for text in stiffness.split(","))
+    except (ChoiceError, ValueError) as error:
+        raise BadInput(f"bench storms: {error}") from None
+    if not all(2 <= count <= MOST_PEOPLE for count in counts):
+        raise BadInput(f"--people {people}: from 2 to {MOST_PEOPLE} of them")
+    if seeds < 1 or loose_seeds < 0 or seconds < 1.0:
+        raise BadInput("bench storms needs at least one seed and one second, and no fewer loose cubes than none")
+    matrix = Matrix(
+        networks, counts, values, tuple(range(seeds)), seconds, loose_seeds, dict(override(text) for text in overrides)
+    )
+    try:
+        for job in {(job.network, job.people, job.stiffness_npm, job.scheme): job for job in matrix.jobs()}.values():
+            job.settings()
+    except SettingsError as error:
+        raise BadInput(f"--set: {error}") from None
+    return matrix
+
+
+def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str | None, console: Console) -> int:
+    storms, cubes = rows(pairs)
+    failures = [(job, why) for job, result in pairs if (why := wrong(job, result))]
+    if json:
+        write_json({"storms": msgspec.to_builtins(storms), "loose": msgspec.to_builtins(cubes)}, json)
+    seconds = pairs[0][0].seconds if pairs else 0.0
+    console.print(_storm_table(storms, seconds - rest_from_s(seconds)))
+    if cubes:
+        console.print(_loose_table(cubes))
+    for job, why in failures[:MOST_TOLD]:
+        what = f"{job.network}, {job.people} people, K = {job.stiffness_npm:g}, seed {job.seed}"
+        console.print(f"✗ {what}{f', loose, {job.scheme}' if job.scheme else ''}: {why}", markup=False)
+    if len(failures) > MOST_TOLD:
+        console.print(f"... and {len(failures) - MOST_TOLD} more")
+    console.print(f"{len(pairs)} of {asked} sessions run; {len(failures)} did not show what they must")
+    if stop.reason:
+        return 130
+    return 1 if failures or len(pairs) < asked else 0
+
+
+def _storm_table(storms: Sequence[Row], rest_s: float) -> Table:
+    table = Table(
+        title=f"the worst of each cell; drift after {rest_s:g} s of rest, beyond that of a clean link",
+        title_justify="left", box=None, padding=(0, 2, 0, 0),
+    )  # fmt: skip
+    for heading in (
+        "network", "people", "K\nN/m", "sessions", "wrong", "margin\nmJ", "views apart\nrms mm", "max mm",
+        "drift, median\nmm", "most\nmm", "peak force\nN", "step\nN",
+    ):  # fmt: skip
+        table.add_column(heading, justify="left" if heading == "network" else "right")
+    for row in storms:
+        table.add_row(
+            row.network, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.wrong}", f"{row.margin_mj:.1e}",
+            f"{row.coherence_rms_mm:.2f}", f"{row.coherence_max_mm:.1f}", f"{row.median_drift_mm:.3f}",
+            f"{row.drift_mm:.2f}", f"{row.peak_force_n:.1f}", f"{row.force_step_n:.1f}",
+        )  # fmt: skip
+    return table
+
+
+def _loose_table(cubes: Sequence[LooseRow]) -> Table:
+    table = Table(title="loose cubes", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in (
+        "network", "people", "scheme", "K\nN/m", "sessions", "restless", "diverged", "eigenvalue\na frame",
+        "powers of ten\na session", "wrong",
+    ):  # fmt: skip
+        table.add_column(heading, justify="left" if heading in ("network", "scheme") else "right")
+    for row in cubes:
+        table.add_row(
+            row.network, f"{row.people}", row.scheme, f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.restless}",
+            f"{row.diverged}", f"{row.radius:.4f}", f"{row.growth:.1f}", f"{row.wrong}",
+        )  # fmt: skip
+    return table
