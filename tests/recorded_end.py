@@ -8,8 +8,8 @@ from typing import ClassVar
 
 from cogrip.client.recorded import RecordedClient
 from cogrip.protocol import messages
-from cogrip.protocol.line import LineSender
-from cogrip.protocol.messages import Heartbeat, Stamp, State, Waves
+from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.messages import Heartbeat, Power, Stamp, State, Waves
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
@@ -172,6 +172,7 @@ def well_formed(session: int, number: int, row: Row, value: float) -> dict[str, 
         "stranger": Heartbeat(session % 1000 + 1 + number, stamp),
         "heartbeat": Heartbeat(session, stamp),
         "state": State(session, number, row, row, value, 0, stamp),
+        "power": Power(session, number, row, row, row, (1e15,) * len(row), (0.0,) * len(row), value, 0, stamp),
         "hostile": Waves(
             session, number, largest, total, (1e15,) * len(row), 0.0, 0.0, number, stamp, row + row
         ),
@@ -179,11 +180,16 @@ def well_formed(session: int, number: int, row: Row, value: float) -> dict[str, 
     return {kind: messages.encode(message) for kind, message in made.items()}
 
 
-def next_frame(line: LineSender, session: int, row: Row, stamp: Stamp, coupled: bool) -> bytes:
-    """The next frame of a line, as a coupling or as waves carry it."""
+def next_frame(line: LineSender, session: int, row: Row, stamp: Stamp, kind: str) -> bytes:
+    """The next frame of a line, as a coupling of that kind carries it."""
     line.push(row)
     first, waves, total, squares = line.contents()
     place = tuple(each * 0.01 for each in row)
-    if coupled:
+    if kind == "tdpa":
+        power = tuple(each * each for each in row)
+        return messages.encode(
+            Power(session, line.next_number - 1, place, place, row, power, power, 0.0, 0, stamp)
+        )  # fmt: skip
+    if kind == "coupling":
         return messages.encode(State(session, line.next_number - 1, place, place, 0.0, 0, stamp))
     return messages.encode(Waves(session, first, waves, total, squares, 0.0, 0.0, 0, stamp, place + place))

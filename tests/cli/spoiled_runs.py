@@ -1,9 +1,11 @@
 """What happens to a run of anna and ben: one tick altered, a file cut or damaged."""
 
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import msgspec
+from mcap.reader import make_reader
 
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Tick
@@ -46,7 +48,10 @@ def cut(path: Path) -> None:
 def damage(path: Path) -> None:
     """Spoil a chunk in the middle."""
     data = bytearray(path.read_bytes())
-    middle = len(data) // 2
+    summary = make_reader(BytesIO(bytes(data))).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[len(summary.chunk_indexes) // 2]
+    middle = chunk.chunk_start_offset + chunk.chunk_length // 2
     data[middle : middle + 100] = bytes(100)
     path.write_bytes(data)
 

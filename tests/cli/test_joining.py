@@ -220,7 +220,7 @@ def seeing(view: View | None) -> ObserverCore:
     hello = join.Wanted(join.Place("127.0.0.1", 1, ""), "", "").to_look_on()
     core = ObserverCore(ClientSession(hello))
     core.call(0)
-    core.receive(messages.encode(Welcome(2, hello.nonce, 5, "", "1", seat, "t", "observer")), 0)
+    core.receive(messages.encode(Welcome(3, hello.nonce, 5, "", "1", seat, "t", "observer")), 0)
     if view is not None:
         core.receive(messages.encode(view), 0)
     return core

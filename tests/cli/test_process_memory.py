@@ -43,7 +43,7 @@ def test_a_family_is_the_leader_and_its_children() -> None:
         assert leader.stdout.readline() == b"1\n"  # the child runs
         family = family_of(leader.pid)
         assert [role for _, role in family if role == ""] == [""]
-        assert [role for pid, role in family if pid != leader.pid] == [" recorder"]
+        assert [role for pid, role in family if pid != leader.pid] == [" child"]
         assert all((memory_kb(pid) or 0.0) > 1000.0 for pid, _ in family)
     finally:
         leader.stdin.write(b"\n")

@@ -8,7 +8,7 @@ from cogrip.client.recorded import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import Percentiles, TickCount
-from cogrip.protocol.line import LineSender
+from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
@@ -55,7 +55,7 @@ class Person(RecordedEnd):
 
     def welcome(self) -> bytes:
         seat = seat_settings(self.settings, 0)
-        return messages.encode(Welcome(2, 1, self.session, digest(self.settings), "test", seat, TICKET))
+        return messages.encode(Welcome(3, 1, self.session, digest(self.settings), "test", seat, TICKET))
 
     def sit(self) -> None:
         self.core.call(self.now_ns)
@@ -66,8 +66,7 @@ class Person(RecordedEnd):
     def frame(self, value: float) -> bytes:
         """The next frame of the line down."""
         stamp = Stamp(self.now_ns + 1, max(0, self.now_ns - 5_000_000), 1_000_000)
-        coupled = self.settings.coupling.kind == "coupling"
-        return next_frame(self.line, self.session, (value,) * self.axes, stamp, coupled)
+        return next_frame(self.line, self.session, (value,) * self.axes, stamp, self.settings.coupling.kind)
 
     def word(self, kind: str, number: int, value: float) -> bytes:
         """A datagram as it may arrive; `number` tells which of that kind."""

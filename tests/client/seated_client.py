@@ -9,7 +9,7 @@ from cogrip.client.core import ClientCore
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
-from cogrip.protocol.line import LineSender
+from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Stamp, Waves, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello
@@ -33,7 +33,9 @@ class Client:
     """A seated core with a server of our own: what it sends is read back, waves are handed to it frame by frame."""
 
     def __init__(self, axes: int = 1, gives_velocity: bool = True, latency: int = 0, **coupling: object) -> None:
-        settings = resolve({"object": {"axes": axes}, "coupling": coupling, "users": [{"name": "anna"}]})
+        settings = resolve(
+            {"object": {"axes": axes}, "coupling": coupling, "playout": {"frames": 0}, "users": [{"name": "anna"}]}
+        )
         hello = make_hello(
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
         )  # fmt: skip

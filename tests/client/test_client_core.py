@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.core import RECKON_TICKS
-from cogrip.client.rest import SAMPLES, RestStiffness
+from cogrip.client.core import RECKON_S
+from cogrip.client.rest import REST_S, RestStiffness
 from cogrip.protocol import messages
-from cogrip.protocol.line import REPAY_LIMIT
+from cogrip.protocol.concealment import FASTEST
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
@@ -141,7 +141,7 @@ def test_displacement_over_missing_samples_is_reckoned_and_then_put_right() -> N
     for number in range(20, 30):
         core.sense(number, None, due_ns(0, number, DEVICE_HZ))
         core.act(due_ns(0, number, DEVICE_HZ))
-        assert core.position_m[0] == pytest.approx(0.019 + min(number - 19, RECKON_TICKS) * T_C)
+        assert core.position_m[0] == pytest.approx(0.019 + min((number - 19) * T_C, RECKON_S))
     assert core.safety.state == "live"
     client.tick(30, 0.02)
     assert core.position_m == (0.02,)
@@ -181,12 +181,12 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
         last_ns = due_ns(0, 504, DEVICE_HZ)
         if number in silent:
             assert (client.core.safety.state == "degraded") is (now_ns - last_ns > STALE_NS)
-    assert force[511] == pytest.approx(ROOT * 0.3)
+    assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is paid back of the first frame"
     assert force[silent[-1]] == 0.0
     assert client.core.safety.state == "live"
-    assert force[-1] == pytest.approx(ROOT * (0.3 + REPAY_LIMIT)), "what was lost is still being paid back"
+    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + FASTEST), "what was lost is still being paid back"
     assert client.core.safety.reason == ""
-    assert max(abs(np.diff(force[768:]))) < ROOT * 0.3 / (0.3 * DEVICE_HZ) * 1.5, "it ramps in, it does not jump"
+    assert max(abs(np.diff(force[768:]))) < ROOT * 0.3 / (0.3 * DEVICE_HZ / M), "it ramps in, it does not jump"
 
 
 def test_the_force_law() -> None:
@@ -194,7 +194,7 @@ def test_the_force_law() -> None:
     client = Client(axes=2)
     force = client.tick(0, 0.0, 0.0)
     client.hear(0, 0.2, -0.1)
-    for number in range(1, 500):
+    for number in range(1, 2000):
         if number % M == 0:
             client.hear(due_ns(0, number, DEVICE_HZ), 0.2, -0.1)
         force = client.tick(number, 0.0, 0.0, velocity=[0.03, -0.02])
@@ -233,9 +233,13 @@ def test_what_does_not_fit_the_seat_is_counted(message: messages.AnyMessage) -> 
 # Old samples ---------------------------------------------------------------------------------------------------------
 
 
-def test_rest_stiffness_needs_a_hand_at_rest_that_presses() -> None:
-    rest = RestStiffness(0.0)
-    for _ in range(SAMPLES - 1):
+@pytest.mark.parametrize("network_hz", [32, 128, 1024])
+def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> None:
+    """For as long at every rate."""
+    frame_s = 1.0 / network_hz
+    samples = round(REST_S * network_hz)
+    rest = RestStiffness(0.0, frame_s)
+    for _ in range(samples - 1):
         rest.add(2e-3, 1.5)
     assert rest.stiffness_npm() is None
     rest.add(2e-3, 1.5)
@@ -243,8 +247,8 @@ def test_rest_stiffness_needs_a_hand_at_rest_that_presses() -> None:
     rest.add(2.1e-3, 1.5)
     assert rest.stiffness_npm() is None, "it moved"
     for depth, force in ((-1e-3, 1.0), (1e-3, 0.0)):
-        rest = RestStiffness(0.0)
-        for _ in range(SAMPLES):
+        rest = RestStiffness(0.0, frame_s)
+        for _ in range(samples):
             rest.add(depth, force)
         assert rest.stiffness_npm() is None
 

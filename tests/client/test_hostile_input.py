@@ -8,7 +8,7 @@ import pytest
 from cogrip.client.core import ClientCore
 from cogrip.devices.device import Sample
 from cogrip.devices.registry import make
-from cogrip.protocol.messages import Stamp, Waves, Welcome, encode
+from cogrip.protocol.messages import Power, Stamp, Waves, Welcome, encode
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import resolve, seat_settings
 
@@ -41,11 +41,25 @@ def hostile_waves(chance, axes, tick):
     return encode(message)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_no_force_beyond_the_limit_whatever_comes(seed):
+def hostile_power(chance, axes, tick):
+    def reals(low, high):
+        return tuple(chance.uniform(low, high) for _ in range(axes))
+
+    message = Power(
+        SESSION, chance.randint(0, tick // 8 + 3), reals(-1e3, 1e3), reals(-1e4, 1e4), reals(-1e9, 1e9), reals(0, 1e15),
+        reals(0, 1e15), 1e15, chance.randint(0, 2**40), Stamp(*[chance.randint(0, 2**60) for _ in range(3)]),
+    )  # fmt: skip
+    return encode(message)
+
+
+@pytest.mark.parametrize(
+    ("seed", "kind", "said"),
+    [*((seed, "wave", hostile_waves) for seed in range(12)), *((seed, "tdpa", hostile_power) for seed in range(6))],
+)
+def test_no_force_beyond_the_limit_whatever_comes(seed, kind, said):
     chance = Random(seed)
     axes = chance.randint(1, 3)
-    core = seated(axes, impedance_nspm=10 ** chance.uniform(0, 4), stiffness_npm=1e7)
+    core = seated(axes, impedance_nspm=10 ** chance.uniform(0, 4), stiffness_npm=1e7, kind=kind)
     limit_n = core.capability.peak_force_n * (1 + 1e-12)
     tick, faults = 0, 0
     for _ in range(2500):
@@ -56,7 +70,7 @@ def test_no_force_beyond_the_limit_whatever_comes(seed):
         sample = None if chance.random() < 0.02 else Sample(tuple(reading), None)
         core.sense(tick, sample, tick * TICK_NS)
         if chance.random() < 0.3:
-            core.receive(hostile_waves(chance, axes, tick), tick * TICK_NS)
+            core.receive(said(chance, axes, tick), tick * TICK_NS)
         force = core.act(tick * TICK_NS)
         assert math.hypot(*force) <= limit_n, "nan fails this too"
         if core.safety.state == "fault" and chance.random() < 0.02:

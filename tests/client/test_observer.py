@@ -27,7 +27,7 @@ def looking(now_ns: int = 0) -> ObserverCore:
     )  # fmt: skip
     core = ObserverCore(ClientSession(hello))
     core.call(now_ns)
-    core.receive(messages.encode(Welcome(2, 7, 5, "", "1", SEAT, "a-ticket", "observer")), now_ns)
+    core.receive(messages.encode(Welcome(3, 7, 5, "", "1", SEAT, "a-ticket", "observer")), now_ns)
     core.outbox.clear()
     assert core.session.state == "seated"
     return core
@@ -99,7 +99,7 @@ def test_it_comes_back_and_sees_the_new_servers_views_from_their_first() -> None
     assert isinstance(asked, Hello)
     assert (asked.role, asked.ticket) == ("observer", "a-ticket")
     again = msgspec.structs.replace(SEAT, user="observer 2")
-    core.receive(messages.encode(Welcome(2, 7, 6, "", "1", again, "a-ticket", "observer")), QUIET_NS + 1)
+    core.receive(messages.encode(Welcome(3, 7, 6, "", "1", again, "a-ticket", "observer")), QUIET_NS + 1)
     assert core.session.state == "seated"
     assert core.view is not None, "the old view stays until there is a new one"
     core.receive(view(3, session=6), QUIET_NS + 2)

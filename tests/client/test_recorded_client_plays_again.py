@@ -30,7 +30,7 @@ def words(*kinds: str, most: int = 3) -> st.SearchStrategy[list[Word]]:
     return st.lists(st.tuples(st.sampled_from(kinds), st.integers(0, 300), st.floats(-1.0, 1.0)), max_size=most)
 
 
-NOISE = ("garbage", "stranger", "heartbeat", "hostile")
+NOISE = ("garbage", "stranger", "heartbeat", "power", "hostile")
 WORDS = words("next", "next", "next", "again", "flipped", "cut", "too long", "state", "welcome", "renewed", *NOISE)
 LAST_WORDS = words("farewell", "refuse", "garbage", "cut", "stranger", "hostile", most=1)
 REASONS = st.text(max_size=20)
@@ -52,6 +52,7 @@ WORLDS: list[dict[str, dict[str, Any]]] = [
     {"coupling": {"decimator": "lowpass", "encoder": "velocity", "server_step": "paper"}},
     {"coupling": {"decimator": "none"}, "object": {"kind": "wall"}},
     {"coupling": {"kind": "coupling"}},
+    {"coupling": {"kind": "tdpa"}},
 ]
 PEOPLE = st.builds(Person, st.integers(1, 3), st.booleans(), st.sampled_from(WORLDS))
 

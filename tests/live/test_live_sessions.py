@@ -183,9 +183,9 @@ def test_strangers_are_refused_and_counted(serve, tmp_path):
             msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)])
         )
         tag, version, nonce, code, reason = msgpack.unpackb(stranger.recv(2000))
-    assert (tag, version, nonce, code) == (3, 2, 4711, "version")
-    assert "client speaks protocol 99, the server 2" in reason
-    server.hear("client speaks protocol 99, the server 2")
+    assert (tag, version, nonce, code) == (3, 3, 4711, "version")
+    assert "client speaks protocol 99, the server 3" in reason
+    server.hear("client speaks protocol 99, the server 3")
     server.signal(signal.SIGTERM)
     server.end()
     dropped = summary_in(tmp_path / "server")["server"]["dropped"]

@@ -10,7 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol import messages
-from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import (
+    ClientAccount,
+    DelayAccount,
+    LinkCount,
+    Percentiles,
+    PlayoutAccount,
+    RoomAccount,
+    SeatAccount,
+    TickCount,
+)
 from cogrip.protocol.messages import (
     HELLO_BYTES,
     MAGIC,
@@ -27,6 +36,7 @@ from cogrip.protocol.messages import (
     Hello,
     Leave,
     MalformedError,
+    Power,
     Refuse,
     Stamp,
     State,
@@ -49,6 +59,7 @@ SECRET = "x" * 32
 COUNT = LinkCount(*[BIG] * 7)
 TIMES = Percentiles(0.1, 0.1, 0.1, 0.1)
 ROW = (0.1, 0.1, 0.1)
+PLAYOUT = PlayoutAccount(0.1, *[BIG] * 6)
 CLIENT = ClientAccount(
     ROW,
     ROW,
@@ -64,8 +75,11 @@ CLIENT = ClientAccount(
     True,
     "s" * 40,
     "r" * 300,
+    0.1,
+    PLAYOUT,
+    DelayAccount(TIMES, TIMES, 0.1, 0.1),
 )
-SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT)
+SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT, PLAYOUT, 0.1)
 ROOM = RoomAccount(ROW, ROW, 0.1, False, 0.1, TickCount(BIG, BIG, TIMES, TIMES))
 STAMP = Stamp(BIG, BIG, BIG)
 
@@ -96,6 +110,7 @@ LARGEST: dict[str, AnyMessage] = {
     "view": View(
         BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
     ),
+    "power": Power(BIG, 2**53, ROW, ROW, ROW, ROW, ROW, 0.1, 2**53, STAMP),
 }
 
 short_texts = st.text(max_size=40)
@@ -131,6 +146,11 @@ anything = st.one_of(
     st.builds(
         State, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 3), tuples(st.floats(-1e4, 1e4), 1, 3), totals,
         counters, stamps,
+    ),
+    st.builds(
+        Power, sessions, counters, tuples(st.floats(-1e3, 1e3), 1, 3), tuples(st.floats(-1e4, 1e4), 1, 3),
+        tuples(st.floats(-1e9, 1e9), 1, 3), tuples(st.floats(0.0, 1e15), 1, 3), tuples(st.floats(0.0, 1e15), 1, 3),
+        totals, counters, stamps,
     ),
     st.builds(Heartbeat, sessions, stamps),
     st.builds(Leave, sessions, texts, st.sampled_from([None, CLIENT])),
@@ -284,8 +304,8 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert MAX_MESSAGE_BYTES + SEAL_BYTES == MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 946, "welcome": 926, "refuse": 485, "waves": 1053, "state": 122, "heartbeat": 39, "leave": 965,
-        "farewell": 594, "view": 1008,
+        "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1133,
+        "farewell": 667, "view": 1008,
     }  # fmt: skip
 
 
@@ -386,5 +406,5 @@ def test_another_magic_is_no_hello() -> None:
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9]
+    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
     assert messages.encode is encode

@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.protocol.io.recorder import Recorder, open_recorder
+from cogrip.protocol.io.recorder import RING_BYTES, Recorder, open_recorder, ring_for
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Gap
@@ -381,3 +381,10 @@ def test_a_full_disk_is_said_once_and_what_was_written_stays_readable(tmp_path, 
         assert numbers == list(range(len(numbers)))
         assert not recording.damage, "no half a chunk is left"
         assert told["lost"] == 1600 - len(numbers)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "rings"), [(1, 1), (128, 1), (1024, 1), (1025, 2), (3072, 3), (4096, 4), (8192, 4)]
+)
+def test_a_faster_loop_has_a_larger_ring(rate_hz: int, rings: int) -> None:
+    assert ring_for(rate_hz) == rings * RING_BYTES

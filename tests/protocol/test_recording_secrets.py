@@ -18,7 +18,7 @@ HELLO = msgspec.structs.replace(
     ),
     ticket=TICKET,
 )
-WELCOME = Welcome(2, 7, 5, "d", "1", seat_settings(resolve({}), 0), TICKET)
+WELCOME = Welcome(3, 7, 5, "d", "1", seat_settings(resolve({}), 0), TICKET)
 SECRETS = (TOKEN.encode(), TICKET.encode())
 
 

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     HELLO_BYTES,
     MAGIC,
+    PROTOCOL_VERSION,
     Farewell,
     Heartbeat,
     Leave,
@@ -30,7 +32,6 @@ from cogrip.protocol.session import (
     SEAT,
     STALE_NS,
     ClientSession,
-    Clock,
     Table,
     refusal,
     unfit,
@@ -91,8 +92,8 @@ class Watched(ClientSession):
 def test_a_client_moves_along_its_table_and_nowhere_else(steps: list[str | int | bytes]) -> None:
     seat = server().rooms[0].seats[0].settings
     words = {
-        b"welcome": messages.encode(Welcome(2, 7, 5, "", "1", seat, "a-ticket")),
-        b"renewed": messages.encode(Welcome(2, 7, 6, "", "1", seat, "a-ticket")),
+        b"welcome": messages.encode(Welcome(PROTOCOL_VERSION, 7, 5, "", "1", seat, "a-ticket")),
+        b"renewed": messages.encode(Welcome(PROTOCOL_VERSION, 7, 6, "", "1", seat, "a-ticket")),
     }
     client, now_ns = Watched(hello()), 0
     for step in steps:
@@ -214,7 +215,7 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
 @pytest.mark.parametrize(
     ("change", "code", "text"),
     [
-        ({"version": 3}, "version", "the client speaks protocol 3, the server 2: install the same cogrip on both"),
+        ({"version": 4}, "version", "the client speaks protocol 4, the server 3: install the same cogrip on both"),
         ({"room": "attic"}, "room", "there is no room 'attic' here; there is: lab"),
         ({"name": "eve"}, "name", "no seat is kept for 'eve'; seats are: anna, ben"),
         ({"digest": "0123"}, "settings", f"your settings (0123) are not the server's ({digest(SETTINGS)})"),
@@ -263,7 +264,7 @@ def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print
     core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
     client.outbox.clear()
     exchange(client, core, 0)
-    assert both_print(client, core).startswith("the client speaks protocol 9, the server 2")
+    assert both_print(client, core).startswith("the client speaks protocol 9, the server 3")
 
 
 def test_strangers_who_ask_briefly_get_no_answer() -> None:

@@ -127,7 +127,7 @@ def test_another_seat_is_not_gone_on_with(other: dict[str, object]) -> None:
     client.outbox.clear()
     assert client.welcome is not None
     settings = msgspec.structs.replace(client.welcome.settings, **other)
-    client.receive(messages.encode(Welcome(2, 7, 300, "", "1", settings, "t")), 5 + QUIET_NS)
+    client.receive(messages.encode(Welcome(3, 7, 300, "", "1", settings, "t")), 5 + QUIET_NS)
     assert (client.state, client.failed) == (
         "closed",
         "the server came back with another seat or other settings: join anew",

@@ -175,6 +175,19 @@ def test_rates_that_do_not_fit_name_both_and_a_cure(device_hz: int, cure: int) -
     assert resolve({"rates": {"device_hz": cure}}).rates.device_hz == cure
 
 
+def test_each_person_has_a_rate_of_their_own() -> None:
+    people = [{"name": "a"}, {"name": "b", "device_hz": 8192}]
+    found = resolve({"rates": {"network_hz": 64}, "users": people})
+    assert [seat_settings(found, seat).rates.ticks_per_frame for seat in (0, 1)] == [16, 128]
+    message = refused({"users": people}, {"users.1.device_hz": 1000})
+    assert message == (
+        "users.1.device_hz = 1000 is not a whole multiple of rates.network_hz = 128; use for instance device_hz = 1024"
+    )
+    assert "users.1.device_hz = 20001: Expected int <= 20000" in refused(
+        {"users": people}, {"users.1.device_hz": 20001}
+    )
+
+
 def test_bursts_as_long_as_independent_losses_are_accepted() -> None:
     for loss, burst in ((0.5, 2.0), (0.5, 1.0), (0.0, 1.5), (0.99, 100.0)):
         resolve({"link": {"loss": loss, "burst_frames": burst}})
@@ -226,8 +239,8 @@ def test_overrides_reach_sections_users_and_directions() -> None:
     )
     assert (settings.seed, settings.users[0].side) == (9, "right")
     assert [coupling_of(settings, user).stiffness_npm for user in settings.users] == [500.0, 700.0]
-    assert settings.link.direction(settings.link.up) == LinkProfile(delay_ms=10.0, loss=0.2)
-    assert settings.link.direction(settings.link.down) == LinkProfile(delay_ms=10.0, loss=0.1)
+    assert settings.link.direction("up") == LinkProfile(delay_ms=10.0, loss=0.2)
+    assert settings.link.direction("down") == LinkProfile(delay_ms=10.0, loss=0.1)
     assert table == {"users": [{"name": "anna"}, {"name": "ben"}], "link": {"delay_ms": 10.0}}, (
         "the file's table is left alone"
     )
@@ -235,8 +248,8 @@ def test_overrides_reach_sections_users_and_directions() -> None:
 
 def test_a_direction_can_take_an_impairment_back() -> None:
     settings = resolve({"link": {"loss": 0.3, "up": {"loss": 0.0}}})
-    assert settings.link.direction(settings.link.up).loss == 0.0
-    assert settings.link.direction(settings.link.down).loss == 0.3
+    assert settings.link.direction("up").loss == 0.0
+    assert settings.link.direction("down").loss == 0.3
 
 
 def test_the_only_user_can_be_overridden_in_a_file_that_names_none() -> None:
@@ -297,9 +310,11 @@ def test_any_table_resolves_or_is_refused(table: dict[str, Any]) -> None:
 def test_the_digest_binds_what_both_ends_must_agree_on_and_nothing_else() -> None:
     table: dict[str, Any] = {"users": [{"name": "anna"}, {"name": "ben"}]}
     same = ["seed=2", "seconds=3", "name=other", "users.0.hand=still", "users.0.device=sim:ideal", "link.delay_ms=5"]
+    same.append("users.1.device_hz=1024")  # it is [rates]'s
     other = [
         "rates.device_hz=2048", "object.mass_kg=1", "object.axes=2", "playout.frames=3", "users.0.side=right",
         "coupling.stiffness_npm=5", "users.1.stiffness_npm=5", "users.0.name=eve", "coupling.decimator=none",
+        "users.1.device_hz=2048", "rates.network_hz=64",
     ]  # fmt: skip
 
     def after(text: str) -> str:

@@ -13,13 +13,23 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.client import dialler
-from cogrip.protocol import line, messages, session
-from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.client import dialler, passivity_control
+from cogrip.protocol import clock, concealment, line, loop_meter, messages, playout, power, session
+from cogrip.protocol.accounts import (
+    ClientAccount,
+    DelayAccount,
+    LinkCount,
+    Percentiles,
+    PlayoutAccount,
+    RoomAccount,
+    SeatAccount,
+    TickCount,
+)
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import sealed_call
 from cogrip.protocol.io.sealed_call import SealedCall
-from cogrip.protocol.line import LineReceiver, LineSender
+from cogrip.protocol.line import LineReceiver
+from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
@@ -75,7 +85,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == [1, 2, 3, 4, 5, 6, 7, 8, 9]
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 11))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -131,7 +141,7 @@ def test_what_is_malformed_is_refused(digits: str, why: str) -> None:
 
 
 def test_the_line_plays_what_the_page_says() -> None:
-    sender, receiver = LineSender(1, 2), LineReceiver(1, 1, 1 / 128)
+    sender, receiver = LineSender(1, 2), LineReceiver(1, 1, 1 / 128, concealment="tank")
     table = rows(section("15.4"), "frame")
     assert [int(row[0]) for row in table] == list(range(len(table)))
     for _, wave, first, waves, total, squares, played, counts in table:
@@ -161,6 +171,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.10 Farewell", "Seat's account:", SeatAccount, "farewell", [3]),
     ("3.10 Farewell", "Room's account:", RoomAccount, "farewell", [4]),
     ("3.11 View", "", messages.View, "view", []),
+    ("3.12 Power", "", messages.Power, "power", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -189,7 +200,11 @@ def test_fields_stand_in_the_places_of_the_page(title: str, words: str, struct: 
 
 def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     leave = section("3.9 Leave")
-    for title, struct in (("Counts", LinkCount), ("Percentiles", Percentiles), ("Ticks", TickCount)):
+    small = (
+        ("Counts", LinkCount), ("Percentiles", Percentiles), ("Ticks", TickCount), ("Playout", PlayoutAccount),
+        ("Delay", DelayAccount),
+    )  # fmt: skip
+    for title, struct in small:
         text = leave.partition(f"{title}: ")[2].partition(".")[0]
         assert re.findall(r"`(\w+)`", text) == list(struct.__struct_fields__)
     welcome = section("3.4 Welcome")
@@ -212,6 +227,9 @@ def number(text: str) -> float:
 
 def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
     """(value, allowed) on both sides of what a table's row says."""
+    if kind == "int, or text":
+        range_, _, names = bound.partition(", or ")
+        return [*cases("int", range_, old), *cases("text", names, old), (1.0, False), (True, False), (None, False)]
     if kind in ("int", "real"):
         low, _, high = (f"-{bound[2:]} to {bound[2:]}" if bound.startswith("+-") else bound).partition("to ")
         bottom, top = number(low.strip(" ,>")), number(high)
@@ -342,7 +360,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
         force_n=8.0,
     )  # fmt: skip
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"version": 3}, "version"), ({"token": ""}, "token"), ({"token": GONE}, "token"), ({"token": LOOKS}, ""),
+        ({"version": 4}, "version"), ({"token": ""}, "token"), ({"token": GONE}, "token"), ({"token": LOOKS}, ""),
         ({"room": "attic"}, "room"), ({"name": "eve"}, "name"), ({"digest": "x"}, "settings"), ({"device_axes": 1}, "axes"),
         ({"device_rate_hz": 1.0}, "rate"), ({"device_force_n": 9.1}, "device"), ({"role": "observer"}, "full"), ({}, ""),
         ({}, "taken"), ({"name": ""}, "full"), ({"ticket": "ticket", "device_force_n": 7.0}, "device"),
@@ -367,7 +385,9 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
     assert set(core.dropped) == {f"refused: {code}" for code in seen - {"sealed"}}
 
 
-PROTOCOL = (messages, session, line, room, gallery, limits)
+PROTOCOL = (
+    messages, session, clock, loop_meter, line, concealment, playout, power, passivity_control, room, gallery, limits,
+)  # fmt: skip
 SEAL = (sealed_channel, sealed_call, gate, dialler)
 
 

@@ -10,7 +10,7 @@ import msgspec
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
-from cogrip.protocol.line import LineSender
+from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Command
 from cogrip.protocol.session import LOST_NS, make_hello
@@ -81,9 +81,9 @@ class Server(RecordedEnd):
 
     def frame(self, who: int, value: float) -> bytes:
         """The next frame of this person's line up."""
-        row, coupled = (value,) * self.rooms[0].object.axes, self.rooms[0].coupling.kind == "coupling"
+        row, kind = (value,) * self.rooms[0].object.axes, self.rooms[0].coupling.kind
         stamp = Stamp(self.now_ns - 1, self.now_ns - 9_000_000, 2_000_000)
-        return next_frame(self.lines[who], self.session[who], row, stamp, coupled)
+        return next_frame(self.lines[who], self.session[who], row, stamp, kind)
 
     def word(self, who: int, kind: str, number: int, value: float) -> bytes:
         """A datagram as it may arrive; `number` tells which of that kind."""
@@ -111,7 +111,7 @@ class Server(RecordedEnd):
             "other settings": lambda: self.hello(who, digest="other"),
             "too few axes": lambda: self.hello(who, axes=1),
             "too slow": lambda: self.hello(who, rate_hz=100.0),
-            "newer": lambda: self.hello(who).replace(b"cogrip\x02", b"cogrip\x63", 1),
+            "newer": lambda: self.hello(who).replace(b"cogrip\x03", b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
             "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
             "looks on": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),

@@ -19,7 +19,7 @@ from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKE
 
 HELLOS = ("hello", "hello", "another hello", "hello by name", "hello to a room")
 REFUSED = ("other settings", "too few axes", "too slow", "newer", "short hello")
-NOISE = ("again", "flipped", "cut", "garbage", "too long", "stranger", "heartbeat", "state", "hostile")
+NOISE = ("again", "flipped", "cut", "garbage", "too long", "stranger", "heartbeat", "state", "power", "hostile")
 WORDS = st.lists(
     st.tuples(
         st.integers(0, len(ADDRESSES) - 1),
@@ -41,6 +41,7 @@ AT_THE_END = (
 ACTIONS = st.builds(list.__add__, st.lists(DURING, min_size=3, max_size=20), st.lists(AT_THE_END, max_size=5))
 COUPLINGS: list[dict[str, Any]] = [
     {}, {"server_step": "paper", "encoder": "velocity", "decimator": "lowpass"}, {"kind": "coupling"},
+    {"kind": "tdpa"},
 ]  # fmt: skip
 
 

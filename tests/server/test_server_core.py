@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
+from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, digest, resolve
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
@@ -128,6 +129,22 @@ def test_a_client_that_does_not_fit(changed: dict[str, object], code: str, words
     assert words in refuse.reason
     assert desk.core.rooms[0].seats[0].state == "free"
     assert isinstance(desk.hello("x", axes=2, digest=digest(desk.core.rooms[0].settings)), Welcome)
+
+
+def test_a_device_is_held_against_its_own_seats_rate() -> None:
+    """Whoever names no seat gets the first that the device fits; a name gets its own seat or the reason."""
+    fast = resolve({"name": "lab", "users": [{"name": "anna", "device_hz": 4096}, {"name": "ben"}]})
+    desk = Desk(fast)
+    refuse = desk.refused("x", name="anna", rate_hz=4095.0)
+    assert refuse.code == "rate"
+    assert refuse.reason == ("device sim:ideal runs at 4095 Hz at most, the seat of 'anna' at users.0.device_hz = 4096")
+    welcome = desk.hello("y", rate_hz=1024.0)
+    assert isinstance(welcome, Welcome)
+    assert (welcome.settings.user, welcome.settings.rates) == ("ben", Rates(1024, 128))
+    assert desk.refused("x", rate_hz=1024.0).code == "rate", "the seat that is left does not fit"
+    welcome = desk.hello("x", rate_hz=4096.0)
+    assert isinstance(welcome, Welcome)
+    assert welcome.settings.rates == Rates(4096, 128)
 
 
 def test_another_protocol_version_is_told_so() -> None:
@@ -379,8 +396,10 @@ def test_missed_steps_send_zeros_and_are_numbered_on() -> None:
 def test_an_object_that_leaves_the_room_has_diverged() -> None:
     desk = Desk()
     session = desk.seat("x").session
-    for number in range(400):
-        desk.core.receive(waves(session, number, 3.0), "x", desk.now_ns)
+    for number in range(400):  # with true totals: a line whose sums say that nothing was sent plays ever less
+        sums = ((3.0 * number,), (9.0 * number,))
+        wave = Waves(session, number, (3.0,), *sums, 0.0, 0.0, 0, Stamp(1), (0.0, 0.0))
+        desk.core.receive(messages.encode(wave), "x", desk.now_ns)
         desk.tick()
     assert "left the workspace" in desk.core.rooms[0].diverged
     assert desk.core.rooms[0].account().diverged

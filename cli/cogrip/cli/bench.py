@@ -3,6 +3,10 @@
 from cyclopts import App
 
 BENCHES = {
+    "concealment": (
+        "cogrip.cli.bench_concealment:bench_concealment",
+        "Ways through gaps under the same hands, in a storm of loss, jitter and outages, beside a clean link.",
+    ),
     "stability": (
         "cogrip.cli.bench_stability:bench_stability",
         "Trace the stable region's outline, against eigenvalues on a dense grid.",
@@ -22,6 +26,18 @@ BENCHES = {
     "soak": (
         "cogrip.cli.bench_soak:bench_soak",
         "People at a server through a relay for a long time: who was lost, and what has grown.",
+    ),
+    "storms": (
+        "cogrip.cli.bench_storms:bench_storms",
+        "Whole sessions on every network, by people, stiffness and seed: each must be passive and hold; baselines must fail.",
+    ),
+    "playout": (
+        "cogrip.cli.bench_playout:bench_playout",
+        "The playout that follows the jitter, beside the best fixed depth chosen with hindsight, on each network.",
+    ),
+    "relay": (
+        "cogrip.cli.bench_relay:bench_relay",
+        "What `cogrip relay` adds to a datagram by itself, beside direct ones.",
     ),
     "sweep": ("cogrip.cli.bench_sweep:bench_sweep", "Run the same cells with one worker and with several."),
     "velocity": (

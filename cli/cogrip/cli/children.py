@@ -32,7 +32,7 @@ def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: S
     """The port that a server, or a relay, says in its log that it listens on. Raises Problem where it does not come up."""
     until = time.monotonic() + START_LIMIT_S
     while time.monotonic() < until and child.poll() is None and not stop.reason:
-        found = re.search(r"listening on \S+:(\d+)", log.read_text())
+        found = re.search(r"(?:listening on|relaying from) \S+:(\d+)", log.read_text())
         if found:
             return int(found[1])
         time.sleep(_LOOK_EVERY_S)

@@ -25,7 +25,7 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make
 from cogrip.protocol.channel import Channel, PlainChannel
-from cogrip.protocol.delays import one_way
+from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
 from cogrip.protocol.messages import Hello
@@ -39,7 +39,7 @@ from cogrip.sim.summary import of_client
 
 DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The settings are the server's, and the model's work goes with the cube of the frames under way: a join must not hang on it.
-MOST_ADVISED_FRAMES = {"wave": 96, "coupling": 40}  # of both ways together; each takes about 2 s
+MOST_ADVISED_FRAMES = {"wave": 96, "coupling": 40, "tdpa": 512}  # of both ways together; each takes about 2 s
 MOST_ADVISED_TICKS = 256  # in a frame
 NO_NAME = "this is for looking on: --name has no effect"
 
@@ -281,7 +281,10 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
 
 def _warn(seat: SeatSettings, record: Capability, console: Console) -> None:
     """Say where this seat lies outside what is stable, passive or fit for its device, in the words of `cogrip advise`."""
-    frames = sum(one_way(way.delay_ms, seat.playout.frames, seat.rates).frames for way in (seat.up, seat.down))
+    frames = sum(
+        one_way(way.delay_ms, expected_frames(seat.playout, way, seat.rates), seat.rates).frames
+        for way in (seat.up, seat.down)
+    )
     if frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings: tuple[str, ...] = ("no advice: the delays are too long for the model",)
     else:

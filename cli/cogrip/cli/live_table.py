@@ -21,6 +21,7 @@ _HEADINGS = (
     "hand\nmm",
     "force\nN",
     "round trip\nms",
+    "up, down\nms",
     "lost\nframes",
     "late\nticks",
     "energy\nmargin mJ",
@@ -63,7 +64,7 @@ class LiveTable:
         for number, name in enumerate(self._people):
             tick = self._tick(name)
             if tick is None:
-                table.add_row(name, "joining", *[""] * 6)
+                table.add_row(name, "joining", *[""] * 7)
                 continue
             seat = step.seats[number] if step else None
             margins = (tick.margin_j, *((seat.up_margin_j, seat.line_margin_j) if seat else ()))
@@ -74,6 +75,7 @@ class LiveTable:
                 _vector(tick.position_m or (), 1e3, "+6.1f"),
                 _vector(tick.force_n, 1.0, "+5.2f"),
                 "" if tick.rtt_ms is None else f"{tick.rtt_ms:.1f}",
+                " ".join(f"{way:.1f}" for way in (tick.up_ms, tick.down_ms) if way is not None),
                 f"{lost}",
                 f"{tick.skipped}",
                 f"{min(0.0, *(margin for margin in margins if margin is not None)) * 1e3:.3f}" if seat else "",

@@ -12,7 +12,7 @@ from typing import Literal, TextIO
 from cogrip.protocol.messages import shown
 from cogrip.server.happenings import Happening
 
-WARNINGS = ("lost", "kicked", "refused", "limited", "trouble")  # of the events; the others are well and good
+WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")  # events; the others are good
 FIELDS = ("room", "user", "address", "code", "token")
 LONGEST_BYTES = 4096  # a pipe takes so much whole, or says beforehand that it will not
 LONGEST_TEXT = 1000  # characters; nothing that is said is longer, only what somebody made us say

@@ -16,6 +16,7 @@ COMMANDS = {
     ),
     "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
     "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
+    "relay": ("cogrip.cli.relay:relay", "Put an emulated network between any two programs that speak UDP."),
     "replay": ("cogrip.cli.replay:replay", "Play a recorded session again: bit by bit, or as what if."),
     "runs": ("cogrip.cli.runs:runs", "List the recorded runs, newest first."),
     "report": ("cogrip.cli.report:report", "Write the report of a run, or of several compared."),
@@ -34,9 +35,14 @@ COMMANDS = {
     "feel": ("cogrip.cli.feel:feel", "Say what a hand will feel: stiffness, damping, inertia, impedance, delays."),
     "figures": ("cogrip.cli.figures:figures", "Draw the paper's figures, and ours beside them."),
     "sweep": ("cogrip.cli.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
+    "compare": (
+        "cogrip.cli.compare:compare",
+        "Compare methods of sharing an object under the same hands, on networks as they are: one table; resumable.",
+    ),
     "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
     "devices": ("cogrip.cli.devices:devices", "Devices: list, find, calibrate, check, emulate."),
     "token": ("cogrip.cli.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),
+    "who": ("cogrip.cli.who:who", "List who sits and looks on in a running server."),
     "kick": ("cogrip.cli.kick:kick", "Show somebody out of a running session."),
     "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
 }

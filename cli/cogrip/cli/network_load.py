@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from cogrip.protocol.channel import PEER, Channel
 from cogrip.protocol.io.pacing import Pacer
-from cogrip.protocol.line import LineSender
+from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.messages import SEAL_BYTES, Hello, Stamp, Waves, encode
 from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings

@@ -23,6 +23,7 @@ from cogrip.cli.network_load import room_name
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import engage, release
+from cogrip.protocol.io.receive_buffer import enlarge
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.core import ServerCore
@@ -32,7 +33,7 @@ from cogrip.server.io.keeper import Keeper
 from cogrip.server.io.sealed_channel import SealedListener
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.loop import RECEIVE_BUFFER_BYTES, LiveServer, ServerChannel
+from cogrip.server.loop import LiveServer, ServerChannel
 from cogrip.server.plain_channel import PlainListener
 
 Kind = Literal["echo", "plain", "sealed"]
@@ -212,7 +213,7 @@ def echo(job: Job) -> None:
     """Every datagram goes back once a tick: what the socket and the pace alone cost."""
     stop = Stop()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        enlarge(end)
         end.bind((HOST, 0))
         end.setblocking(False)
         _print(Started(end.getsockname()[1]))

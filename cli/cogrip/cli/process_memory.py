@@ -53,11 +53,10 @@ class Growth:
 
 
 def family_of(leader: int) -> list[tuple[int, str]]:
-    """The processes of a session of which `leader` is the leader: (pid, "" for the leader itself, else " recorder")."""
+    """A process and those that it started: (pid, "" for itself, else what it is for)."""
     found = []
     for entry in Path("/proc").iterdir():
-        if entry.name.isdigit() and _session_of(entry) == leader:
-            pid = int(entry.name)
+        if entry.name.isdigit() and leader in (pid := int(entry.name), _parent_of(entry)):
             role = "" if pid == leader else _role(entry)
             if role is not None:
                 found.append((pid, role))
@@ -72,9 +71,9 @@ def memory_kb(process: int) -> float | None:
         return None
 
 
-def _session_of(entry: Path) -> int:
+def _parent_of(entry: Path) -> int:
     try:
-        return int(entry.joinpath("stat").read_text().rpartition(")")[2].split()[3])
+        return int(entry.joinpath("stat").read_text().rpartition(")")[2].split()[1])
     except (OSError, IndexError, ValueError):
         return 0
 
@@ -85,4 +84,6 @@ def _role(entry: Path) -> str | None:
         words = entry.joinpath("cmdline").read_bytes()
     except OSError:
         return None
-    return None if b"resource_tracker" in words else " recorder"
+    if b"resource_tracker" in words:
+        return None
+    return " recorder" if b"recording_process" in words else " child"

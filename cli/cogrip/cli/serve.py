@@ -219,6 +219,12 @@ def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Pa
     if not 0 <= port <= 65535:
         raise BadInput(f"--port {port} is outside 0 to 65535")
     rooms = [load_settings(path, overrides) for path in config]
+    for path, room in zip(config, rooms, strict=True):
+        if kept := room.link.kept_back:
+            raise BadInput(
+                f"{path}: {kept[0]}: no welcome carries it, so that nobody's client would emulate it: put `cogrip relay` with "
+                "this file between, and leave [link] out of the one that is served; `cogrip lab` takes it as it is"
+            )
     names = [room.name for room in rooms]
     for name in names:
         if names.count(name) > 1:

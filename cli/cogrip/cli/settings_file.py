@@ -14,7 +14,7 @@ from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 
@@ -32,17 +32,61 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
         raise BadInput(f"{path}: cannot be read: {error}") from None
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         raise BadInput(f"{path}: not valid {path.suffix.removeprefix('.').upper() or 'TOML'}: {error}") from None
+    _place_traces(table, path.parent)
     try:
-        return resolve(table, dict(override(text) for text in overrides))
+        settings = resolve(table, _overrides(overrides))
     except SettingsError as error:
         raise BadInput(f"{path}: {error}") from None
+    _try_traces(settings, f"{path}: ")
+    return settings
+
+
+def from_flags(overrides: Sequence[str]) -> Settings:
+    """Settings of `--set` alone. Raises BadInput."""
+    try:
+        settings = resolve({}, _overrides(overrides))
+    except SettingsError as error:
+        raise BadInput(str(error)) from None
+    _try_traces(settings, "")
+    return settings
+
+
+def _overrides(texts: Sequence[str]) -> dict[str, Any]:
+    """`--set` by key. A trace's path in it counts from where we are. Raises BadInput."""
+    found = dict(override(text) for text in texts)
+    for key, value in found.items():
+        if key in ("link.trace", "link.up.trace", "link.down.trace") and isinstance(value, str) and value:
+            found[key] = str(Path(value).absolute())
+    return found
+
+
+def _place_traces(table: dict[str, Any], folder: Path) -> None:
+    """A trace's path in a settings file counts from that file; whoever reads the settings later may be elsewhere."""
+    link = table.get("link")
+    sections = [link, *(link.get(way) for way in ("up", "down"))] if isinstance(link, dict) else []
+    for section in sections:
+        if isinstance(section, dict) and isinstance(section.get("trace"), str) and section["trace"]:
+            section["trace"] = str((folder / section["trace"]).absolute())
+
+
+def _try_traces(settings: Settings, where: str) -> None:
+    """Raises BadInput for a trace that cannot be read, before anything is started."""
+    traces = {settings.link.trace_of(way) for way in ("up", "down")} - {""}
+    if traces:
+        from cogrip.sim.delay_trace import TraceError, read_trace
+
+        for trace in sorted(traces):
+            try:
+                read_trace(Path(trace))
+            except TraceError as error:
+                raise BadInput(f"{where}link.trace: {error}") from None
 
 
 def try_hands(settings: Settings) -> None:
     """Raises BadInput for a device or hand that cannot be had, before anything is started or left behind."""
     for user in settings.users:
         try:
-            try_for(user, settings.object.axes, settings.rates.device_hz)
+            try_for(user, settings.object.axes, rates_of(settings, user).device_hz)
         except DeviceError as error:
             raise BadInput(f"{user.name}: {error}") from None
 

@@ -10,7 +10,9 @@ from cogrip.sim.verdict import (
     UNKNOWN,
     Summary,
     dig,
+    earlier,
     energy,
+    is_number,
     name_of,
     number,
     people,
@@ -24,7 +26,7 @@ from cogrip.sim.verdict import (
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}
 _DASH = "-"
-_NUMBERS = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin", "lost/late\n/dupl.", "rtt p50/99\nms")
+_NUMBERS = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin", "lost/late\n/dupl.", "up/down/\nrtt99 ms")
 _LOOP = ("ticks\nrun", "late p99\nµs")
 
 
@@ -37,7 +39,9 @@ def terminal_summary(summary: Summary) -> Group:
         table.add_column(Text(heading), justify="right", no_wrap=True)
     table.add_column(Text("\nstate"))
     for user in people(summary):
-        table.add_row(*_person(user))
+        before = earlier(user)
+        for which, sitting in enumerate((*before, user), 1):
+            table.add_row(*_person({**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting))
     table.add_row(*_object(summary))
     sentences = [
         Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (text, "bold red" if tone == "bad" else ""))
@@ -47,7 +51,8 @@ def terminal_summary(summary: Summary) -> Group:
 
 
 def _person(user: dict[str, Any]) -> list[Text]:
-    worst, link, state = worst_margin([user]), user.get("link"), user.get("state")
+    worst, link, state = worst_margin([{**user, "earlier": None}]), user.get("link"), user.get("state")
+    rtt = dig(link, "rtt_ms", "p99")
     return [
         Text(name_of(user)),
         _cell(_spaced(user.get("position_m"))),
@@ -55,7 +60,7 @@ def _person(user: dict[str, Any]) -> list[Text]:
         _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
         Text(energy(worst[0]) if worst else _DASH),
         _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
-        _cell("/".join(number(dig(link, "rtt_ms", each)) for each in ("p50", "p99"))),
+        _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
         *_loop(user.get("ticks")),
         Text(str(state) if state else _DASH, style=_STATES.get(str(state), "")),
     ]
@@ -76,6 +81,10 @@ def _loop(ticks: Any) -> list[Text]:
 
 def _spaced(position_m: Any) -> str:
     return vector(position_m, scale=1e3).replace(",", "")
+
+
+def _short(value_ms: Any) -> str:
+    return number(value_ms, digits=0 if is_number(value_ms) and value_ms >= 9.95 else 1)
 
 
 def _cell(text: str) -> Text:

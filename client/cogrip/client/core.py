@@ -14,20 +14,21 @@ from collections.abc import Sequence
 from math import dist, hypot
 
 from cogrip.client.coupling import COUPLINGS, Coupling
+from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.past_lines import PastLines
 from cogrip.client.rest import RestStiffness
 from cogrip.client.safety import Safety
 from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.accounts import ClientAccount, Percentiles, TickCount
+from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Hello, View, clipped, encode
+from cogrip.protocol.messages import Hello, Stamp, View, clipped, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
 LET_GO_S = 0.5  # from `stop`, in which the line lets go of the object
 MOST_LOOP_S = 0.5  # for which it is waited that the server has heard of it
-RECKON_TICKS = 12  # without a sample, for which the hand is taken to go on as it did
+RECKON_S = 12.0 / 1024.0  # without a sample, for which the hand is taken to go on as it did
 
 
 class ClientCore:
@@ -38,7 +39,11 @@ class ClientCore:
         self.capability = capability
         self.seat: SeatSettings | None = None
         self.rtt = DurationHistogram()
-        self.rtt_ms = float("nan")
+        self.up = DurationHistogram()  # one way, as far as the clocks' offset is known
+        self.down = DurationHistogram()
+        self.rtt_ms = float("nan")  # the newest
+        self.up_ms: float | None = None
+        self.down_ms: float | None = None
         self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
         self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
         self.least_leak_j = 0.0
@@ -77,12 +82,27 @@ class ClientCore:
         if self.tick < 0:  # the device is still being opened: what comes now must not set the playout
             self.session.drop("before the first tick")
             return
-        rtt_ns = self.session.clock.read(message.stamp, now_ns)
-        if rtt_ns is not None:
-            self.rtt.add(rtt_ns)
-            self.rtt_ms = rtt_ns * 1e-6
+        self._time(message.stamp, now_ns)
         if not self.coupling.receive(message):
             self.session.drop("unfit")
+
+    def _time(self, stamp: Stamp, now_ns: int) -> None:
+        """What a stamp tells of the ways and the clocks."""
+        clock = self.session.clock
+        rtt_ns = clock.read(stamp, now_ns)
+        if rtt_ns is None:
+            if stamp.echo_ns:
+                self.session.drop("wild stamp")
+            return
+        self.rtt.add(rtt_ns)
+        self.rtt_ms = rtt_ns * 1e-6
+        assert clock.back_ns is not None
+        self.down.add(clock.back_ns)
+        self.down_ms = clock.back_ns * 1e-6
+        if clock.fresh:
+            assert clock.there_ns is not None
+            self.up.add(clock.there_ns)
+            self.up_ms = clock.there_ns * 1e-6
 
     def _take_seat(self, seat: SeatSettings, session: int) -> None:
         axes, rates = seat.object.axes, seat.rates
@@ -97,7 +117,8 @@ class ClientCore:
         self._session_id = session
         self._ticks_per_frame = rates.ticks_per_frame
         self._rate = float(rates.device_hz)
-        self._rest = RestStiffness(self.capability.resolution_m) if seat.object.kind == "wall" else None
+        self._reckon_ticks = round(RECKON_S * rates.device_hz)
+        self._rest = RestStiffness(self.capability.resolution_m, rates.frame_s) if seat.object.kind == "wall" else None
         self._origin: tuple[float, ...] | None = None
         self._sampled = 0  # the tick at which the newest position was taken
         self._forces: deque[tuple[float, ...]] = deque()  # of the last ticks, oldest first, where samples are old
@@ -148,7 +169,7 @@ class ClientCore:
         """No force is left on the hand, and the server knows that the line has let go: leaving is no jolt to those who stay."""
         if not self.safety.quiet or self._stopped is None or self.session.state != "seated":
             return self.safety.quiet
-        loop_s = (self.coupling.loop_frames() or 0.0) * self._ticks_per_frame / self._rate
+        loop_s = ((self.coupling.loop_frames() or 0.0) + self._late_frames) * self._ticks_per_frame / self._rate
         return self.tick - self._stopped >= (LET_GO_S + min(loop_s, MOST_LOOP_S)) * self._rate
 
     def rearm(self) -> None:
@@ -237,7 +258,7 @@ class ClientCore:
             return position
         if sample is not None and position is not None:
             return self._go_on(position, velocity, sample.age_ticks - self._latency)
-        if self.tick - self._sampled > self._latency + RECKON_TICKS:
+        if self.tick - self._sampled > self._latency + self._reckon_ticks:
             return None
         return self._go_on(self.position_m, self.velocity_mps, elapsed)
 
@@ -260,6 +281,8 @@ class ClientCore:
         """Book `elapsed` ticks; the hand was at `position` `latency` ticks ago. True if there is a frame to send."""
         coupling = self.coupling
         force = self._acting(elapsed) if self._latency and elapsed else self.force_n
+        if isinstance(coupling, PassivityControl):
+            coupling.applied_n = force
         before_j = coupling.port_j
         if position is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(self.position_m)
@@ -345,6 +368,12 @@ class ClientCore:
         self.force_n = force_n
 
     @property
+    def _late_frames(self) -> float:
+        """How long a tick waits to be booked where samples are old: it makes the line softer (exactly so with the boxcar)."""
+        assert self.seat is not None
+        return self._latency / self._ticks_per_frame if self.seat.coupling.encoder == "displacement" else 0.0
+
+    @property
     def port_j(self) -> float:
         """Energy that went into all lines so far."""
         return self._past.port_j(self.coupling)
@@ -368,13 +397,14 @@ class ClientCore:
         """Everything this end knows, for the summary and for the server."""
         assert self.seat is not None
         loop = self.coupling.loop_frames()
+        predicted = None if loop is None else self.seat.predicted_stiffness(loop, self._late_frames)
         return ClientAccount(
             position_m=self.position_m,
             force_n=self.force_n,
             peak_force_n=self.peak_force_n,
             travel_m=self.travel_m,
             felt_stiffness_npm=self._rest.stiffness_npm() if self._rest else None,
-            predicted_stiffness_npm=None if loop is None else self.seat.predicted_stiffness(loop),
+            predicted_stiffness_npm=predicted,
             down_margin_j=self.down_margin_j,
             device_leak_j=self.least_leak_j,
             down=self._past.count(self.coupling),
@@ -384,4 +414,16 @@ class ClientCore:
             state=self.safety.state,
             reason=clipped(self.session.failed or self.diverged or self.safety.reason),
             peak_step_n=self.peak_step_n,
+            playout=self.coupling.playout_account(),
+            delay=self._delay(),
+        )
+
+    def _delay(self) -> DelayAccount:
+        clock = self.session.clock
+        offset_ns, uncertainty_ns = clock.offset_ns, clock.uncertainty_ns
+        return DelayAccount(
+            Percentiles.of(self.up, 1e6),
+            Percentiles.of(self.down, 1e6),
+            None if offset_ns is None else offset_ns * 1e-6,
+            None if uncertainty_ns is None else uncertainty_ns * 1e-6,
         )

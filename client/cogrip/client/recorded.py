@@ -127,6 +127,7 @@ class RecordedClient(ClientCore):
             tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], self.down_margin_j,
             rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped, given, unfit,
             sample.age_ticks if sample is not None else 0,
+            self.up_ms, self.down_ms,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:

@@ -65,7 +65,7 @@ class DelayAccount(msgspec.Struct, frozen=True, array_like=True):
     up_ms: Percentiles = Percentiles()  # one way, by the clocks as far as their offset is known
     down_ms: Percentiles = Percentiles()
     offset_ms: float | None = None  # the server's clock less ours
-    uncertainty_ms: float | None = None  # of that offset: half the least round trip
+    uncertainty_ms: float | None = None  # of that offset: half of the least ways there and back (`protocol.clock`)
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):

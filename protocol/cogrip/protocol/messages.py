@@ -28,6 +28,7 @@ Total = Annotated[float, msgspec.Meta(ge=-1e15, le=1e15)]
 Metres = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
 MetresPerSecond = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 Newtons = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+Entered = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)]  # J
 VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=3)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
@@ -157,7 +158,34 @@ class View(Message, frozen=True, tag=9):
     stamp: Stamp
 
 
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View
+class Power(Message, frozen=True, tag=10):
+    """Time-domain passivity (`SPEC.md` section 7b): power variables at the sender's port, and the energy that went in there."""
+
+    session: Session
+    number: Counter
+    position_m: Annotated[
+        tuple[Metres, ...], Axes
+    ]  # client: where the hand has taken its proxy to; server: the object's
+    velocity_mps: Annotated[
+        tuple[MetresPerSecond, ...], Axes
+    ]  # client: the hand's mean over the frame; server: the object's
+    force_n: Annotated[
+        tuple[Newtons, ...], Axes
+    ]  # client: on the hand, of the last tick; server: to be given to the hand
+    entered_j: Annotated[tuple[Entered, ...], Axes]  # what has gone into the channel here, the inward flow alone
+    taken_j: Annotated[tuple[Entered, ...], Axes]  # what has come out of it here, the outward flow alone
+    port_j: Total  # what has gone in here less what has come out, all axes
+    heard: Counter  # number of the other direction's message that was taken last, plus 1; 0: none yet
+    stamp: Stamp
+
+    def of_axes(self, axes: int) -> bool:
+        """Whether it has one number an axis of everything."""
+        motion = len(self.position_m) == len(self.velocity_mps) == axes
+        return motion and len(self.force_n) == len(self.entered_j) == len(self.taken_j) == axes
+
+
+Frame = Waves | State | Power  # what couplings send, one a frame
+AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])

@@ -18,17 +18,19 @@ import msgspec
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     MAGIC,
     NO_BOUND,
     PROTOCOL_VERSION,
     Farewell,
+    Frame,
     Heartbeat,
     Hello,
     Leave,
+    Power,
     Refuse,
     Role,
-    Stamp,
     State,
     View,
     Waves,
@@ -44,6 +46,8 @@ QUIET_NS = 500_000_000  # nothing heard for so long: the client tries to come ba
 RESUME_GIVE_UP_NS = 10_000_000_000  # nothing heard for so long: nor does it try any more
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
+
+FOR_CLIENTS = (Waves, State, Power, View)  # as a union it would be made anew for every datagram
 
 Table = Mapping[tuple[str, str], str]
 
@@ -74,29 +78,6 @@ SEAT: Table = {
     ("seated", "kick"): "free",
     ("seated", "resume"): "seated",
 }
-
-
-class Clock:
-    """Stamps outgoing messages and reads the round trip off incoming ones."""
-
-    __slots__ = ("_heard_at_ns", "_heard_sent_ns")
-
-    def __init__(self) -> None:
-        self._heard_sent_ns = 0
-        self._heard_at_ns = 0
-
-    def stamp(self, now_ns: int) -> Stamp:
-        held = now_ns - self._heard_at_ns if self._heard_sent_ns else 0
-        return Stamp(now_ns, self._heard_sent_ns, held)
-
-    def read(self, stamp: Stamp, now_ns: int) -> int | None:
-        """Round-trip time [ns], None before an echo of our own came back."""
-        if stamp.sent_ns > self._heard_sent_ns:
-            self._heard_sent_ns, self._heard_at_ns = stamp.sent_ns, now_ns
-        if not stamp.echo_ns:
-            return None
-        rtt_ns = now_ns - stamp.echo_ns - stamp.held_ns
-        return rtt_ns if 0 <= rtt_ns < 60_000_000_000 else None
 
 
 class ClientSession:
@@ -159,7 +140,7 @@ class ClientSession:
             return False
         return isinstance(message, Welcome) and message.nonce == self._asked.nonce
 
-    def receive(self, datagram: bytes, now_ns: int) -> Waves | State | View | None:
+    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | None:
         """Take in a datagram; what belongs to the coupling, or to an observer, is handed back.
 
         Anything unfit is counted by name.
@@ -179,7 +160,7 @@ class ClientSession:
         if message.session != welcome.session:
             self.drop("other session")
             return None
-        if isinstance(message, Waves | State | View) and isinstance(message, View) is (welcome.role == "player"):
+        if isinstance(message, FOR_CLIENTS) and isinstance(message, View) is (welcome.role == "player"):
             self.drop("unexpected")
             return None
         if self._step("heard"):
@@ -294,8 +275,13 @@ def make_hello(
     )  # fmt: skip
 
 
-def unfit(hello: Hello, *, digest: str, axes: int, device_hz: int) -> tuple[str, str] | None:
-    """(code, reason) why a hello cannot be served, None if it can. The texts are what both sides print."""
+def unfit(
+    hello: Hello, *, digest: str, axes: int, device_hz: int, whose: str = "this room at rates.device_hz"
+) -> tuple[str, str] | None:
+    """(code, reason) why a hello cannot be served, None if it can. The texts are what both sides print.
+
+    device_hz: the seat's; whose: what it is that runs at it, and the setting that says so.
+    """
     if hello.version != PROTOCOL_VERSION:
         return version_mismatch(hello.version)
     if hello.digest and hello.digest != digest:
@@ -305,7 +291,7 @@ def unfit(hello: Hello, *, digest: str, axes: int, device_hz: int) -> tuple[str,
     if hello.device_rate_hz < device_hz:
         return (
             "rate",
-            f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, this room at rates.device_hz = {device_hz}",
+            f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, {whose} = {device_hz}",
         )
     return None
 

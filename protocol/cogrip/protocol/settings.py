@@ -11,16 +11,23 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from cogrip.protocol import decimation
-from cogrip.protocol.delays import one_way
-from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness, felt_stiffness, line_compliance
+from cogrip.protocol.concealment import Concealed
+from cogrip.protocol.delays import expected_frames, one_way
+from cogrip.protocol.felt_stiffness import (
+    OutOfReachError,
+    compensated_stiffness,
+    felt_stiffness,
+    line_compliance,
+    reachable_stiffness,
+)
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
-from cogrip.protocol.rates import Hz, Rates, RatesError
+from cogrip.protocol.rates import Hz, Rates, misfit
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 
 Decimator = Literal["boxcar", "lowpass", "none"]
 Encoder = Literal["displacement", "velocity"]
 Side = Literal["left", "right"]
-Kind = Literal["wave", "coupling"]
+Kind = Literal["wave", "coupling", "tdpa"]
 ServerStep = Literal["passive", "paper"]
 ObjectKind = Literal["cube", "faces", "wall"]
 
@@ -68,9 +75,10 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    frames: Annotated[int, msgspec.Meta(ge=0, le=256)] = 0
+    frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # as many as the jitter asks for
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
     tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    concealment: Concealed = "elastic"  # of frames that are missing
 
 
 class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -86,7 +94,7 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One seat. The fields that are None are [coupling]'s."""
+    """One seat. The fields that are None are [coupling]'s; device_hz [rates]'s."""
 
     name: Name = ""
     device: str = "sim:phantom"
@@ -100,6 +108,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     decimator: Decimator | None = None
     encoder: Encoder | None = None
     compensate: bool | None = None
+    device_hz: Hz | None = None
     power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] | None = None  # None: [admission]'s
 
 
@@ -143,16 +152,31 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
         """True where the contact can only push (theory section 3.4)."""
         return self.object.kind != "cube"
 
-    def predicted_stiffness(self, loop_frames: float) -> float | None:
-        """K_hand [N/m] of theory section 4 for a measured loop of `loop_frames` network frames; None without waves.
+    @property
+    def follows(self) -> bool:
+        """True where the server's spring follows the measured loop (docs/decisions/0012-measured-delay.md)."""
+        coupling = self.coupling
+        return coupling.compensate and coupling.kind == "wave" and coupling.server_step == "passive"
+
+    def line_compliance(self, loop_frames: float) -> float:
+        """C_line [m/N] of theory section 4 for a measured loop of `loop_frames` network frames.
 
         The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied:
         2d + 1 for d frames of delay each way.
         """
+        return _compliance(self.coupling, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
+
+    def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
+        """K_hand [N/m] of theory section 4 for a measured loop; None without waves.
+
+        late_frames: by which the device's samples are late, which makes the line softer, and which no server knows of.
+        """
         if self.coupling.kind != "wave":
             return None
-        round_trip_s = (loop_frames - 1.0) * self.rates.frame_s
-        return felt_stiffness(self.rendered_npm, _compliance(self.coupling, self.rates, round_trip_s))
+        rendered = self.rendered_npm
+        if self.follows:
+            rendered = reachable_stiffness(self.coupling.stiffness_npm, self.line_compliance(loop_frames))
+        return felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
 
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
@@ -194,15 +218,23 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
     return msgspec.structs.replace(settings.coupling, **own)
 
 
+def rates_of(settings: Settings, user: User) -> Rates:
+    """[rates] with this user's own device rate in place."""
+    device_hz = settings.rates.device_hz if user.device_hz is None else user.device_hz
+    return Rates(device_hz, settings.rates.network_hz)
+
+
 def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     """What user number `seat` and the server share. Raises SettingsError when compensation is out of reach."""
     user = settings.users[seat]
     coupling = coupling_of(settings, user)
-    rates = Rates(settings.rates.device_hz, settings.rates.network_hz)
-    up, down = settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)
+    rates = rates_of(settings, user)
+    up, down = settings.link.direction("up"), settings.link.direction("down")
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
-        frames = sum(one_way(way.delay_ms, settings.playout.frames, rates).frames for way in (up, down))
+        frames = sum(
+            one_way(way.delay_ms, expected_frames(settings.playout, way, rates), rates).frames for way in (up, down)
+        )
         compliance = _compliance(coupling, rates, frames * rates.frame_s)
         try:
             rendered = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
@@ -222,10 +254,13 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
 def digest(settings: Settings) -> str:
     """Fingerprint of everything the ends must agree on (not: whose hand, how long, what link is emulated)."""
     shared = [
-        settings.rates,
+        settings.rates.network_hz,
         settings.object,
         settings.playout,
-        [(user.name, user.side, coupling_of(settings, user)) for user in settings.users],
+        [
+            (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
+            for user in settings.users
+        ],
     ]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
 
@@ -239,21 +274,25 @@ def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
 
 
 def _check_fit(settings: Settings) -> None:
-    try:
-        Rates(settings.rates.device_hz, settings.rates.network_hz).ticks_per_frame  # noqa: B018 (raises)
-    except RatesError as error:
-        raise SettingsError(str(error)) from None
+    asked = [("rates.device_hz", settings.rates.device_hz)]
+    asked += [
+        (f"users.{number}.device_hz", user.device_hz) for number, user in enumerate(settings.users) if user.device_hz
+    ]
+    for key, device_hz in asked:
+        if why := misfit(device_hz, settings.rates.network_hz, key):
+            raise SettingsError(why)
     names = [user.name for user in settings.users]
     for name in names:
         if names.count(name) > 1:
             raise SettingsError(f"users: the name {name!r} stands twice; give every user a name of their own")
-    if settings.coupling.kind == "coupling" and settings.coupling.server_step == "paper":
+    kind = settings.coupling.kind
+    if kind != "wave" and settings.coupling.server_step == "paper":
         raise SettingsError(
-            'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "coupling" leave it "passive"'
+            f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
     for section, way in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
         check_cap(f"{section}.rate_kbps", way.rate_kbps)
-    for profile in (settings.link.direction(settings.link.up), settings.link.direction(settings.link.down)):
+    for profile in (settings.link.direction("up"), settings.link.direction("down")):
         least = 1.0 / (1.0 - profile.loss)
         if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:
             raise SettingsError(

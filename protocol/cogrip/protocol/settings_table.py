@@ -5,6 +5,7 @@ A table is nested dicts and lists; `users.0.name` is the path of a key in it.
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from types import NoneType
 from typing import Any, get_args
 
 import msgspec
@@ -114,7 +115,7 @@ def readable(message: str, table: Any, root: type[msgspec.Struct]) -> str:
         except (KeyError, IndexError, ValueError, TypeError):
             return f"{path}: {text}"
     text = text.replace("`", "").replace("object", "a table").replace(" | null", "")
-    if "Invalid enum value" in text:
+    if "Invalid enum value" in text or " | str, got" in text:
         text = f"Expected {_allowed(parts, root)}"
     elif "regex" in text:
         text = "Expected letters, digits, blanks and . _ - with a letter or digit first"
@@ -122,14 +123,24 @@ def readable(message: str, table: Any, root: type[msgspec.Struct]) -> str:
 
 
 def _allowed(parts: Sequence[str], root: type[msgspec.Struct]) -> str:
-    """The values that the enumeration at a path takes: "boxcar", "lowpass" or "none"."""
+    """The values that the enumeration at a path takes: "boxcar", "lowpass" or "none"; a number in a range beside them."""
     kind: Any = root
     for part in parts:
         if part.isdigit():
             kind = _item_struct(kind)
         else:
             kind = next(field.type for field in msgspec.structs.fields(kind) if field.name == part)
-    while not (values := [value for value in get_args(kind) if isinstance(value, str)]):
-        kind = get_args(kind)[0]  # inside a union with None
-    *others, last = [f'"{value}"' for value in values]
+    *others, last = _named(kind)
     return f"{', '.join(others)} or {last}"
+
+
+def _named(kind: Any) -> list[str]:
+    """What a type allows, in words; None, which a table cannot say, is left out."""
+    if isinstance(kind, str):
+        return [f'"{kind}"']
+    if kind is NoneType:
+        return []
+    ranged = [part for part in get_args(kind) if isinstance(part, msgspec.Meta)]
+    if ranged:
+        return [f"{get_args(kind)[0].__name__} from {ranged[0].ge} to {ranged[0].le}"]
+    return [text for part in get_args(kind) for text in _named(part)]

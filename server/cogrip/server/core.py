@@ -7,8 +7,9 @@ import msgspec
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Heartbeat, Hello, Leave, State, Waves
-from cogrip.protocol.session import Clock, nonce_of, refusal, version_mismatch
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Frame, Heartbeat, Hello, Leave, Power, State, Waves
+from cogrip.protocol.session import nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
 from cogrip.server.checkpoint import RoomCheckpoint
@@ -20,7 +21,7 @@ from cogrip.server.room import Room, Seat
 
 FAREWELL_EVERY_NS = 50_000_000  # to one who has not heard it
 
-FROM_SEATS = (Waves, State, Heartbeat, Leave)  # as a union it would be made anew for every datagram
+FROM_SEATS = (Waves, State, Power, Heartbeat, Leave)  # as a union it would be made anew for every datagram
 
 
 class ServerCore:
@@ -116,7 +117,10 @@ class ServerCore:
             return
         seat.last_heard_ns = now_ns
         rtt_ns = seat.clock.read(message.stamp, now_ns)
-        seat.rtt_ns = seat.rtt_ns if rtt_ns is None else rtt_ns
+        if rtt_ns is not None:
+            seat.rtt_ns = rtt_ns
+        elif message.stamp.echo_ns:
+            self.drop("wild stamp")
         if isinstance(message, Heartbeat):
             return
         if seat.port is None or not seat.port.receive(message):
@@ -126,14 +130,14 @@ class ServerCore:
         """An observer may say that it is there, and goodbye. Whoever sends more is shown out."""
         room, number = place
         observer = room.gallery.observers[number]
-        if isinstance(message, Heartbeat | Leave | Waves | State) and message.session != observer.session:
+        if isinstance(message, FROM_SEATS) and message.session != observer.session:
             self.drop("other session")
         elif isinstance(message, Heartbeat):
             observer.last_heard_ns = now_ns
             observer.clock.read(message.stamp, now_ns)
         elif isinstance(message, Leave):
             self._show_out(room, number, "goodbye", "left", f"left: {message.reason}")
-        elif isinstance(message, Waves | State):
+        elif isinstance(message, Frame):
             self.drop("observer's waves")
             reason = "an observer may not send waves: they were not applied; join with a player's link"
             self._show_out(room, number, reason, "kicked", f"was shown out: {reason}")
@@ -164,6 +168,11 @@ class ServerCore:
             room.gallery.leave(number)
             self._tell("lost", room, observer, "has been silent for too long")
         self.outbox.extend(room.tick(now_ns, frames))
+        for seat in room.seats:
+            follower = seat.follower
+            if follower is not None and follower.told:
+                self._tell("stiffness", room, seat, f"is told: {follower.told}")
+                follower.told = ""
 
     def stop(self, reason: str) -> None:
         """Tell everyone goodbye; their accounts may still come (`awaits_accounts`)."""

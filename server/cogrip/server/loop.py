@@ -8,10 +8,10 @@ import errno
 import hashlib
 import secrets
 import socket
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -19,6 +19,7 @@ from typing import Protocol
 from cogrip.protocol.channel import Address, Channel, place_text
 from cogrip.protocol.io.pacing import SPIN_NS, Pacer
 from cogrip.protocol.io.realtime import engage, release
+from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
 from cogrip.protocol.io.recorder import Recorder, open_recorder
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
@@ -31,13 +32,11 @@ from cogrip.server.gate import Buckets, Budget
 from cogrip.server.happenings import Happening
 from cogrip.server.recorded import WHO, RecordedServer, server_topics
 
-RECEIVE_BUFFER_BYTES = 1 << 20
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
 TOLD = Budget(1, 40)  # of each kind of happening that strangers can bring about
 OF_STRANGERS = ("refused", "joined", "observes", "resumed", "left", "lost")
 LOOK_EVERY = 32  # datagrams, at the clock
-SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
 
 
 class ServerChannel(Channel, Protocol):
@@ -94,7 +93,7 @@ class LiveServer:
         try:
             family = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            enlarge(self._socket)
             self._socket.bind(family[4])
         except OSError as error:
             raise _cannot_listen(self.host, self.port, error) from None
@@ -170,19 +169,11 @@ class LiveServer:
             dropped[name] = dropped.get(name, 0) + count
         if self._cut_short:
             dropped["left for the next tick"] = self._cut_short  # times that some were
-        if overrun := self._overrun():
-            dropped["socket: receive buffer full"] = overrun
+        with suppress(OSError):  # the socket is closed: what was known last stands
+            self._overran = overrun(self._socket)
+        if self._overran:
+            dropped[OVERRUN] = self._overran
         return dropped
-
-    def _overrun(self) -> int:
-        if not sys.platform.startswith("linux"):
-            return 0  # no other system says
-        try:
-            info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 4 * (DROPS + 1))
-        except OSError:  # the socket is closed: what was known last stands
-            return self._overran
-        self._overran = int.from_bytes(info[-4:], sys.byteorder) if len(info) == 4 * (DROPS + 1) else 0
-        return self._overran
 
     def _loop(self, pacers: dict[str, Pacer]) -> None:
         core, clock = self.core, time.monotonic_ns

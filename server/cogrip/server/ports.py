@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.line import LineReceiver, LineSender
-from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.line import LineReceiver
+from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.loop_meter import LoopMeter
+from cogrip.protocol.messages import Frame, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.limits import SeatLimits, StateLimiter, WaveLimiter
+from cogrip.server.power_port import PowerPort
 
 MOST_M = 1e3  # from the middle of a person's own frame
 Row = tuple[float, ...]
@@ -19,7 +22,7 @@ class WavePort:
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         axes, playout, frame_s = seat.object.axes, seat.playout, seat.rates.frame_s
         self._half_frame_s = 0.5 * frame_s
-        self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3)
+        self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment)
         self._sender = LineSender(axes, playout.redundancy)
         self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits, power_left)
         self._axes = axes
@@ -28,8 +31,9 @@ class WavePort:
         self.hand: Row | None = None  # the hand after its newest frame [m]
         self.made_j = 0.0
         self.up_margin_j: float | None = 0.0
+        self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None  # of the last second
 
-    def receive(self, message: Waves | State) -> bool:
+    def receive(self, message: Frame) -> bool:
         if not isinstance(message, Waves) or len(message.state) != 2 * self._axes:
             return False
         if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
@@ -48,10 +52,12 @@ class WavePort:
         wave = receiver.take(frames)
         self._port_j = None
         if receiver.mark is not None:
-            made_j, self._port_j, _ = receiver.mark
+            made_j, self._port_j, heard = receiver.mark
             margin = made_j - receiver.played_j
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
+            if heard and self.loops is not None:  # from a returning frame to the step that hears of its being felt
+                self.loops.add(self._sender.next_number + frames - heard)
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
@@ -91,6 +97,9 @@ class WavePort:
         """Frames that were sent and never came."""
         return self._receiver.lost
 
+    def playout_account(self) -> PlayoutAccount | None:
+        return self._receiver.playout_account()
+
     def count(self) -> LinkCount:
         return self._receiver.count()
 
@@ -103,7 +112,7 @@ class StatePort:
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         self._axes = seat.object.axes
         self._limiter = StateLimiter(seat.rates.frame_s, limits)
-        self._receiver = StateReceiver()
+        self._receiver: StateReceiver[State] = StateReceiver()
         self._number = -1
         self._row: Row = (0.0,) * (2 * self._axes)
         self._fresh = False
@@ -112,7 +121,7 @@ class StatePort:
         self.made_j = self.used_j = 0.0
         self.up_margin_j: float | None = None
 
-    def receive(self, message: Waves | State) -> bool:
+    def receive(self, message: Frame) -> bool:
         if not isinstance(message, State) or len(message.position_m) != self._axes:
             return False
         if not self._limiter.fits(message):
@@ -149,10 +158,17 @@ class StatePort:
         """Frames that were sent and never came."""
         return self._receiver.lost
 
+    def playout_account(self) -> PlayoutAccount | None:
+        return None
+
     def count(self) -> LinkCount:
         return self._receiver.count()
 
 
-Port = WavePort | StatePort
+Port = WavePort | StatePort | PowerPort
 
-PORTS: dict[str, Callable[[SeatSettings, SeatLimits, float], Port]] = {"wave": WavePort, "coupling": StatePort}
+PORTS: dict[str, Callable[[SeatSettings, SeatLimits, float], Port]] = {
+    "wave": WavePort,
+    "coupling": StatePort,
+    "tdpa": PowerPort,
+}

@@ -1,24 +1,41 @@
 """A room: one object, its seats, those who look on, and one step a frame."""
 
 from collections.abc import Callable
-from math import dist
+from math import dist, inf, isnan
+from typing import NamedTuple
 
 import numpy as np
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.channel import Address
+from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import Heartbeat
-from cogrip.protocol.session import LOST_NS, SEAT, Clock
+from cogrip.protocol.session import LOST_NS, SEAT
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
+from cogrip.server.following import StiffnessFollower
 from cogrip.server.gallery import Gallery
 from cogrip.server.gate import HELLOS, Buckets
 from cogrip.server.limits import BURST_S, Record, SeatLimits, limits_of
-from cogrip.server.ports import PORTS, Port
+from cogrip.server.ports import PORTS, Port, WavePort
 from cogrip.server.worlds.registry import make_world
+from cogrip.server.worlds.world import Row
 
+MOST_EARLIER = 8  # sittings before the last one that a seat still knows of
 RESERVED_NS = 5_000_000_000  # a restored seat is kept so long for whoever had it
+
+
+class Sitting(NamedTuple):
+    """What both ends knew of a sitting that is over; None where the client did not say."""
+
+    client: ClientAccount | None
+    seat: SeatAccount
+
+    def least_margin(self) -> float:
+        """Of what was told [J]; what is no number is the least of all."""
+        told = [self.seat.up_margin_j, self.seat.line_margin_j, self.client.down_margin_j if self.client else None]
+        return min([-inf if isnan(margin) else margin for margin in told if margin is not None], default=0.0)
 
 
 class Seat:
@@ -30,14 +47,16 @@ class Seat:
         self.session = 0
         self.address: Address = None
         self.nonce = 0
-        self.last_heard_ns = 0
+        self.last_heard_ns = self.since_ns = 0
         self.clock = Clock()
         self.rtt_ns: int | None = None  # the last round trip that was measured
         self.port: Port | None = None
+        self.follower: StiffnessFollower | None = None
         self.on_object = False
         self.line_margin_j = 0.0
         self.account: ClientAccount | None = None  # what the client said when it left
         self.last: SeatAccount | None = None  # what we knew when it left
+        self.earlier: list[Sitting] = []  # those before, oldest first
         self.ticket = ""  # mark of the ticket that opens this seat again, "" none
         self.token = ""  # public id of the token it was taken with
         self.record: Record | None = None  # of the device it was taken with
@@ -52,6 +71,14 @@ class Seat:
     def name(self) -> str:
         """Whose seat it is."""
         return self.settings.user
+
+    def close_sitting(self) -> None:
+        """Somebody sits down anew: keep what was known of the sitting before. Of too many, the most passive one is let go."""
+        if self.last is not None:
+            self.earlier.append(Sitting(self.account, self.last))
+        if len(self.earlier) > MOST_EARLIER:
+            self.earlier.remove(max(self.earlier, key=Sitting.least_margin))
+        self.account = self.last = None
 
     def step(self, event: str) -> bool:
         after = SEAT.get((self.state, event))
@@ -86,12 +113,17 @@ class Room:
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.farewell = b""
         seat.session, seat.nonce, seat.address, seat.last_heard_ns = session, nonce, address, now_ns
+        seat.since_ns = now_ns
         seat.clock, seat.rtt_ns = Clock(), None
         seat.record, seat.reserved_until_ns = record, None
         seat.port = PORTS[seat.settings.coupling.kind](seat.settings, self.limits(number), power_left)
+        seat.follower = None
+        if isinstance(seat.port, WavePort) and seat.port.loops is not None and self.world.can_follow:
+            seat.follower = StiffnessFollower(seat.settings, seat.port.loops)
+            self.world.aim(number, seat.settings.rendered_npm)
         seat.on_object = False
         seat.line_margin_j = 0.0
-        seat.account = seat.last = None
+        seat.close_sitting()
         self._port_before[number] = self.world.worked()[number]
         return seat.settings
 
@@ -126,7 +158,7 @@ class Room:
         seat.limited = self.limited(number)
         if seat.port is not None:
             seat.power_left = seat.port.power_left
-        seat.port = None
+        seat.port = seat.follower = None
         if event != "silence":
             seat.ticket = ""
         return seat.last
@@ -182,14 +214,7 @@ class Room:
                 world.position = np.zeros(world.axes)
             self.steps += 1
             return []
-        rows = []
-        for number, seat in enumerate(seats):
-            missed = frames
-            if seat.port and not seat.on_object and seat.port.origin is not None:
-                world.join(number, np.array(seat.port.origin))
-                seat.on_object = True
-                missed = 1  # nothing was missed of a line that has just begun
-            rows.append(seat.port.take(missed) if seat.port and seat.on_object else self._idle)
+        rows = self._take(frames)
         before = world.motion()[: world.axes]
         if not any(seat.on_object for seat in seats):
             world.rest()  # an object that nobody holds is put down
@@ -220,13 +245,33 @@ class Room:
             out += self.gallery.views(self.steps, world, holding, now_ns)
         return out
 
+    def _take(self, frames: int) -> list[Row]:
+        """What comes in at each seat; whose first frame is there takes hold of the object, and springs are told their aim."""
+        world = self.world
+        rows = []
+        for number, seat in enumerate(self.seats):
+            missed = frames
+            if seat.port and not seat.on_object and seat.port.origin is not None:
+                world.join(number, np.array(seat.port.origin))
+                seat.on_object = True
+                missed = 1  # nothing was missed of a line that has just begun
+            rows.append(seat.port.take(missed) if seat.port and seat.on_object else self._idle)
+            if seat.follower is not None and seat.on_object:
+                aim = seat.follower.heed()
+                if aim is not None:
+                    world.aim(number, aim)
+        return rows
+
     def seat_account(self, number: int) -> SeatAccount:
         """What is known of a seat now, or was when it was left."""
         seat = self.seats[number]
         if seat.port is None:
             return seat.last or SeatAccount((0.0,) * self.world.axes, None, None, LinkCount())
         proxy = self.world.proxy_of(number)
-        return SeatAccount(proxy, seat.port.up_margin_j, seat.line_margin_j, seat.port.count())
+        return SeatAccount(
+            proxy, seat.port.up_margin_j, seat.line_margin_j, seat.port.count(),
+            seat.port.playout_account(), rendered_npm=self.world.stiffness_of(number) if seat.on_object else None,
+        )  # fmt: skip
 
     def account(self) -> RoomAccount:
         world = self.world

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from cogrip.protocol.power import LENT_J
 from cogrip.sim.report_tables import dropped_table, people_table, room_table, settings_tables
 from cogrip.sim.traces import MOST_PEOPLE, Run, load_run
 from cogrip.sim.verdict import dig, is_number, number, verdict
@@ -110,6 +111,8 @@ def about(run: Run, first: str) -> str:
 def verdict_of(run: Run) -> str:
     """The verdict's sentences, each with its mark."""
     tank_mj = dig(run.settings, "playout", "tank_mj")
+    if dig(run.settings, "coupling", "kind") == "tdpa":
+        tank_mj = LENT_J * 1e3
     sentences = verdict(run.summary, tank_mj * 1e-3 if is_number(tank_mj) else None)
     items = "".join(
         f"<li class={tone}><span class=mark>{_MARKS[tone]}</span><span>{escape(text)}</span></li>"

@@ -7,7 +7,20 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.settings import Settings, User
-from cogrip.sim.verdict import UNKNOWN, Summary, dig, energy, name_of, number, people, share, ticks_share, vector
+from cogrip.sim.verdict import (
+    UNKNOWN,
+    Summary,
+    dig,
+    earlier,
+    energy,
+    name_of,
+    number,
+    people,
+    share,
+    sittings,
+    ticks_share,
+    vector,
+)
 
 Show = Callable[[dict[str, Any]], str]
 
@@ -22,6 +35,25 @@ def _energy(key: str) -> Show:
 
 def _both_ways(key: str) -> Show:
     return lambda user: " / ".join(number(dig(user, "link", way, key), digits=0) for way in ("up", "down"))
+
+
+def _delays(which: str) -> Show:
+    return lambda user: " / ".join(number(dig(user, "delay", way, which)) for way in ("up_ms", "down_ms"))
+
+
+def _played(key: str, digits: int = 0) -> Show:
+    """Where there are no waves nothing is played out."""
+    return lambda user: " / ".join(number(dig(user, "playout", way, key), digits=digits) for way in ("up", "down"))
+
+
+def _depths(user: dict[str, Any]) -> str:
+    ways = [dig(user, "playout", way) for way in ("up", "down")]
+    return " / ".join(
+        f"{number(dig(way, 'least_frames'), digits=0)} to {number(dig(way, 'most_frames'), digits=0)}"
+        if way
+        else UNKNOWN
+        for way in ways
+    )
 
 
 def _stiffness(key: str, missing: str) -> Show:
@@ -58,9 +90,11 @@ _ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
         "Over the run",
         (
             ("peak force", "N", _pick("peak_force_n", digits=2)),
+            ("largest force step in a tick", "N", _pick("peak_force_step_n", digits=2)),
             ("travel", "mm", _pick("travel_m", scale=1e3, digits=0)),
             ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
             ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "none")),
+            ("rendered stiffness", "N/m", _pick("rendered_npm", digits=0)),
         ),
     ),
     (
@@ -83,6 +117,21 @@ _ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
             ("pending", "", _both_ways("pending")),
             ("round trip, median", "ms", _pick("link", "rtt_ms", "p50")),
             ("round trip, 99 %", "ms", _pick("link", "rtt_ms", "p99")),
+            ("one way, median", "ms", _delays("p50")),
+            ("one way, 99 %", "ms", _delays("p99")),
+            ("server's clock beyond the client's", "ms", _pick("delay", "clock_offset_ms", digits=2)),
+            ("that is right to", "ms", _pick("delay", "uncertainty_ms", digits=2)),
+        ),
+    ),
+    (
+        "Playout, up / down",
+        (
+            ("depth, mean", "frames", _played("depth_frames", 2)),
+            ("least to most", "frames", _depths),
+            ("one frame deeper", "times", _played("repeated")),
+            ("one frame shallower", "times", _played("skipped")),
+            ("frames not there in time", "", _played("concealed")),
+            ("of them in a row, most", "", _played("longest_gap")),
         ),
     ),
 )
@@ -105,14 +154,19 @@ def _skipped(ticks: Any) -> str:
 
 def people_table(summary: Summary) -> str:
     """A column a person."""
-    users = people(summary)
+    users = sittings(people(summary))
     if not users:
         return "<p>No summary tells of them.</p>"
+    names = [
+        f"{name_of(user)}, sitting {number}" if earlier(user) else name_of(user)
+        for user in people(summary)
+        for number in range(1, len(earlier(user)) + 2)
+    ]
     rows = []
     for heading, lines in (*_ROWS, ("Loop", _LOOP)):
         rows.append(f"<tr class=group><th>{escape(heading)}</th></tr>")
         rows += [row(what, unit, [show(user) for user in users]) for what, unit, show in lines]
-    return table(["", *(name_of(user) for user in users)], rows)
+    return table(["", *names], rows)
 
 
 def room_table(summary: Summary) -> str:
@@ -167,6 +221,9 @@ def _setting(key: str, value: Any, before: Any) -> str:
     return f"<tr><th>{escape(str(key))}</th><td{mark}>{escape(plain(value))}</td></tr>"
 
 
+_WHOSE = {"device_hz": "[rates]'s", "power_w": "[admission]'s"}
+
+
 def _users(users: Sequence[dict[str, Any]]) -> str:
     usual = msgspec.to_builtins(User())
     keys = list(dict.fromkeys(key for user in users for key in user if key != "name"))
@@ -174,17 +231,17 @@ def _users(users: Sequence[dict[str, Any]]) -> str:
     rows = []
     for key in keys:
         cells = "".join(
-            f"<td{'' if user.get(key) == usual.get(key) else ' class=changed'}>{escape(plain(user.get(key)))}</td>"
+            f"<td{'' if user.get(key) == usual.get(key) else ' class=changed'}>{escape(plain(user.get(key), key))}</td>"
             for user in users
         )
         rows.append(f"<tr><th>{escape(str(key))}</th>{cells}</tr>")
     return table(["users", *(name_of(user) for user in users)], rows) if rows else ""
 
 
-def plain(value: Any) -> str:
-    """A setting as it would be written, "[coupling]'s" where a user has no value of their own."""
+def plain(value: Any, key: str = "") -> str:
+    """A setting as it would be written; where a user has no value of their own, whose it is."""
     if value is None:
-        return "[coupling]'s"
+        return _WHOSE.get(key, "[coupling]'s")
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, dict):

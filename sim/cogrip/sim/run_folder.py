@@ -71,17 +71,17 @@ def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount
 
 def summary_text(summary: dict[str, Any]) -> str:
     """The summary as JSON text: null for what is not finite, sorted as written, one trailing newline."""
-    return json.dumps(_finite(summary), indent=1, allow_nan=False) + "\n"
+    return json.dumps(finite(summary), indent=1, allow_nan=False) + "\n"
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The other end's account may hold anything that a float can be; JSON has no word for some of it."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return value
 
 

@@ -12,7 +12,7 @@ from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_recording
-from cogrip.sim.verdict import Summary, dig, energy, is_number, name_of, people, verdict, worst_margin
+from cogrip.sim.verdict import Summary, dig, energy, is_number, name_of, overdrawn, people, verdict, worst_margin
 
 _TIME = re.compile(r"\d{8}-\d{6}(?=-|$)")
 _TONES = ("good", "warn", "bad")
@@ -141,8 +141,10 @@ def _of_summary(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "warn", "passive or not is not known"
     elif said:
         yield "good", f"passive, least margin {energy(worst[0])}"
-    else:
+    elif overdrawn(people(summary), 0.0):
         yield "bad", f"not passive: {worst[1]} of {worst[2]} {energy(worst[0])}"
+    else:
+        yield "bad", "not passive as far as can be told: an energy margin is no number"
     for tone, sentence in () if diverged else verdict(summary)[2:]:  # after that nothing is as it should be
         if tone != "good":
             yield tone, f"{sentence[0].lower()}{sentence[1:].rstrip('.')}" if sentence[1:2].islower() else sentence

@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, LinkCount, Percentiles, RoomAccount, SeatAccount, TickCount
+from cogrip.protocol.accounts import (
+    ClientAccount,
+    DelayAccount,
+    LinkCount,
+    Percentiles,
+    RoomAccount,
+    SeatAccount,
+    TickCount,
+)
 from cogrip.protocol.messages import Farewell
+from cogrip.protocol.power import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
@@ -24,6 +33,7 @@ class UserRecord(msgspec.Struct, frozen=True):
     name: str
     client: ClientAccount | None
     seat: SeatAccount | None
+    earlier: tuple[UserRecord, ...] = ()  # sittings of the same user before this one, oldest first
 
 
 def summarise(
@@ -37,17 +47,22 @@ def summarise(
     dropped: Mapping[str, int],
 ) -> dict[str, Any]:
     """The summary of a run. What an end that was not heard alone knew is null."""
-    rows = [_user(user) for user in users]
-    allowance = tank_mj * 1e-3 + TOLERANCE_J
-    margins = [
-        row["energy"][key] for row in rows for key in ("up_margin_j", "down_margin_j", "line_margin_j")
-    ]  # fmt: skip
-    diverged = any(user.client.diverged for user in users if user.client) or bool(room and room.diverged)
+    rows = [{**_user(user), "earlier": [_user(before) for before in user.earlier]} for user in users]
+    sittings = [sitting for user in users for sitting in (*user.earlier, user)]
+    lent_j = tank_mj * 1e-3
+    allowed = {
+        "up_margin_j": lent_j,
+        "down_margin_j": lent_j,
+        "line_margin_j": 2.0 * lent_j,
+    }  # each direction may lend it
+    books = [sitting["energy"] for row in rows for sitting in (*row["earlier"], row)]
+    margins = [(energy[key], lent) for energy in books for key, lent in allowed.items()]
+    diverged = any(each.client.diverged for each in sittings if each.client) or bool(room and room.diverged)
     return {
         "name": name,
         "seed": seed,
         "seconds": seconds,
-        "passive": all(margin >= -allowance for margin in margins if margin is not None),
+        "passive": all(margin >= -lent - TOLERANCE_J for margin, lent in margins if margin is not None),
         "diverged": diverged,
         "object": {
             "position_m": list(room.position_m) if room else None,
@@ -66,15 +81,19 @@ def summarise(
 def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
     """The summary of a session in virtual time."""
     settings: Settings = laboratory.settings
-    ticks = laboratory.ticks()
     dropped: dict[str, int] = {**laboratory.server.dropped, **_limited(laboratory.room)}
     return summarise(
         name=settings.name,
         seed=settings.seed,
         seconds=laboratory.seconds,
-        tank_mj=settings.playout.tank_mj,
+        tank_mj=lent_mj(settings.coupling, settings.playout),
         users=[
-            UserRecord(person.name, person.core.account(ticks), laboratory.room.seat_account(number))
+            UserRecord(
+                person.name,
+                person.core.account(laboratory.ticks(number)),
+                laboratory.room.seat_account(number),
+                _earlier(laboratory.room, number),
+            )
             for number, person in enumerate(laboratory.people)
         ],
         room=laboratory.room.account(),
@@ -89,9 +108,9 @@ def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str,
         name=settings.name,
         seed=settings.seed,
         seconds=seconds,
-        tank_mj=settings.playout.tank_mj,
+        tank_mj=lent_mj(settings.coupling, settings.playout),
         users=[
-            UserRecord(seat.settings.user, seat.account, room.seat_account(number))
+            UserRecord(seat.settings.user, seat.account, room.seat_account(number), _earlier(room, number))
             for number, seat in enumerate(room.seats)
         ],
         room=room.account(),
@@ -107,7 +126,7 @@ def of_client(
         name=seat.room,
         seed=seat.seed,
         seconds=seconds,
-        tank_mj=seat.playout.tank_mj,
+        tank_mj=lent_mj(seat.coupling, seat.playout),
         users=[UserRecord(seat.user, account, farewell.seat if farewell else None)],
         room=farewell.room if farewell else None,
         dropped=dropped,
@@ -120,11 +139,17 @@ def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]
         name=settings.name,
         seed=settings.seed,
         seconds=settings.seconds,
-        tank_mj=settings.playout.tank_mj,
+        tank_mj=lent_mj(settings.coupling, settings.playout),
         users=[UserRecord(name, account, None) for name, account in accounts.items()],
         room=None,
         dropped={},
     )
+
+
+def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
+    """The sittings at a seat before the last."""
+    seat = room.seats[number]
+    return tuple(UserRecord(seat.name, sitting.client, sitting.seat) for sitting in seat.earlier)
 
 
 def _limited(room: Room) -> dict[str, int]:

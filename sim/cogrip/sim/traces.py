@@ -24,9 +24,9 @@ from cogrip.sim.records import End, RunRecords, open_run
 from cogrip.sim.run_folder import SERVER_RECORDING, SETTINGS, SUMMARY, client_recording
 
 Array = NDArray[np.float64]
-MOST_PEOPLE = 12  # that a plot shows: more are not told apart
+MOST_PEOPLE = 16  # that a plot shows: more are not told apart
 _STATE_NUMBER = {state: float(number) for number, state in enumerate(STATES)}
-_TICK_SCALARS = ("tick", "late_us", "work_us", "skipped", "rtt_ms", "lost", "work_j", "port_j")
+_TICK_SCALARS = ("tick", "late_us", "work_us", "skipped", "rtt_ms", "up_ms", "down_ms", "lost", "work_j", "port_j")
 _TICK_VECTORS = ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down", "object_m")
 _STEP_SCALARS = ("step", "late_us", "work_us", "skipped")
 _SEAT_SCALARS = ("seated", "up_margin_j", "line_margin_j", "up_used_j", "down_made_j", "lost")

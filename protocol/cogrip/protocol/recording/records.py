@@ -40,6 +40,8 @@ class Tick(Record, frozen=True, gc=False, omit_defaults=True):
     given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
     age_ticks: int = 0  # how old the sample was
+    up_ms: Number = None  # one way, as last heard of, as far as the clocks' offset is known
+    down_ms: Number = None
 
 
 class Datagram(Record, frozen=True, gc=False, omit_defaults=True):

@@ -17,7 +17,7 @@ import msgspec
 from cogrip.client.recorded import start_of
 from cogrip.devices.for_user import address_of
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings import Settings, User, resolve
+from cogrip.protocol.settings import Settings, User, rates_of, resolve
 from cogrip.sim.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]
@@ -26,7 +26,7 @@ HELLO_LENGTH = 40  # of an address in a hello: a longer one is cut there
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What a laboratory is to run: its settings, and the tick of the session with which each person begins."""
+    """What a laboratory is to run: its settings, and with which tick of the session, at their own rate, each person begins."""
 
     settings: Settings
     begins: tuple[int, ...]
@@ -53,8 +53,10 @@ def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") 
     if round(seconds * network_hz) != round(recorded.seconds * network_hz):  # else it ran as long as it should
         table["seconds"] = seconds
     settings = resolve(table, changes)
-    frame_ticks = settings.rates.device_hz // settings.rates.network_hz
-    begins = [round((start_s - first_s) * settings.rates.network_hz) * frame_ticks for start_s, _ in spans]
+    begins = [
+        round((start_s - first_s) * settings.rates.network_hz) * rates_of(settings, user).ticks_per_frame
+        for user, (start_s, _) in zip(settings.users, spans, strict=True)
+    ]
     return World(settings, tuple(begins))
 
 
