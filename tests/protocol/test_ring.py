@@ -73,9 +73,10 @@ class Interleaving(RuleBasedStateMachine):
             self.lost_before.append(before)
         else:
             self.lost += 1
-            # the rest before the ring's end that a message may have to skip is shorter than the message; the same holds
-            # for the word of what was lost before, which may be in the ring already or have to go in first
-            assert 2 * padded(size) + MARKS > self.free(), "there was room"
+            # what is in the ring and what should go in pass its end once at most, and the rest that is skipped there is shorter
+            # than the message that skipped it; the word of what was lost before may be in the ring or have to go in first
+            longest = max([size, *[len(payload) for _, _, payload in self.queue]])
+            assert padded(size) + padded(longest) + MARKS > self.free(), "there was room"
 
     @rule()
     def take_all(self) -> None:
