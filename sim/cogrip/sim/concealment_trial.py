@@ -57,6 +57,7 @@ class Setup:
     seed: int = 1
     tank_mj: float = 1.0  # of the row `tank`; the others have none
     hand: str = HAND
+    overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; those of the link are the storm's alone
 
 
 def table(setup: Setup, name: str) -> dict[str, Any]:
@@ -125,7 +126,8 @@ class Watch:
 
 def try_out(setup: Setup, name: str) -> Trial:
     """One row: a session in virtual time."""
-    settings = resolve(table(setup, name))
+    changes = {key: value for key, value in setup.overrides if name != CLEAN or not key.startswith("link.")}
+    settings = resolve(table(setup, name), changes)
     laboratory = Laboratory(settings)
     watch = Watch(laboratory, moments(setup.seconds, settings.rates.network_hz))
     laboratory.run(watch.tick, watch.frame)
