@@ -1,14 +1,7 @@
-"""Methods compared: what is measured, against known traces and theory; the same numbers whoever computes them."""
+"""Methods compared: what is measured, against known traces and theory."""
 
-import csv
-import json
 import math
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -17,14 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.settings_file import load
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import coupling_of, resolve
 from cogrip.sim.methods import cell as cells_module
 from cogrip.sim.methods import question
-from cogrip.sim.methods.cell import Job, run_cell, run_cells, run_session
+from cogrip.sim.methods.cell import run_cell, run_session
 from cogrip.sim.methods.felt import LOAD_N, balanced_loads, measure_felt
 from cogrip.sim.methods.hand import FADE_S, RestingHand, let_rest
 from cogrip.sim.methods.measures import (
@@ -50,34 +41,12 @@ from cogrip.sim.methods.method import (
     ideal_settings,
     session_settings,
 )
-from cogrip.sim.methods.page import LATEX, MARKDOWN, PLOTS, REPORT, render, write_outcome
-from cogrip.sim.methods.question import COMPARISON, Comparison, prepare, run_comparison
-from cogrip.sim.methods.table import TABLE as COLUMNS_SHOWN
-from cogrip.sim.methods.table import gather, latex, markdown, ours_failed, shown, spread, unstable, verdict
+from cogrip.sim.methods.question import prepare
+from cogrip.sim.methods.table import gather, verdict
 from cogrip.sim.methods.watch import Trace, sketch
-from cogrip.sim.run_folder import SUMMARY
 from cogrip.sim.sweep.cell import Result
-from cogrip.sim.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
-from cogrip.sim.sweep.local import LocalWorkers
 
-TWO: dict[str, Any] = {
-    "name": "two",
-    "seconds": 2.0,
-    "rates": {"device_hz": 512},
-    "users": [
-        {"name": "a", "hand": "tremor&amplitude_m=0.02"},
-        {"name": "b", "hand": "reach&amplitude_m=0.02&delay_s=0.2", "decimator": "none"},
-    ],
-}
-FREE = "push&force_n={}&start_s={}"  # a force, and a device that nobody damps: theory section 6 has free devices
-FRAME_MS = 1e3 / 128
-
-
-class InProcess:
-    """Workers of the very simplest kind."""
-
-    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
-        return map(run_cell, jobs)
+from tests.sim.compared_methods import FRAME_MS, FREE, TWO, small
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -86,12 +55,6 @@ def _felt_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(question, "FELT_SEEDS", 1)
         yield
-
-
-def small(
-    methods: Sequence[str] = ("wave", "coupling"), networks: Sequence[str] = ("wifi",), seeds: int = 2
-) -> Comparison:
-    return prepare(resolve(TWO), methods, networks, seeds)
 
 
 # Measures of known traces
@@ -432,195 +395,3 @@ def test_an_error_inside_a_session_is_its_result(monkeypatch: pytest.MonkeyPatch
     row = gather(asked, results)["rows"][0]
     assert (row["runs"], row["failed"], row["errors"]) == (0, 1, {"ArithmeticError: broken": 1})
     assert verdict(row) == "not run 1"
-
-
-# A whole comparison
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two methods, a clean link and another, two seeds, in this process."""
-    path = tmp_path_factory.mktemp("whole") / "out"
-    asked = small()
-    folder = SweepFolder(path, asked.asked, COMPARISON)
-    assert run_comparison(asked, folder, InProcess()) == asked.cells
-    write_outcome(path, asked, folder.finished)
-    return path
-
-
-def test_the_same_numbers_whoever_computes_them(whole: Path, tmp_path: Path) -> None:
-    asked = small()
-    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
-    with LocalWorkers(2, None, run_cells, asked.at_once) as workers:
-        run_comparison(asked, folder, workers)
-    assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
-
-
-def test_a_seed_changes_the_numbers(whole: Path) -> None:
-    with (whole / TABLE).open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["error"] for row in rows] == [""] * 8
-    waves = [row for row in rows if row["method"] == "wave" and row["network"] == "wifi"]
-    assert waves[0]["error_clean_n"] != waves[1]["error_clean_n"]
-
-
-def test_ours_creates_no_more_than_its_devices_leak(whole: Path) -> None:
-    with (whole / TABLE).open() as file:
-        rows = [row for row in csv.DictReader(file) if row["method"] == "wave"]
-    for row in rows:
-        assert row["passive"] == "true"
-        assert float(row["margin_mj"]) >= -1e-9
-        assert float(row["created_mj"]) <= float(row["leak_mj"]) + 1e-9
-
-
-def test_what_it_leaves(whole: Path) -> None:
-    assert {path.name for path in whole.iterdir()} == {
-        "comparison.json", CELLS, TABLE, SUMMARY, MARKDOWN, LATEX, REPORT, PLOTS,
-    }  # fmt: skip
-    drawn = {path.name for path in (whole / PLOTS).iterdir()}
-    names = {"stability", "traces", "forces", "coherence", "errors", "felt"}
-    assert drawn == {f"{name}.{suffix}" for name in names for suffix in ("png", "svg")}
-    page = (whole / REPORT).read_text()
-    assert page.count("data:image/png;base64,") == len(names)
-    assert "http" not in page.replace("http-equiv", "")
-    summary = json.loads((whole / SUMMARY).read_text())
-    assert [(row["network"], row["method"], row["runs"]) for row in summary["rows"]] == [
-        ("clean", "wave", 2), ("clean", "coupling", 2), ("wifi", "wave", 2), ("wifi", "coupling", 2),
-    ]  # fmt: skip
-    assert summary["asked"]["networks"]["wifi"]["up"]["jitter_ms"] > 0.0
-    assert summary["asked"]["networks"]["clean"]["up"]["jitter_ms"] == 0.0
-
-
-def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Path) -> None:
-    stop = Stop()
-    asked = small()
-    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
-
-    def stop_early(finished: int) -> None:
-        if finished:
-            stop.reason = "interrupted"
-
-    with LocalWorkers(1, stop, run_cells, asked.at_once) as workers:
-        run = run_comparison(asked, folder, workers, stop_early)
-    assert 0 < run < asked.cells
-    summary = gather(asked, folder.finished)
-    assert (summary["run"], summary["sessions"]) == (run, asked.cells)
-    assert "were not run: it was interrupted" in render(summary, [])
-    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
-    assert len(folder.finished) == run
-    assert run_comparison(asked, folder, InProcess()) == asked.cells - run
-    assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
-
-
-def test_another_comparison_is_not_touched(whole: Path) -> None:
-    before = {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()}
-    with pytest.raises(FolderError, match=r"holds another comparison .other seeds"):
-        SweepFolder(whole, small(seeds=3).asked, COMPARISON)
-    assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
-
-
-def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
-    """The whole parent by SIGKILL once something is finished; then the same question runs the rest alone."""
-    config = tmp_path / "two.toml"
-    config.write_text(
-        'name = "two"\nseconds = 2.0\n[rates]\ndevice_hz = 512\n[[users]]\nname = "a"\n[[users]]\nname = "b"\nhand = "hold"\n'
-    )
-    out = tmp_path / "out"
-    command = [
-        sys.executable, "-m", "cogrip.cli.main", "compare", str(config), "--profiles", "lan", "--methods", "wave",
-        "--seeds", "4", "--workers", "1", "--out", str(out),
-    ]  # fmt: skip
-    cells = out / CELLS
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        while process.poll() is None and not (cells.exists() and cells.read_text().count("\n") >= 2):
-            pass
-        os.kill(process.pid, signal.SIGKILL)
-    kept = [line for line in cells.read_text().splitlines(keepends=True) if line.endswith("\n")]
-    assert 2 <= len(kept) < 8
-    asked = prepare(load(config), ["wave"], ["lan"], 4)
-    folder = SweepFolder(out, asked.asked, COMPARISON)
-    assert run_comparison(asked, folder, InProcess()) == 8 - len(kept)
-    assert cells.read_text().splitlines(keepends=True)[: len(kept)] == kept
-    assert len(folder.finished) == 8
-
-
-# The table
-
-
-def row_of(**changes: Any) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
-        "oscillates": 0, "not_passive": 0, "felt_npm": 500.0, "asked_npm": 1000.0,
-        **{column.measure: {"median": 1.0, "worst": 2.0} for column in COLUMNS_SHOWN},
-    }  # fmt: skip
-    return {**row, **changes}
-
-
-@pytest.mark.parametrize(
-    ("changes", "words", "bad"),
-    [
-        ({}, "stable", False),
-        ({"diverged": 20, "diverged_s": {"median": 1.3, "first": 1.1}}, "diverged 20/20 at 1.3 s", True),
-        ({"oscillates": 9}, "oscillates 9/20", False),
-        ({"oscillates": 10}, "oscillates 10/20", True),
-        ({"diverged": 1, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 10, "failed": 2},
-         "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True),
-        ({"runs": 0}, "–", False),
-    ],
-)  # fmt: skip
-def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool) -> None:
-    row = row_of(**changes)
-    assert verdict(row) == words
-    assert unstable(row) == bad
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        ({"median": 1.234, "worst": 1.234}, "1.23"),
-        ({"median": 0.0123, "worst": 123.4}, "0.012 (123)"),
-        ({"median": 1e-5, "worst": 94349706.0}, "0 (9.4e7)"),
-        (None, "–"),
-    ],
-)
-def test_numbers_as_they_are_shown(value: Any, text: str) -> None:
-    assert shown(row_of(created_mj=value), COLUMNS_SHOWN[0]) == text
-
-
-def test_nobody_feels_what_is_unstable() -> None:
-    felt = next(column for column in COLUMNS_SHOWN if column.measure == "felt_error_percent")
-    value = {"median": -16.25, "worst": -20.0}
-    assert shown(row_of(felt_error_percent=value), felt) == "−16.2 (−20.0)"
-    assert shown(row_of(felt_error_percent=value, oscillates=20), felt) == "–"
-
-
-def test_spread_is_the_median_and_the_furthest_from_nothing() -> None:
-    assert spread([1.0, None, -5.0, 3.0]) == {"median": 1.0, "worst": -5.0}
-    assert spread([None, float("nan")]) is None
-
-
-@pytest.mark.parametrize(
-    ("row", "failed"),
-    [
-        (row_of(), False),
-        (row_of(diverged=1), True),
-        (row_of(not_passive=1), True),
-        (row_of(method="coupling", diverged=20, not_passive=20), False),  # that is a result
-    ],
-)
-def test_ours_alone_is_judged(row: dict[str, Any], failed: bool) -> None:
-    assert ours_failed({"rows": [row_of(), row]}) == failed
-
-
-def test_the_tables_of_a_paper(whole: Path) -> None:
-    summary = json.loads((whole / SUMMARY).read_text())
-    rows = [line for line in markdown(summary).splitlines() if line.startswith("|")]
-    assert len(rows) == 2 + 4
-    assert len({row.count("|") for row in rows}) == 1
-    text = latex(summary)
-    body = [line for line in text.splitlines() if line.endswith("\\\\")]
-    assert len(body) == 2 + 4
-    assert len({line.replace("\\&", "").count("&") for line in body}) == 1
-    assert text.count("\\midrule") == 2
-    assert "[\\%]" in text
-    assert "−" not in text

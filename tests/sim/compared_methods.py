@@ -1,0 +1,34 @@
+"""Settings and workers for tests of compared methods."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from cogrip.protocol.settings import resolve
+from cogrip.sim.methods.cell import Job, run_cell
+from cogrip.sim.methods.question import Comparison, prepare
+from cogrip.sim.sweep.cell import Result
+
+TWO: dict[str, Any] = {
+    "name": "two",
+    "seconds": 2.0,
+    "rates": {"device_hz": 512},
+    "users": [
+        {"name": "a", "hand": "tremor&amplitude_m=0.02"},
+        {"name": "b", "hand": "reach&amplitude_m=0.02&delay_s=0.2", "decimator": "none"},
+    ],
+}
+FREE = "push&force_n={}&start_s={}"  # a force, and a device that nobody damps: theory section 6 has free devices
+FRAME_MS = 1e3 / 128
+
+
+class InProcess:
+    """Workers of the very simplest kind."""
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+        return map(run_cell, jobs)
+
+
+def small(
+    methods: Sequence[str] = ("wave", "coupling"), networks: Sequence[str] = ("wifi",), seeds: int = 2
+) -> Comparison:
+    return prepare(resolve(TWO), methods, networks, seeds)
