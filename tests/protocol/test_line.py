@@ -23,7 +23,7 @@ TOLERANCE = 1e-12
 class HoldLast(LineReceiver):
     """What most implementations do in a gap: hold the last wave."""
 
-    def _fill(self, fades: Frame) -> tuple[Frame, Frame]:
+    def _fill(self, fades: Frame, late: Frame | None, silent: bool) -> tuple[Frame, Frame]:
         return self._last, fades
 
 

@@ -40,8 +40,8 @@ def test_the_best_is_lowest_in_every_row_and_the_others_fail_where_they_should()
     for key in ("peak_n", "step_n", "law_peak_n", "law_step_n"):
         assert all(getattr(best, key) < getattr(rows[name], key) for name in ("zero", "repaid", "tank"))
         assert getattr(rows[CLEAN], key) <= getattr(best, key)
-    assert best.law_step_n < 0.25 * zero.law_step_n
-    assert best.law_step_n < 0.5
+    assert best.law_step_n < 0.5 * zero.law_step_n
+    assert best.step_n < 0.41  # safety lets a gap change the force by 0.4 N a tick
     assert max(drifts_mm(best, rows[CLEAN])) < MOST_DRIFT_MM
     assert max(drifts_mm(zero, rows[CLEAN])) > 10.0
 

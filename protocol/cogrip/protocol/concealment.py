@@ -35,7 +35,7 @@ FASTEST = 0.1  # sqrt(W): p where paying costs energy
 PATIENCE = 1.0 / 64.0  # of what an end has taken for played, that is paid like any debt from then on
 LEAST_SHARE = 0.4  # of sqrt(b), at an end whose wave is missing
 WHOLE = 0.99  # a quality above this is 1
-STOCK = 8.0  # frames like the largest of late that are kept in the bank for the next gap: a fade takes 7.4
+STOCK = 8.0  # frames of BASE_HZ like the largest of late that are kept in the bank for the next gap: a fade takes 7.4
 SKIM = 0.2  # of a wave, as long as there is less than that
 FORGETTING = 1.0 / 128.0  # of the largest wave of late, in one frame
 
@@ -46,8 +46,12 @@ class Concealment(Protocol):
     quality: float  # how much of the wave played now is known, 1 to 0
     least_share: float  # of sqrt(b) that an end keeps at quality 0
 
-    def fill(self, last: Row, room: Row) -> list[float]:
-        """x: in place of a frame that is not there. last: what was played before; |x| is at most `room`."""
+    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
+        """x: in place of a frame that is not there. last: what was played before; |x| is at most `room`.
+
+        late: the newest wave there is, where that has come now and too late.
+        silent: no newer frame than the missing one is known.
+        """
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
         """p: to add to the row, which stands for a missing frame in a `gap`. (w + p)^2 - w^2 is kept within `bank`."""
@@ -64,7 +68,7 @@ class Zero:
     def __init__(self, axes: int, frame_s: float) -> None:
         self._zero = [0.0] * axes
 
-    def fill(self, last: Row, room: Row) -> list[float]:
+    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
         return self._zero
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
@@ -84,7 +88,7 @@ class Repaid(Zero):
 class Tank(Repaid):
     """The last wave fades out through a gap."""
 
-    def fill(self, last: Row, room: Row) -> list[float]:
+    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
         return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, room, strict=True)]
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
@@ -105,6 +109,7 @@ class Elastic:
         self.quality = 1.0
         self.least_share = LEAST_SHARE
         self._fade = LINGER**frames
+        self._stock = STOCK / frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._paying = min(1.0, PAYING * frames)
         self._gaining = min(1.0, GAINING * frames)
@@ -116,17 +121,18 @@ class Elastic:
         self._low = [True] * axes  # the stock is being laid by
         self._apart = False  # the last frame was none
 
-    def fill(self, last: Row, room: Row) -> list[float]:
+    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
         out = []
         share = 1.0
-        for wave, added, most in zip(last, self._added, room, strict=True):
-            value = self._fade * (wave - added)
+        steady = [self._fade * (wave - added) for wave, added in zip(last, self._added, strict=True)]
+        for value, most in zip(late or steady, room, strict=True):
             size = abs(value)
             if size > most:
                 share = min(share, most / size)
                 value = most if value > 0.0 else -most
             out.append(value)
-        self.quality *= self._fade * share
+        if silent and late is None:  # what comes, if too late, says that there is somebody: no reason to yield
+            self.quality *= self._fade * share
         return out
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
@@ -138,7 +144,7 @@ class Elastic:
             owed, waits, have = debt[axis], held[axis], bank[axis]
             square = value * value
             self._top[axis] = top = max(square, self._top[axis] * self._keeping)
-            stock = STOCK * top
+            stock = self._stock * top
             low = self._low[axis] = have < (stock if self._low[axis] else 0.5 * stock)
             if low:
                 target = 0.0 if gap else -SKIM * value

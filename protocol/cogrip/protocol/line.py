@@ -20,7 +20,9 @@ from cogrip.protocol.concealment import CONCEALMENTS, Concealed
 from cogrip.protocol.line_sender import Frame
 from cogrip.protocol.playout import PLAY, REPEAT, Frames, make_playout
 
-FURTHEST_JUMP = 1 << 12  # frames; a number further ahead of the playout than this is no frame of this session
+FURTHEST_JUMP = (
+    1 << 14
+)  # frames, 16 s at the highest rate there is use for; a number further ahead is none of this session
 HISTORY = 1024  # frames for which the receiver still knows what it had played
 
 Mark = tuple[float, float, int]  # the sender's books up to a frame: made_j, port_j, heard
@@ -57,7 +59,8 @@ class LineReceiver:
         self._spent = list(self._zero)  # what repayment has added to the squares played
         self._last = self._zero
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
-        self._disturbed = tank_j > 0.0  # something is or may be owed: a clean line never asks the concealment
+        self._disturbed = False  # something is or may be owed: a clean line never asks the concealment
+        self._late_wave: Frame | None = None  # the newest there is, come too late
 
         self._fresh = False
         self._sent = self._received = self._applied = self._late = self._duplicate = 0
@@ -91,9 +94,8 @@ class LineReceiver:
         self._seen[slot] = newest
         cursor = 0 if self._cursor is None else self._cursor
         if newest > self._newest:
-            self._disturbed |= 0 <= self._newest < newest - 1  # a datagram is missing: a frame may be, soon
-            self._newest = newest
-            self._fresh = True
+            self._newest, self._fresh = newest, True
+            self._late_wave = waves[-axes:] if newest < cursor else None
         waiting, missing = self._waiting, self._missing
         learns = self._learns and self._cursor is not None
         number = first
@@ -142,11 +144,11 @@ class LineReceiver:
         number = self._cursor
         assert number is not None
         move = self._playout.decide(self._newest - number, number in self._waiting, self._fresh)
-        self._fresh = False
+        late, self._late_wave, self._fresh = self._late_wave, None, False
         self.gap = move == REPEAT
         if move != PLAY:
             if self.gap:
-                return self._bridge(number)
+                return self._bridge(number, late)
             self._pass_over()
             number += 1
         frame = self._waiting.pop(number, None)
@@ -158,7 +160,7 @@ class LineReceiver:
             frame = self._zero
             if number >= 0:
                 self._miss(number)
-                frame, fades = self._fill(fades)
+                frame, fades = self._fill(fades, late, self._newest < number)
         self._advance(number, frame, fades)
         played = self._play(frame)
         self.mark = self._marks.pop(number, None)
@@ -252,17 +254,17 @@ class LineReceiver:
             bank.append(max(0.0, min(self._lost_square[axis] - spent, self._allowance(axis, fades))))
         return debt, bank
 
-    def _fill(self, fades: Frame) -> tuple[Frame, Frame]:
+    def _fill(self, fades: Frame, late: Frame | None, silent: bool) -> tuple[Frame, Frame]:
         """In place of a frame that is not there: what the concealment says, as far as bank and tank lend it."""
         room = [sqrt(max(0.0, self._allowance(axis, fades))) for axis in range(self._axes)]
-        frame = [
-            max(-most, min(most, x)) for x, most in zip(self._concealment.fill(self._last, room), room, strict=True)
-        ]
+        filled = self._concealment.fill(self._last, room, late, silent)
+        frame = [max(-most, min(most, x)) for x, most in zip(filled, room, strict=True)]
         return tuple(frame), tuple([book + x * x for book, x in zip(fades, frame, strict=True)])
 
-    def _bridge(self, number: int) -> Frame:
+    def _bridge(self, number: int, late: Frame | None) -> Frame:
         """A take that no frame belongs to: filled as well, but what it plays is owed by the sender."""
-        frame, _ = self._fill(self._history[number % HISTORY][2] if number >= 0 else self._zero)
+        fades = self._history[number % HISTORY][2] if number >= 0 else self._zero
+        frame, _ = self._fill(fades, late, self._newest < number)
         for axis, value in enumerate(frame):
             self._repaid[axis] += value
             self._spent[axis] += value * value

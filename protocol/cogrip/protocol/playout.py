@@ -20,6 +20,7 @@ PLAY = 0
 REPEAT = 1  # let this take pass without a frame
 SKIP = -1  # pass over one frame, and play the next one
 
+LATE_RUN = 16  # takes at which all that came was too late, before a fixed playout waits
 REALIGN_WINDOW = 128  # fresh datagrams that must agree before a fixed playout moves by one frame
 
 LEAST_WEIGHT = 4.0  # frames
@@ -60,6 +61,7 @@ class FixedPlayout:
         self.repeated = self.skipped = 0
         self._seen = 0
         self._low = self._high = 0
+        self._run = 0  # takes with newer frames, none of which came in time
 
     def begin(self, in_hand: int) -> int:
         """How many frames behind the newest one playing begins; in_hand: so many older ones are there."""
@@ -71,11 +73,17 @@ class FixedPlayout:
     def decide(self, lead: int, here: bool, fresh: bool) -> int:
         """When all of a window came earlier, or later, than the playout assumes, move one frame.
 
+        Where a whole run came too late to be played at all, one at each take until some are in time again.
+
         lead: newest frame heard of less the one that is due; here: whether that one is there; fresh: whether a newer frame
         than any before has come since the last call.
         """
         if not fresh:
             return PLAY
+        self._run = self._run + 1 if lead < 0 else 0
+        if self._run > LATE_RUN:
+            self.repeated += 1
+            return REPEAT
         if not self._seen:
             self._low = self._high = lead
         elif lead < self._low:

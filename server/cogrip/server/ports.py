@@ -80,8 +80,10 @@ class WavePort:
     def put(self, row: Row) -> None:
         self._sender.push(row)
         self._limiter.book(row)
+        square = 0.0  # of all axes first, as the receiver adds them: else rounding alone would make a margin
         for value in row:
-            self.made_j += value * value * self._half_frame_s
+            square += value * value
+        self.made_j += square * self._half_frame_s
 
     def port_in_j(self) -> float | None:
         """Energy that had gone in at the client's port up to the frame just taken, where that is known."""
