@@ -337,3 +337,14 @@ def test_predicted_stiffness_counts_the_papers_lagged_force() -> None:
     assert passive.predicted_stiffness(1.0) == pytest.approx(836.6, abs=0.05)
     assert paper.predicted_stiffness(3.0) == pytest.approx(passive.predicted_stiffness(1.0))
     assert seat_settings(resolve({"coupling": {"kind": "coupling"}}), 0).predicted_stiffness(1.0) is None
+
+
+def test_another_network_by_name_takes_the_files_own_away_and_what_is_given_beside_it_stays() -> None:
+    """Else `--set link.profile=satellite` on a file with 20 ms would be a satellite of 20 ms."""
+    file = {"link": {"delay_ms": 20.0, "up": {"loss": 0.5}}}
+    satellite = resolve({"link": {"profile": "satellite"}}).link
+    assert resolve(file, {"link.profile": "satellite"}).link.direction("up") == satellite.direction("up")
+    beside = resolve(file, {"link.loss": 0.25, "link.profile": "satellite"}).link.direction("up")
+    assert beside == msgspec.structs.replace(satellite.direction("up"), loss=0.25)
+    own = resolve({"link": {"profile": "satellite", "delay_ms": 20.0}}).link.direction("up")
+    assert own == msgspec.structs.replace(satellite.direction("up"), delay_ms=20.0), "in one file the key stands above"

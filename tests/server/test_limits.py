@@ -134,14 +134,46 @@ def state(number: int, place: float, speed: float = 0.0) -> State:
     return State(1, number, (place,), (speed,), 0.0, 0, Stamp(1))
 
 
+def believes(bound: StateLimiter, told: State) -> bool:
+    """As a port does, whose receiver takes it."""
+    fits = bound.fits(told)
+    if fits:
+        bound.took(told)
+    return fits
+
+
+def test_numbers_that_run_ahead_of_the_servers_steps_give_no_further_reach() -> None:
+    """Ten states a step, numbered 256 apart: on the whole no faster than the record says, after the first two seconds."""
+    bound = StateLimiter(FRAME_S, SeatLimits(speed_mps=1.28))
+    place, number = 0.0, 0
+    assert believes(bound, state(0, 0.0))
+    for _ in range(1280):
+        for _ in range(10):
+            number += 256
+            further = place + 0.01 * 0.999
+            if believes(bound, state(number, further)):
+                place = further
+        bound.step(1)
+    assert place <= 0.01 * (1280 * 1.01 + round(MOST_S / FRAME_S))
+    assert bound.counts["state out of bounds"] > 0
+
+
+def test_a_state_that_is_not_received_does_not_move_the_bound() -> None:
+    bound = StateLimiter(FRAME_S, SeatLimits(speed_mps=1.28))
+    assert believes(bound, state(0, 0.0))
+    assert bound.fits(state(2**53, 0.009))  # too far ahead for a receiver
+    assert not bound.fits(state(1, 0.011))
+    assert believes(bound, state(1, 0.009))
+
+
 def test_states_of_a_coupled_hand_are_judged_by_its_speed() -> None:
     bound = StateLimiter(FRAME_S, SeatLimits(speed_mps=1.28))  # 10 mm a frame
-    assert bound.fits(state(0, 0.3, 1.28))
-    assert bound.fits(state(1, 0.3099))
-    assert not bound.fits(state(2, 0.32001 + 1e-9))
-    assert bound.fits(state(3, 0.3298))  # two frames after the last that was believed
-    assert not bound.fits(state(4, 0.3298, -1.281))
-    assert bound.fits(state(2, 9.0))  # too late to be applied, so not judged by its place
+    assert believes(bound, state(0, 0.3, 1.28))
+    assert believes(bound, state(1, 0.3099))
+    assert not believes(bound, state(2, 0.32001 + 1e-9))
+    assert believes(bound, state(3, 0.3298))  # two frames after the last that was believed
+    assert not believes(bound, state(4, 0.3298, -1.281))
+    assert believes(bound, state(2, 9.0))  # too late to be applied, so not judged by its place
     assert bound.counts == {"state out of bounds": 2}
     assert StateLimiter(FRAME_S, SeatLimits()).fits(state(0, 1e3, 1e4))
 
@@ -151,8 +183,8 @@ def test_how_far_a_hand_may_have_gone_in_silence_is_the_same_at_every_rate(netwo
     """Two seconds at its speed, however many frames that are."""
     for metres, fits in ((MOST_S * 1.28, True), (MOST_S * 1.28 * 1.001, False)):
         bound = StateLimiter(1.0 / network_hz, SeatLimits(speed_mps=1.28))
-        assert bound.fits(state(0, 0.0, 0.0))
-        assert bound.fits(state(10 * network_hz, metres, 0.0)) is fits
+        assert believes(bound, state(0, 0.0, 0.0))
+        assert believes(bound, state(10 * network_hz, metres, 0.0)) is fits
 
 
 @pytest.mark.parametrize(("network_hz", "views"), [(32, 32), (48, 24), (64, 32), (128, 32), (1000, 31), (1024, 32)])

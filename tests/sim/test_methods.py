@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.settings import coupling_of, resolve
+from cogrip.protocol.settings import coupling_of, rates_of, resolve
 from cogrip.sim.methods import cell as cells_module
 from cogrip.sim.methods import question
 from cogrip.sim.methods.cell import run_cell, run_session
@@ -236,6 +236,21 @@ def test_a_name_there_is_not(asked: str, words: str) -> None:
 def test_what_cannot_be_compared(change: dict[str, Any], words: str) -> None:
     with pytest.raises(ChoiceError, match=words):
         prepare(resolve({**TWO, **change}), ["wave"], ["lan"], 1)
+
+
+@pytest.mark.parametrize(("rates_hz", "common_hz"), [((2048, 2048), 2048), ((1024, 1536), 512), ((None, 1536), 512)])
+def test_the_ideal_is_at_a_rate_that_everybody_has(rates_hz: tuple[int | None, int], common_hz: int) -> None:
+    base = msgspec.to_builtins(resolve({**TWO, "rates": {"device_hz": 1024}}))
+    for user, rate_hz in zip(base["users"], rates_hz, strict=True):
+        user["device_hz"] = rate_hz
+    ideal = ideal_settings(base, 1)
+    assert ideal.rates.network_hz == common_hz
+    assert [rates_of(ideal, user).device_hz for user in ideal.users] == [rate_hz or 1024 for rate_hz in rates_hz]
+
+
+def test_a_tremors_seed_may_be_written_as_a_number_with_a_point() -> None:
+    base = msgspec.to_builtins(resolve({**TWO, "users": [{"name": "a", "hand": "tremor&seed=3.0"}]}))
+    assert session_settings(base, "wave", CLEAN, 1).users[0].hand == f"tremor&seed={(3 * 65_536 + 1) * 256}"
 
 
 def test_too_few_and_too_many_seeds() -> None:

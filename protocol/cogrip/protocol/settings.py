@@ -182,6 +182,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
     """Settings from a TOML table and `--set` overrides ({"coupling.stiffness_npm": 500.0}). Raises SettingsError."""
     merged = copied(table)
+    if "link.profile" in (overrides or {}):  # another network: nothing of the one in the file stands above it
+        merged.pop("link", None)
     for key, value in (overrides or {}).items():
         override(merged, key, value, ONLY_USER)
     refuse_unknown(merged, Settings)

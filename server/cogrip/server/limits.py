@@ -20,6 +20,7 @@ from cogrip.protocol.settings import Settings
 BURST_S = 0.25  # of the power a seat may bring in at once
 
 MOST_S = 2.0  # between two states, in which a hand may have moved
+FASTER = 1.01  # a sender whose clock is so much faster than ours is believed
 Row = tuple[float, ...]
 
 
@@ -181,7 +182,12 @@ class StateLimiter:
         self._most_frames = round(MOST_S / frame_s)
         self._speed_mps = limits.speed_mps
         self._last: State | Power | None = None
+        self._frames_left = float(self._most_frames)  # that a hand may have moved for, by the server's own steps
         self.counts: dict[str, int] = {}
+
+    def step(self, frames: int) -> None:
+        """The server has made a step: so many frames have passed, whatever numbers somebody gives to states."""
+        self._frames_left = min(float(self._most_frames), self._frames_left + FASTER * frames)
 
     def fits(self, state: State | Power) -> bool:
         """States that come late are not judged by where they stand: they are not applied."""
@@ -193,10 +199,16 @@ class StateLimiter:
         reach = inf
         if last is not None and state.number > last.number:
             moved = sum([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
-            reach = speed * self._frame_s * min(self._most_frames, state.number - last.number)
+            reach = speed * self._frame_s * min(self._frames_left, state.number - last.number)
         if square > speed * speed or moved > reach * reach:
             self.counts["state out of bounds"] = self.counts.get("state out of bounds", 0) + 1
             return False
-        if last is None or state.number > last.number:
-            self._last = state
         return True
+
+    def took(self, state: State | Power) -> None:
+        """A state that fits was received: the next one is judged from here."""
+        if self._last is None:
+            self._last = state
+        elif state.number > self._last.number:
+            self._frames_left = max(0.0, self._frames_left - (state.number - self._last.number))
+            self._last = state

@@ -128,10 +128,13 @@ class StatePort:
             return False
         if not self._limiter.fits(message):
             return True  # counted there
+        if not self._receiver.receive(message):
+            return False
+        self._limiter.took(message)
         self.hand = message.position_m
         if self.origin is None:
             self.origin = message.position_m
-        return self._receiver.receive(message)
+        return True
 
     @property
     def limited(self) -> dict[str, int]:
@@ -139,6 +142,7 @@ class StatePort:
         return self._limiter.counts
 
     def take(self, frames: int) -> Row:
+        self._limiter.step(frames)
         self._fresh = self._receiver.take()
         if self._receiver.latest:
             return self._receiver.latest.position_m + self._receiver.latest.velocity_mps

@@ -47,6 +47,7 @@ class PowerPort:
             return True  # counted there
         if not self._receiver.receive(message):
             return False
+        self._states.took(message)
         self.hand = message.position_m
         if self.origin is None:
             moved = [speed * self._frame_s for speed in message.velocity_mps]
@@ -56,6 +57,7 @@ class PowerPort:
     def take(self, frames: int) -> Row:
         """An axis after the other: where the proxy is to be [m], how it is to go there [m/s], what may come out [J], and how
         much of what it should have at least, of 1, the client has to take."""
+        self._states.step(frames)
         self._fresh = self._receiver.take()
         newest = self._receiver.latest
         assert newest is not None  # the seat is on the object since its first message

@@ -122,7 +122,8 @@ def _passive(summary: Summary, tank_j: float | None) -> tuple[str, str]:
     if not said:
         return "bad", f"Not passive: the {where} gave out {energy(-margin_j)} more than had been put in.{lent}"
     if margin_j < -_ROUNDING_J:
-        return "good", f"Passive: the {where} was {energy(-margin_j)} ahead at most, which its tank had lent.{lent}"
+        lender = "its tank" if tank_j else "its passivity controller, E(0),"
+        return "good", f"Passive: the {where} was {energy(-margin_j)} ahead at most, which {lender} had lent.{lent}"
     return (
         "good",
         f"Passive: no line ever gave out more energy than had been put in (least margin {energy(margin_j)}).{lent}",

@@ -91,11 +91,17 @@ def ideal_settings(base: Mapping[str, Any], seed: int) -> Settings:
     table = copied(base)
     table["link"] = {}
     settings = resolve(table)
+    rates = [rates_of(settings, user).device_hz for user in settings.users]
+    common_hz = gcd(*rates)
+    if common_hz != settings.rates.device_hz:
+        for user, rate_hz in zip(table["users"], rates, strict=True):
+            user["device_hz"] = rate_hz
     overrides = {
         "coupling.kind": "coupling",
         "coupling.server_step": "passive",
         "coupling.compensate": False,
-        "rates.network_hz": gcd(*(rates_of(settings, user).device_hz for user in settings.users)),
+        "rates.device_hz": common_hz,
+        "rates.network_hz": common_hz,
     }
     _seed(table, seed)
     _drop_own(table, overrides)
@@ -125,7 +131,7 @@ def _trembling(address: str, seed: int, number: int) -> str:
     items = query.split("&")
     if not any(item in ("tremor", "hand=tremor") for item in items):
         return address
-    own = next((int(item.removeprefix("seed=")) for item in items if item.startswith("seed=")), 0)
+    own = next((int(float(item.removeprefix("seed="))) for item in items if item.startswith("seed=")), 0)
     kept = [item for item in items if not item.startswith("seed=")]
     return f"{name}{mark}{'&'.join([*kept, f'seed={(own * 65_536 + seed) * 256 + number}'])}"
 

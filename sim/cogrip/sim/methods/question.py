@@ -105,24 +105,27 @@ def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str],
             f"judged there; give at least {2.0 * LEAST_REST_S:g}"
         )
     rest_s = settings.seconds - min(MOST_REST_S, max(LEAST_REST_S, REST_SHARE * settings.seconds))
+    networks = (CLEAN, *(name for name in networks if name != CLEAN))
+    sessions = len(methods) * len(networks) * seeds
+    if sessions > MOST_SESSIONS:
+        raise ChoiceError(f"{sessions} sessions are more than {MOST_SESSIONS}: give fewer seeds, methods or profiles")
     asked = Comparison(
         msgspec.to_builtins(settings),
         tuple(methods),
-        (CLEAN, *(name for name in networks if name != CLEAN)),
+        networks,
         tuple(range(settings.seed, settings.seed + seeds)),
         rest_s,
     )
-    if asked.cells > MOST_SESSIONS:
-        raise ChoiceError(
-            f"{asked.cells} sessions are more than {MOST_SESSIONS}: give fewer seeds, methods or profiles"
-        )
     for method in asked.methods:
         for network in asked.networks:
             try:
                 session_settings(asked.base, method, network, asked.seeds[0])
             except SettingsError as error:
                 raise ChoiceError(f"{method} on {network}: {error}") from None
-    ideal_settings(asked.base, asked.seeds[0])
+    try:
+        ideal_settings(asked.base, asked.seeds[0])
+    except SettingsError as error:
+        raise ChoiceError(f"the object in the hands, without a network: {error}") from None
     return asked
 
 
