@@ -131,9 +131,17 @@ class Elastic:
                 share = min(share, most / size)
                 value = most if value > 0.0 else -most
             out.append(value)
-        if silent and late is None:  # what comes, if too late, says that there is somebody: no reason to yield
+        if late is not None:  # what comes, if too late, says that there is somebody: no reason to yield
+            self._recover()
+        elif silent:
             self.quality *= self._fade * share
         return out
+
+    def _recover(self) -> None:
+        if self.quality < 1.0:
+            self.quality += self._smoothing * (1.0 - self.quality)
+            if self.quality > WHOLE:
+                self.quality = 1.0
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
         smoothing, held, added = self._smoothing, self._held, self._added
@@ -165,10 +173,8 @@ class Elastic:
                 if pay * waits > 0.0:
                     waits = waits - pay if abs(pay) < abs(waits) else 0.0
                 held[axis] = waits * self._kept
-        if not gap and self.quality < 1.0:
-            self.quality += smoothing * (1.0 - self.quality)
-            if self.quality > WHOLE:
-                self.quality = 1.0
+        if not gap:
+            self._recover()
         return added
 
     def forgo(self, row: Row) -> None:

@@ -153,8 +153,9 @@ def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
     """What stands under the table."""
     seeds = len(summary["asked"]["seeds"])
     return (
-        f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, encoders included; peak, "
-        "step: largest force, and largest change of it in one tick; views: distance of what two people are told of the object, "
+        f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, "
+        "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance of what two "
+        "people are told of the object, "
         "rms and max over time; rest: distance left between hands that hold still at the end; felt: stiffness felt under a "
         "static load against the K asked for; to clean, to ideal: rms force difference to the same method on a clean link, and "
         "to the object directly in the hands."
