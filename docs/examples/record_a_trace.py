@@ -3,50 +3,75 @@
 python docs/examples/record_a_trace.py RUN PERSON up|down > trace.csv
 
 RUN holds the recordings of both ends (`cogrip merge` brings those of several machines together). A datagram is known
-again by its bytes: each has a stamp of its own. Of copies the first counts; what never came is lost.
+again by its bytes: each has a stamp of its own. Of copies the first counts; what never came is lost, but for what was sent
+after the newest that came: it was under way when the recording ended.
 """
 
 import sys
 
-from cogrip.protocol.messages import MalformedError, State, Waves, decode
+from cogrip.protocol.messages import MalformedError, Power, State, Waves, decode
+from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.records import open_run
+
+USAGE = "usage: record_a_trace.py RUN PERSON up|down"
+
+
+class NoTraceError(Exception):
+    """What was asked for cannot be had. The text says why."""
 
 
 def trace(folder: str, person: str, way: str) -> list[tuple[float, float | None]]:
-    """(t_s, delay_ms) of each wave or state that was sent, delay_ms None where it was lost."""
+    """(t_s, delay_ms) of each frame's datagram that was sent, delay_ms None where it was lost. Raises NoTraceError."""
+    if way not in ("up", "down"):
+        raise NoTraceError(f"{way!r} is no way: up is from the client to the server, down is back")
     run = open_run(folder)
+    if person not in run.clients:
+        raise NoTraceError(f"{folder}: no recording of {person!r}; there is: {', '.join(run.clients) or 'nobody'}")
+    if run.server is None:
+        raise NoTraceError(f"{folder}: no recording of the server; bring both together by `cogrip merge`")
     client, server = run.clients[person], run.server
-    if server is None:
-        raise SystemExit(f"{folder}: there is no recording of the server; bring both together by `cogrip merge`")
     sender, receiver = (client, server) if way == "up" else (server, client)
     came: dict[bytes, float] = {}
     for time_s, datagram in receiver.records("datagram_in"):
         came.setdefault(datagram.data, time_s)
-    session = session_of(client)
+    session = next((message.session for _, _, message in frames(client)), None)  # the first that this person was in
     rows: list[tuple[float, float | None]] = []
-    for time_s, datagram in sender.records("datagram_out"):
+    known = 0  # rows up to the newest that came
+    for time_s, data, message in frames(sender):
+        if message.session == session and (not rows or time_s > rows[-1][0]):
+            at_s = came.get(data)
+            rows.append((time_s, None if at_s is None else max(0.0, (at_s - time_s) * 1e3)))
+            known = known if at_s is None else len(rows)
+    if not known:
+        raise NoTraceError(f"{folder}: nothing of {person} {way} arrived, so that there is no delay")
+    return rows[:known]
+
+
+def frames(end):
+    """(time_s, bytes, message) of what this end sent once a frame."""
+    for time_s, datagram in end.records("datagram_out"):
         try:
             message = decode(datagram.data)
         except MalformedError:
             continue
-        if isinstance(message, Waves | State) and message.session == session and (not rows or time_s > rows[-1][0]):
-            at_s = came.get(datagram.data)
-            rows.append((time_s, None if at_s is None else max(0.0, (at_s - time_s) * 1e3)))
-    return rows
+        if isinstance(message, Waves | State | Power):
+            yield time_s, datagram.data, message
 
 
-def session_of(client) -> int:
-    """The session this person's seat was in first."""
-    return next(
-        message.session
-        for _, each in client.records("datagram_out")
-        if isinstance(message := decode(each.data), Waves | State)
-    )
-
-
-if __name__ == "__main__":
-    rows = trace(*sys.argv[1:4])
+def main(arguments: list[str]) -> int:
+    try:
+        if len(arguments) != 3:
+            raise NoTraceError(USAGE)
+        rows = trace(*arguments)
+    except (NoTraceError, RecordingError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
     begin_s = rows[0][0]
     print("t_s,delay_ms")
     for time_s, delay_ms in rows:
         print(f"{time_s - begin_s:.9f},{'' if delay_ms is None else f'{delay_ms:.3f}'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

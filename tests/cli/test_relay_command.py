@@ -1,10 +1,25 @@
 """`cogrip relay`: what is said of a wrong flag, and that flags and files reach the link."""
 
+import contextlib
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
+
+from cogrip.cli.relay import PIPED_WIDTH, WIDTH, _table
+from cogrip.protocol.channel import place_text
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.link_profile import Link
+from cogrip.sim.configured_link import configured_link
+from cogrip.sim.io.relay_loop import LiveRelay
+from cogrip.sim.relay import Relay
 
 from tests.cli.spoiled_runs import Cogrip
 
@@ -32,7 +47,8 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ((*TO, "--set", "coupling.kind=wave"), "--set coupling.kind=wave: the relay takes keys of [link] only"),
         ((*TO, "--set", "link.los=0.1"), "link.los: there is no such setting; did you mean link.loss?"),
         ((*TO, "--set", "link.outage_s=1"), "link.up.outage_s = 1: link.up.outage_every_s"),
-        ((*TO, "--up-trace", "none.csv"), "none.csv: cannot be read: No such file or directory"),
+        ((*TO, "--up-trace", "none.csv"), "--up-trace none.csv: cannot be read: No such file or directory"),
+        ((*TO, "--down-trace", "none.csv"), "--down-trace none.csv: cannot be read: No such file or directory"),
         ((*TO, "--outages", "none.csv"), "--outages none.csv: cannot be read: No such file or directory"),
         (("file.toml", *TO, "--profile", "lan"), "--profile and a settings file exclude each other"),
         (("none.toml", *TO), "none.toml: there is no such file"),
@@ -51,10 +67,92 @@ def test_a_port_in_use_and_itself_are_refused(cogrip: Cogrip) -> None:
         code, _, said = cogrip("relay", "--to", "127.0.0.1:9", "--listen", f"127.0.0.1:{port}")
         assert code == 1
         assert f"cannot listen on 127.0.0.1:{port}: Address already in use; choose another port" in said
-    for listen in ("127.0.0.1", "0.0.0.0"):
-        code, _, said = cogrip("relay", "--to", f"127.0.0.1:{port}", "--listen", f"{listen}:{port}")
+    places = [("127.0.0.1", "127.0.0.1"), ("127.0.0.1", "0.0.0.0"), ("0.0.0.0", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
+    places += [("0.0.0.0", here) for here in _own_addresses()]
+    for listen, to in places:
+        code, _, said = cogrip("relay", "--to", f"{to}:{port}", "--listen", f"{listen}:{port}")
         assert code == 2
-        assert f"--to 127.0.0.1:{port} is where the relay itself listens" in said
+        assert f"--to {to}:{port} is where the relay itself listens" in said
+
+
+def _own_addresses() -> list[str]:
+    """By which this machine reaches others, if it does; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            return []
+        return [probe.getsockname()[0]]
+
+
+@pytest.mark.parametrize(("listen", "to"), [("0.0.0.0", "192.0.2.1"), ("127.0.0.2", "0.0.0.0"), ("0.0.0.0", "[::1]")])
+def test_the_same_port_elsewhere_is_another_place(cogrip: Cogrip, listen: str, to: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    code, out, said = cogrip("relay", "--to", f"{to}:{port}", "--listen", f"{listen}:{port}", "--seconds", "0.001")
+    assert code == 0, said
+    assert f"relaying from {listen}:{port} to {to}:{port}" in out
+
+
+def test_it_says_what_it_does_and_that_it_does_nothing(cogrip: Cogrip) -> None:
+    _, out, _ = cogrip("relay", *TO)
+    assert "up: adds nothing\ndown: adds nothing\nno network is emulated: give --profile NAME" in out
+    _, out, _ = cogrip("relay", *TO, "--profile", "wifi", "--set", "link.down.loss=0")
+    assert "down: 2 ms, jitter 8 ms, outage of 0.1 s every 120 s\n" in out
+    assert "no network" not in out
+
+
+def _fed(to: str, listen: str, stdout: int) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "cogrip.cli.main", "relay", "--to", to, "--listen", listen, "--json", "told.json"],
+        stdout=stdout, stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a disk that is full, as Linux has one")
+@pytest.mark.parametrize("full", [False, True])
+def test_it_goes_on_when_nobody_reads_what_it_says(full: bool) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)  # a reader who is gone
+    out = os.open("/dev/full", os.O_WRONLY) if full else writing
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free,
+    ):
+        far.bind(("127.0.0.1", 0))
+        far.settimeout(20.0)
+        free.bind(("127.0.0.1", 0))
+        place = free.getsockname()
+        free.close()
+        process = _fed(place_text(far.getsockname()), place_text(place), out)
+        os.close(writing)
+        if full:
+            os.close(out)
+        try:
+            for number in (b"1", b"2"):  # two flows: each is told of
+                _hand_over(number, place, far)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=20.0)
+        finally:
+            process.kill()
+    assert (process.returncode, said) == (0, b"")
+    told = json.loads(Path("told.json").read_text())
+    assert told["trouble"]["log line"] == 6, "nothing is emulated: three lines, where it listens, two flows"
+    assert told["flows_begun"] == 2
+
+
+def _hand_over(payload: bytes, place: tuple[str, int], far: socket.socket) -> None:
+    """Send one datagram to the relay, again until it listens; it must come out at the far end."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        far.settimeout(0.2)
+        for _ in range(100):
+            client.sendto(payload, place)
+            with contextlib.suppress(TimeoutError):
+                while far.recv(10) != payload:
+                    pass
+                return
+    raise AssertionError("nothing came through")
 
 
 def test_an_unknown_profile_is_answered_with_the_known_ones(cogrip: Cogrip) -> None:
@@ -75,6 +173,7 @@ def test_an_unknown_profile_is_answered_with_the_known_ones(cogrip: Cogrip) -> N
             "o.csv:2: an outage of 0 s at 1 s: it must be longer than 0 and begin at 0 or later",
         ),
         ("start_s,length_s\n-1,1\n", "o.csv:2: an outage of 1 s at -1 s"),
+        ("start_s,length_s\n1e300,1\n", "o.csv:2: an outage of 1 s at 1e+300 s: it must be longer than 0"),
         ("start_s,length_s\n1,x\n", "o.csv:2: 1,x: start_s and length_s must be numbers"),
         ("start_s,length_s\n1\n", "o.csv:2: 1 columns"),
         ("start_s,length_s,way\n1,1,left\n", "o.csv:2: way = 'left': write up, down, or nothing for both"),
@@ -89,7 +188,7 @@ def test_what_is_said_of_a_wrong_script(cogrip: Cogrip, text: str, words: str) -
 
 def test_flags_and_files_reach_the_link(cogrip: Cogrip) -> None:
     Path("t.csv").write_text(TRACE)
-    Path("o.csv").write_text("start_s,length_s,way\n1,2,up\n\n3,1,\n5,1,down\n6,1,up\n")
+    Path("o.csv").write_text("\ufeffstart_s,length_s,way\n1,2,up\n\n3,1,\n5,1,down\n6,1,up\n")
     code, out, _ = cogrip(
         "relay", *TO, "--profile", "lte", "--set", "link.down.loss=0.25", "--seed", "9", "--up-trace", "t.csv", "--outages",
         "o.csv", "--json", "told.json",
@@ -127,3 +226,35 @@ def test_a_server_refuses_what_no_welcome_carries(cogrip: Cogrip, key: str) -> N
     assert code == 2
     assert f"storm.toml: link.{key.partition(' ')[0]}: no welcome carries it" in said
     assert "cogrip relay" in said
+
+
+def test_at_a_terminal_the_status_goes_where_the_lines_go() -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cogrip.cli.main", "relay", *TO[:-1], "30", "--json", "-"],
+        stdout=subprocess.PIPE, stderr=theirs, start_new_session=True,
+    )  # fmt: skip
+    os.close(theirs)
+    said = b""
+    try:
+        while b"0 flows: up 0 in" not in said:
+            said += os.read(ours, 4096)  # an error once the process has ended
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+        os.close(ours)
+    assert json.loads(out)["stopped"]
+
+
+@pytest.mark.parametrize("width", [WIDTH, PIPED_WIDTH])
+def test_no_address_is_cut(width: int) -> None:
+    address = ("2001:db8:1111:2222:3333:4444:5555:6666", 65535)
+    core = Relay(lambda number, way, origin_ns: configured_link(Link(), way, "", (), origin_ns))
+    core.from_client(b"x", address, 0)
+    console = Console(file=StringIO(), width=width)
+    console.print(_table(LiveRelay(core, ("", 0), ("", 0), Stop(), print)))
+    told = console.file.getvalue()
+    assert told.count(place_text(address)) == 2
+    assert width == WIDTH or len([line for line in told.splitlines() if line.strip()]) == 6, "a line for each row"

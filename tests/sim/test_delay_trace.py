@@ -80,6 +80,11 @@ def test_a_file_is_read_once_its_columns_are_found(tmp_path) -> None:
     assert read_trace(file) is not trace
 
 
+def test_a_byte_order_mark_is_passed_over(tmp_path) -> None:
+    (tmp_path / "t.csv").write_text("t_s,delay_ms\n0,4\n", encoding="utf-8-sig")
+    assert read_trace(tmp_path / "t.csv").delay_ns(0) == 4 * MS
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -92,6 +97,9 @@ def test_a_file_is_read_once_its_columns_are_found(tmp_path) -> None:
         ("t_s,delay_ms\n0,nan\n", "2: delay_ms = 'nan' is no number"),
         ("t_s,delay_ms\nx,1\n", "2: t_s = 'x' is no number"),
         ("t_s,delay_ms\n0\n", "2: 1 columns, and 2 are named"),
+        ("t_s,delay_ms\n0,1\n1e300,1\n", "3: t_s = 1e[+]300 is more than 1e[+]06 s after"),
+        ("t_s,delay_ms\n0,1\n-1e300,1\n", "3: t_s = -1e[+]300 is not after the row before it"),
+        ("t_s,delay_ms\n-1e308,1\n1e308,1\n", "3: t_s = 1e[+]308 is more than 1e[+]06 s after"),
         ("t_s,delay_ms\n0,1\n2000000,1\n", "3: t_s = 2e[+]06 is more than 1e[+]06 s after"),
     ],
 )

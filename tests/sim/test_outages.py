@@ -60,11 +60,13 @@ def test_whether_there_are_any(arguments: tuple, any_there: bool) -> None:
         ((0.5,), "outage_s = 0.5 must be above 0 and below outage_every_s = 0.0"),
         ((3.0, 3.0), "outage_s = 3.0 must be above 0 and below outage_every_s = 3.0"),
         ((0.0, 3.0), "outage_s = 0.0 must be above 0"),
-        ((-1.0, 3.0), "outage_s = -1.0 must be finite and at least 0"),
-        ((0.5, math.inf), "outage_every_s = inf must be finite"),
+        ((-1.0, 3.0), "outage_s = -1.0 is outside 0 to 1e[+]09"),
+        ((0.5, math.inf), "outage_every_s = inf is outside 0 to 1e[+]09"),
         ((0.0, 0.0, [(1.0, 0.0)]), "0.0 s at 1.0 s: each must be longer than 0"),
         ((0.0, 0.0, [(-1.0, 1.0)]), "begin at 0 or later"),
         ((0.0, 0.0, [(math.nan, 1.0)]), "begin at 0 or later"),
+        ((0.0, 0.0, [(1e300, 1.0)]), "both at most 1e[+]09 s"),
+        ((0.0, 0.0, [(1.0, 1e300)]), "both at most 1e[+]09 s"),
     ],
 )
 def test_an_impossible_outage_is_refused(arguments: tuple, words: str) -> None:

@@ -1,9 +1,6 @@
 """The example that makes a trace of a recorded run: played, the trace does what the network did."""
 
-import contextlib
-import io
 import runpy
-import sys
 from pathlib import Path
 
 import pytest
@@ -19,20 +16,21 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "record_a_
 FRAME_NS = 7_812_500
 
 
-@pytest.mark.parametrize("way", ["up", "down"])
-def test_a_recorded_network_can_be_played(tmp_path, monkeypatch, way: str) -> None:
-    run_laboratory(
-        resolve({"seconds": 1.0, "seed": 4, "link": {"delay_ms": 31.25, "loss": 0.3, "burst_frames": 3.0}}), tmp_path
-    )
-    monkeypatch.setattr(sys, "argv", ["example", str(tmp_path), "anna", way])
-    with contextlib.redirect_stdout(io.StringIO()) as told:
-        runpy.run_path(str(EXAMPLE), run_name="__main__")
-    (tmp_path / "trace.csv").write_text(told.getvalue())
-    rows = told.getvalue().splitlines()[1:]
-    # the last four frames were under way when the session ended; nothing tells them from lost ones
-    delays = [row.partition(",")[2] for row in rows][:-4]
+LINK = {"delay_ms": 31.25, "loss": 0.3, "burst_frames": 3.0}
+EXAMPLE_MAIN = runpy.run_path(str(EXAMPLE))["main"]
+
+
+@pytest.mark.parametrize(("kind", "way"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
+def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, way: str) -> None:
+    run_laboratory(resolve({"seconds": 1.0, "seed": 4, "link": LINK, "coupling": {"kind": kind}}), tmp_path)
+    assert EXAMPLE_MAIN([str(tmp_path), "anna", way]) == 0
+    told = capsys.readouterr().out
+    (tmp_path / "trace.csv").write_text(told)
+    delays = [row.partition(",")[2] for row in told.splitlines()[1:]]
     assert set(delays) == {"", "31.250"}
     assert 10 < delays.count("") < 100
+    assert 100 < len(delays) <= 124, "of 128 frames the last four were under way when the session ended"
+    assert delays[-1], "nothing follows the newest that came"
     link = LinkEmulator(Profile(), "", trace=read_trace(tmp_path / "trace.csv"))
     for number in range(len(delays)):
         link.send(number.to_bytes(1, "big"), 5 + number * FRAME_NS)
@@ -42,3 +40,24 @@ def test_a_recorded_network_can_be_played(tmp_path, monkeypatch, way: str) -> No
             came.append(payload[0])
             assert next_ns == 5 + payload[0] * FRAME_NS + 31.25 * MS
     assert came == [number for number, delay in enumerate(delays) if delay]
+
+
+def test_what_it_cannot_make_a_trace_of(tmp_path, capsys) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    run_laboratory(resolve({"seconds": 0.1, "link": {"delay_ms": 500.0}}), run)
+    for arguments, words in (
+        ([], "usage: record_a_trace.py RUN PERSON up|down"),
+        ([str(run), "anna"], "usage"),
+        ([str(run), "anna", "left"], "'left' is no way: up is from the client to the server"),
+        ([str(run), "zoe", "up"], "no recording of 'zoe'; there is: anna\n"),
+        ([str(run), "anna", "up"], "nothing of anna up arrived"),
+        ([str(tmp_path / "none"), "anna", "up"], "none"),
+    ):
+        assert EXAMPLE_MAIN(arguments) == 2
+        told = capsys.readouterr()
+        assert words in told.err
+        assert not told.out
+    (run / "server.mcap").unlink()
+    assert EXAMPLE_MAIN([str(run), "anna", "up"]) == 2
+    assert "no recording of the server; bring both together by `cogrip merge`" in capsys.readouterr().err

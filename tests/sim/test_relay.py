@@ -14,7 +14,7 @@ from cogrip.protocol.weather import PROFILES
 from cogrip.sim.configured_link import configured_link
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.link import LinkEmulator, fates
-from cogrip.sim.relay import Relay
+from cogrip.sim.relay import KEEPING_BYTES, Relay
 
 MS = 1_000_000
 ROUGH = {
@@ -202,15 +202,17 @@ def test_either_end_keeps_a_flow() -> None:
     assert relay.expire(1_900 * MS) == [flow]
 
 
-def test_what_is_held_is_bounded() -> None:
-    relay = relay_of(link_of(delay_ms=1_000.0, duplicate=0.5), most_held_bytes=10_000)
+@pytest.mark.parametrize("size", [0, 100])
+def test_what_is_held_is_bounded(size: int) -> None:
+    relay = relay_of(link_of(delay_ms=1_000.0, duplicate=0.5), most_held_bytes=30_000)
     for number in range(200):
-        relay.from_client(bytes(100), "a", number)
-        assert relay.held_bytes <= 10_000
+        relay.from_client(bytes(size), "a", number)
+        assert relay.held_bytes <= 30_000
     totals = relay.totals("up")
-    assert totals["crowded"] == 200 - totals["sent"] > 90
-    assert relay.held_bytes == 100 * totals["in_flight"]
-    assert relay.held_bytes > 9_700
+    each = size + KEEPING_BYTES
+    assert totals["crowded"] == 200 - totals["sent"] > 0
+    assert relay.held_bytes == each * totals["in_flight"]
+    assert relay.held_bytes > 30_000 - 2 * each
     drained(relay, 10**10)
     assert relay.held_bytes == 0
 

@@ -1,6 +1,6 @@
 """`cogrip bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -11,13 +11,17 @@ from cogrip.cli.problem import BadInput
 from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.playout import cost, weight_frames
-from cogrip.protocol.rates import Rates
+from cogrip.protocol.rates import Hz, Rates
 from cogrip.protocol.settings import Playout
 from cogrip.protocol.weather import PROFILES
-from cogrip.sim.playout_trial import Played, arrivals, beaten, best_fixed, fixed_delays, play, ratio
+from cogrip.sim.playout_trial import NothingCameError, Played, arrivals, beaten, best_fixed, fixed_delays, play, ratio
+from cogrip.sim.run_folder import finite
 
 BOUND = 1.2  # of the best fixed depth's delay, and of the frames that it loses to lateness
 WAYS = ("up", "down")
+MOST_SEEDS = 10_000
+LEAST_S, MOST_S = 1.0, 3600.0
+LEAST_HZ, MOST_HZ = get_args(Hz)[1].ge, get_args(Hz)[1].le
 
 
 def bench_playout(
@@ -46,8 +50,12 @@ def bench_playout(
     profile
         Only this profile. Repeatable.
     """
-    if seeds < 1 or seconds <= 0.0 or network_hz < 1:
-        raise BadInput("bench playout needs at least 1 seed, some seconds and 1 frame a second")
+    if not 1 <= seeds <= MOST_SEEDS:
+        raise BadInput(f"--seeds {seeds}: from 1 to {MOST_SEEDS}")
+    if not LEAST_S <= seconds <= MOST_S:
+        raise BadInput(f"--seconds {seconds:g}: from {LEAST_S:g} to {MOST_S:g} s")
+    if not LEAST_HZ <= network_hz <= MOST_HZ:
+        raise BadInput(f"--network-hz {network_hz}: from {LEAST_HZ} to {MOST_HZ} frames a second")
     for name in profile:
         if name not in PROFILES:
             raise BadInput(f"--profile {name}: is none of {', '.join(PROFILES)}")
@@ -57,12 +65,17 @@ def bench_playout(
         if not profile or name in profile:
             for way in WAYS:
                 console.print(f"{name} {way}: {seeds} runs of {seconds:g} s", style="dim")
-                rows.append(_trial(name, way, seeds, seconds, network_hz))
+                try:
+                    rows.append(_trial(name, way, seeds, seconds, network_hz))
+                except NothingCameError as error:
+                    raise BadInput(
+                        f"--seconds {seconds:g} at --network-hz {network_hz}: {name} {way}: {error}; give more"
+                    ) from None
     console.print(_table(rows, network_hz))
     kept = all(row["delay_ratio"] <= BOUND and row["late_ratio"] <= BOUND and not row["beaten"] for row in rows)
     console.print(f"at most {BOUND:g} times delay and late frames are asked for: {'kept' if kept else 'NOT kept'}")
     if json:
-        write_json({"rows": rows}, json)
+        write_json(finite({"rows": rows}), json)
     return 0 if kept else 1
 
 
@@ -109,7 +122,10 @@ def _delay(runs: list[Played]) -> float:
 
 
 def _late(runs: list[Played]) -> float:
-    return sum(run.late for run in runs) / sum(run.sent for run in runs)
+    sent = sum(run.sent for run in runs)
+    if not sent:
+        raise NothingCameError("nothing was played out before the end")
+    return sum(run.late for run in runs) / sent
 
 
 def _mean_cost(runs: list[Played], network_hz: int) -> float:

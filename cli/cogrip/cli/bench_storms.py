@@ -1,7 +1,8 @@
 """`cogrip bench storms`: whole sessions on every network, and whether each shows what it must."""
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Annotated, TypeVar
 
 import msgspec
 from cyclopts import Parameter
@@ -10,20 +11,50 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
+from cogrip.cli.own_settings import refuse_own
 from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import override
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.methods.method import ChoiceError, choose
+from cogrip.sim.run_folder import finite
 from cogrip.sim.storms.cell import Job, rest_from_s, run_cells
-from cogrip.sim.storms.matrix import MOST_PEOPLE, LooseRow, Matrix, Row, at_once, rows, wrong
+from cogrip.sim.storms.matrix import (
+    LEAST_S,
+    MOST_NPM,
+    MOST_PEOPLE,
+    MOST_S,
+    MOST_SEEDS,
+    LooseRow,
+    Matrix,
+    Row,
+    at_once,
+    rows,
+    wrong,
+)
 from cogrip.sim.storms.room import NETWORKS
 from cogrip.sim.sweep.cell import Result
 from cogrip.sim.sweep.local import LocalWorkers, processors
 
 MOST_TOLD = 10
 LEAST_WIDTH = 132
+ROOMS = 8  # kinds of rooms: seeds that are so far apart have the same
+DRAWN = "each room is another, by its seed"
+OWN = {  # of the matrix: its flags and rooms have them
+    "link": "give --profiles",
+    "users": "give --people; their devices and hands are drawn from the seed",
+    "seed": "give --seeds",
+    "seconds": "give --seconds",
+    "name": "leave it out",
+    "coupling.kind": "`cogrip compare` has the other methods",
+    "coupling.server_step": "`cogrip compare` has the paper's",
+    "coupling.stiffness_npm": "give --stiffness",
+    "rates.network_hz": "the growth of loose cubes is told for that rate",
+    "object.kind": DRAWN,
+    "object.axes": DRAWN,
+}
+Number = TypeVar("Number", int, float)
 
 
 def bench_storms(
@@ -41,7 +72,8 @@ def bench_storms(
     """Run whole sessions on every network: every one must be passive and must not diverge.
 
     Each seed is another room: gripped or pushed, on 1 axis or 3, with other hands, devices and rates. Besides, loose cubes
-    are pushed once: virtual coupling and the paper's step must fail wherever their eigenvalues say so, and ours hold.
+    are pushed once: virtual coupling and the paper's step must fail wherever their eigenvalues say so, and ours hold. What
+    --set says is for sessions of ours alone.
 
     Exit code 0 if every session showed what it must, 1 if not, 130 if it was interrupted.
 
@@ -66,7 +98,7 @@ def bench_storms(
         raise BadInput(f"--workers {workers} must be at least 1")
     matrix = _matrix(profiles, people, stiffness, seeds, seconds, loose_seeds, overrides)
     jobs = matrix.jobs()
-    console, stop, results = Console(highlight=False, soft_wrap=True), Stop(), dict[int, Result]()
+    console, stop, results = Console(highlight=False, soft_wrap=True, stderr=json == "-"), Stop(), dict[int, Result]()
     console.width = max(console.width, LEAST_WIDTH)  # in a file, too: no cell is cut
     with on_signals(stop), Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
@@ -82,32 +114,49 @@ def bench_storms(
 def _matrix(
     profiles: str, people: str, stiffness: str, seeds: int, seconds: float, loose_seeds: int, overrides: Sequence[str]
 ) -> Matrix:
+    changes = dict(override(text) for text in overrides)
+    refuse_own("bench storms", changes, OWN)
     try:
         networks = choose("profile", [name.strip() for name in profiles.split(",") if name.strip()], NETWORKS)
-        counts = tuple(int(text) for text in people.split(","))
-        values = tuple(float(text) for text in stiffness.split(","))
-    except (ChoiceError, ValueError) as error:
-        raise BadInput(f"bench storms: {error}") from None
-    if not all(2 <= count <= MOST_PEOPLE for count in counts):
-        raise BadInput(f"--people {people}: from 2 to {MOST_PEOPLE} of them")
-    if seeds < 1 or loose_seeds < 0 or seconds < 1.0:
-        raise BadInput("bench storms needs at least one seed and one second, and no fewer loose cubes than none")
-    matrix = Matrix(
-        networks, counts, values, tuple(range(seeds)), seconds, loose_seeds, dict(override(text) for text in overrides)
-    )
+    except ChoiceError as error:
+        raise BadInput(f"--profiles {profiles}: {error}") from None
+    counts = _numbers("--people", people, int, (2, MOST_PEOPLE), "people")
+    values = _numbers("--stiffness", stiffness, float, (0.0, MOST_NPM), "N/m")
+    if not 1 <= seeds <= MOST_SEEDS:
+        raise BadInput(f"--seeds {seeds}: at least one seed and at most {MOST_SEEDS} are run")
+    if not 0 <= loose_seeds <= MOST_SEEDS:
+        raise BadInput(f"--loose-seeds {loose_seeds}: from 0, for none, to {MOST_SEEDS}")
+    if not LEAST_S <= seconds <= MOST_S:
+        raise BadInput(f"--seconds {seconds:g}: from {LEAST_S:g} to {MOST_S:g} s")
+    matrix = Matrix(networks, counts, values, tuple(range(seeds)), seconds, loose_seeds, changes)
     try:
-        for job in {(job.network, job.people, job.stiffness_npm, job.scheme): job for job in matrix.jobs()}.values():
+        for job in replace(matrix, seeds=matrix.seeds[:ROOMS], loose_seeds=min(1, loose_seeds)).jobs():
             job.settings()
     except SettingsError as error:
         raise BadInput(f"--set: {error}") from None
     return matrix
 
 
+def _numbers(
+    flag: str, text: str, read: Callable[[str], Number], bounds: tuple[Number, Number], unit: str
+) -> tuple[Number, ...]:
+    """Those in `text`, none twice. Raises BadInput for one that is none or out of bounds."""
+    found: dict[Number, None] = {}
+    for part in text.split(","):
+        try:
+            value = read(part)
+        except ValueError:
+            value = None
+        if value is None or not bounds[0] <= value <= bounds[1]:
+            least, most = bounds
+            raise BadInput(f"{flag} {text}: from {least:g} to {most:g} {unit}, with commas between; {part!r} is not")
+        found[value] = None
+    return tuple(found)
+
+
 def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str | None, console: Console) -> int:
     storms, cubes = rows(pairs)
     failures = [(job, why) for job, result in pairs if (why := wrong(job, result))]
-    if json:
-        write_json({"storms": msgspec.to_builtins(storms), "loose": msgspec.to_builtins(cubes)}, json)
     seconds = pairs[0][0].seconds if pairs else 0.0
     console.print(_storm_table(storms, seconds - rest_from_s(seconds)))
     if cubes:
@@ -118,6 +167,8 @@ def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str
     if len(failures) > MOST_TOLD:
         console.print(f"... and {len(failures) - MOST_TOLD} more")
     console.print(f"{len(pairs)} of {asked} sessions run; {len(failures)} did not show what they must")
+    if json:
+        write_json(finite({"storms": msgspec.to_builtins(storms), "loose": msgspec.to_builtins(cubes)}), json)
     if stop.reason:
         return 130
     return 1 if failures or len(pairs) < asked else 0

@@ -42,16 +42,20 @@ class LogLines:
 
     def say(self, what: Happening | str) -> None:
         """One line, at once."""
-        if self._gone or not self._put(self._format(what, self._clock())):
+        self.put(self._format(what, self._clock()))
+
+    def put(self, text: str, *, wait: bool = False) -> None:
+        """Text as it stands, with what moves a cursor. wait: for whoever reads slowly."""
+        if self._gone or not self._put(text, wait):
             self.lost += 1
 
-    def _put(self, line: str) -> bool:
+    def _put(self, line: str, wait: bool) -> bool:
         try:
             if self._descriptor is None:
                 self._stream.write(line)
                 self._stream.flush()
                 return True
-            if sys.platform != "win32" and not select.select([], [self._descriptor], [], 0.0)[1]:
+            if not wait and sys.platform != "win32" and not select.select([], [self._descriptor], [], 0.0)[1]:
                 return False  # whoever reads does not: a terminal that is held, a pipe that is full
             data = line.encode("utf-8", "replace")
             while data:

@@ -2,9 +2,10 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from io import StringIO
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from cyclopts import Parameter
@@ -13,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
+from cogrip.cli.log_lines import LogLines
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import from_flags, load
 from cogrip.protocol.channel import place_text
@@ -21,6 +23,7 @@ from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
 from cogrip.protocol.link_profile import Link, Way
 from cogrip.protocol.weather import ProfileName
 from cogrip.sim.configured_link import configured_link
+from cogrip.sim.delay_trace import TraceError, read_trace
 from cogrip.sim.io.relay_loop import LiveRelay, PlaceError, RelayError
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.outage_script import ScriptError, read_script
@@ -29,7 +32,9 @@ from cogrip.sim.relay import Relay
 RELAY_PORT = DEFAULT_PORT + 1
 WAYS: tuple[Way, Way] = ("up", "down")
 WIDTH = 130
+PIPED_WIDTH = 300  # no line is cut for a file
 MOST_FLOWS = 400  # `select` takes sockets up to number 1023
+NOTHING = "adds nothing"
 OUTCOMES = ("delivered", "lost", "outage", "queue_dropped", "duplicated", "held", "reordered", "in_flight")
 TROUBLES = ("crowded", "not_sent", "refused")
 
@@ -98,15 +103,17 @@ def relay(
         return configured_link(link, way, f"{seed}/{number}/{way}", script[way], origin_ns)
 
     console = Console(highlight=False, soft_wrap=True, stderr=json == "-")
-    console.width = max(console.width, WIDTH)
+    terminal = console.is_terminal
+    console.width = max(console.width, WIDTH if terminal else PIPED_WIDTH)
+    lines = LogLines(stream=sys.stderr if json == "-" else sys.stdout)
     stop = Stop()
     core = Relay(make_link, flows, round(idle_s * 1e9))
     live = LiveRelay(
         core, _place("--listen", listen, RELAY_PORT), _place("--to", to, DEFAULT_PORT), stop,
-        lambda text: console.print(text, markup=False), seconds=seconds,
+        lines.say, seconds=seconds,
     )  # fmt: skip
-    if console.is_terminal:
-        live.each_second = lambda now_ns: _tell(live)
+    if terminal:
+        live.each_second = lambda now_ns: lines.put(_status(live))
     with on_signals(stop):
         try:
             live.open()
@@ -114,20 +121,24 @@ def relay(
             raise BadInput(str(error)) from None
         except RelayError as error:
             raise Problem(str(error)) from None
+        words = {way: _words(link, way, len(script[way])) for way in WAYS}
         for way in WAYS:
-            console.print(f"{way}: {_words(link, way, len(script[way]))}", markup=False)
-        console.print(
-            f"relaying from {place_text(live.bound)} to {place_text(live.far)}; seed {seed}; Ctrl-C ends", markup=False
-        )
+            lines.say(f"{way}: {words[way]}")
+        if set(words.values()) == {NOTHING}:
+            lines.say("no network is emulated: give --profile NAME, --set link.KEY=VALUE or a settings file")
+        lines.say(f"relaying from {place_text(live.bound)} to {place_text(live.far)}; seed {seed}; Ctrl-C ends")
         live.run()
-    summary = {"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}
-    if console.is_terminal:
-        console.print()
+    if lines.lost:
+        live.counts["log line"] = lines.lost
+    if terminal:
+        lines.put("\n")
+    console.file = told = StringIO()  # to be put with the lines: it may find no reader either
     console.print(f"stopped: {stop.reason}", markup=False)
     console.print(_table(live))
     _print_rest(live, console)
+    lines.put(told.getvalue(), wait=True)
     if json is not None:
-        write_json(summary, json)
+        write_json({"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}, json)
     return 0
 
 
@@ -146,7 +157,15 @@ def _link(
         raise BadInput(
             "--profile and a settings file exclude each other; add --set link.profile=NAME if both are meant"
         )
-    flags = [f"link.{way}.trace={_quoted(str(path))}" for way, path in traces.items() if path is not None]
+    flags = []
+    for way, path in traces.items():
+        if path is None:
+            continue
+        try:
+            read_trace(path)
+        except TraceError as error:
+            raise BadInput(f"--{way}-trace {error}") from None
+        flags.append(f"link.{way}.trace={_quoted(str(path))}")
     if profile is not None:
         flags.insert(0, f"link.profile={profile}")
     if seed is not None:
@@ -187,7 +206,7 @@ def _described(link: Link) -> dict[str, Any]:
 def _words(link: Link, way: Way, scripted: int) -> str:
     """What a way does to datagrams, in few words."""
     profile = link.direction(way)
-    words = [f"{profile.delay_ms:g} ms"]
+    words = [f"{profile.delay_ms:g} ms"] if profile.delay_ms else []
     if profile.jitter_ms:
         words.append(f"jitter {profile.jitter_ms:g} ms")
     if profile.loss:
@@ -197,23 +216,22 @@ def _words(link: Link, way: Way, scripted: int) -> str:
     if profile.rate_kbps:
         words.append(f"{profile.rate_kbps:g} kbit/s")
     if profile.outage_s:
-        words.append(f"down {profile.outage_s:g} s every {profile.outage_every_s:g} s")
+        words.append(f"outage of {profile.outage_s:g} s every {profile.outage_every_s:g} s")
     if scripted := scripted + len(link.script(way)):
         words.append(f"{scripted} outage{'s' if scripted > 1 else ''} by script")
     if trace := link.trace_of(way):
         words.append(f"trace {trace}")
-    return ", ".join(words)
+    return ", ".join(words) or NOTHING
 
 
-def _tell(live: LiveRelay) -> None:
+def _status(live: LiveRelay) -> str:
     """One line that is written over: a table would take as long as several datagrams."""
     up, down = (live.relay.totals(way) for way in WAYS)
     parts = (
         f"{way} {total['sent']} in, {total['delivered']} out, {total['lost']} lost, {total['outage']} in outages"
         for way, total in (("up", up), ("down", down))
     )
-    sys.stdout.write(f"\r{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: {'; '.join(parts)}\x1b[K")
-    sys.stdout.flush()
+    return f"\r{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: {'; '.join(parts)}\x1b[K"
 
 
 def _summary(live: LiveRelay) -> dict[str, Any]:
@@ -255,7 +273,8 @@ def _table(live: LiveRelay) -> Table:
     shown = ["sent", *OUTCOMES, *(name for name in TROUBLES if any(row[3][name] for row in rows))]
     table = Table(box=SIMPLE_HEAD)
     for heading in ("flow", "client", "way", *shown):
-        table.add_column(heading.replace("_", " "), justify="right" if heading in shown else "left")
+        justify: Literal["left", "right"] = "right" if heading in shown else "left"
+        table.add_column(heading.replace("_", " "), justify=justify, no_wrap=heading == "client")
     for number, address, way, counters in rows:
         table.add_row(number, address, way, *(f"{counters[name]}" for name in shown))
     return table

@@ -13,8 +13,10 @@ from math import dist, hypot
 from typing import Any
 
 from cogrip.protocol.concealment import CONCEALMENTS
+from cogrip.protocol.playout import Frames
 from cogrip.protocol.settings import resolve
 from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.sweep.cell import Result
 
 CLEAN = "clean link"
 ROWS = (CLEAN, *CONCEALMENTS)
@@ -53,11 +55,20 @@ class Setup:
     people: int = 2
     axes: int = 1
     kind: str = "cube"
-    frames: int = 8
+    frames: Frames = 8
     seed: int = 1
     tank_mj: float = 1.0  # of the row `tank`; the others have none
     hand: str = HAND
     overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; those of the link are the storm's alone
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One row, for whichever process takes it."""
+
+    cell: int
+    setup: Setup
+    name: str
 
 
 def table(setup: Setup, name: str) -> dict[str, Any]:
@@ -126,7 +137,7 @@ class Watch:
 
 def try_out(setup: Setup, name: str) -> Trial:
     """One row: a session in virtual time."""
-    changes = {key: value for key, value in setup.overrides if name != CLEAN or not key.startswith("link.")}
+    changes = {key: value for key, value in setup.overrides if name != CLEAN or key.split(".")[0] != "link"}
     settings = resolve(table(setup, name), changes)
     laboratory = Laboratory(settings)
     watch = Watch(laboratory, moments(setup.seconds, settings.rates.network_hz))
@@ -154,9 +165,20 @@ def try_out(setup: Setup, name: str) -> Trial:
     )
 
 
+def run_rows(jobs: Sequence[Job]) -> list[Result]:
+    """What a worker does: each Trial is the measure `trial`."""
+    out = []
+    for job in jobs:
+        try:
+            out.append(Result(job.cell, {"trial": try_out(job.setup, job.name)}))
+        except Exception as error:  # noqa: BLE001 (kept with the row, and told)
+            out.append(Result(job.cell, {}, f"{type(error).__name__}: {error}"))
+    return out
+
+
 def drifts_mm(trial: Trial, clean: Trial) -> list[float]:
-    """Of each recovery, the largest over people and axes."""
+    """Of each recovery, the largest over people and axes; of one that diverged, those before."""
     return [
         1e3 * max(abs(one - other) for one, other in zip(row, there, strict=True))
-        for row, there in zip(trial.gaps_m, clean.gaps_m, strict=True)
+        for row, there in zip(trial.gaps_m, clean.gaps_m, strict=not (trial.diverged or clean.diverged))
     ]

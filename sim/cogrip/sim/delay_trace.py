@@ -35,15 +35,15 @@ class DelayTrace:
         first = None
         for t_s, delay_ms in rows:
             first = t_s if first is None else first
-            time_ns = round((t_s - first) * 1e9)
+            if not t_s - first <= MOST_S:
+                raise TraceError(f"t_s = {t_s:g} is more than {MOST_S:g} s after the first row")
+            time_ns = round(max(-1.0, t_s - first) * 1e9)
             if self._times_ns and time_ns <= self._times_ns[-1]:
                 raise TraceError(f"t_s = {t_s:.9g} is not after the row before it; sort the rows by time of sending")
             if delay_ms is not None and not 0.0 <= delay_ms <= MOST_MS:
                 raise TraceError(
                     f"delay_ms = {delay_ms:g} is outside 0 to {MOST_MS:g}; leave it empty where it was lost"
                 )
-            if not 0.0 <= t_s - first <= MOST_S:
-                raise TraceError(f"t_s = {t_s:g} is more than {MOST_S:g} s after the first row")
             self._times_ns.append(time_ns)
             self._delays_ns.append(LOST_NS if delay_ms is None else round(delay_ms * 1e6))
             if len(self._times_ns) > MOST_ROWS:
@@ -78,7 +78,7 @@ def read_trace(path: Path) -> DelayTrace:
 
 @lru_cache(maxsize=8)  # every link of a session, and every session of a sweep, has the same one
 def _read(path: Path, changed_ns: int, size: int) -> DelayTrace:
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.reader(file)
         try:
             return DelayTrace(_rows(reader))

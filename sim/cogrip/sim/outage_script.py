@@ -4,10 +4,10 @@ way: `up`, `down`, or empty for both. Rows in any order; those that overlap are 
 """
 
 import csv
-import math
 from pathlib import Path
 
 from cogrip.protocol.link_profile import Way
+from cogrip.sim.outages import MOST_S
 
 MOST_ROWS = 100_000
 
@@ -20,7 +20,7 @@ def read_script(path: Path) -> dict[Way, tuple[tuple[float, float], ...]]:
     """(start_s, length_s) of each outage, by way. Raises ScriptError, naming file and line."""
     found: dict[Way, list[tuple[float, float]]] = {"up": [], "down": []}
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
             head = [name.strip() for name in next(reader, [])]
             if head not in (["start_s", "length_s"], ["start_s", "length_s", "way"]):
@@ -52,9 +52,10 @@ def _read_row(row: list[str]) -> tuple[float, float, tuple[Way, ...]]:
         start_s, length_s = float(texts[0]), float(texts[1])
     except ValueError:
         raise ScriptError(f"{','.join(texts)}: start_s and length_s must be numbers") from None
-    if not (0.0 <= start_s < math.inf and 0.0 < length_s < math.inf):
+    if not (0.0 <= start_s <= MOST_S and 0.0 < length_s <= MOST_S):
         raise ScriptError(
-            f"an outage of {length_s:g} s at {start_s:g} s: it must be longer than 0 and begin at 0 or later"
+            f"an outage of {length_s:g} s at {start_s:g} s: it must be longer than 0 and begin at 0 or later, both at most "
+            f"{MOST_S:g} s"
         )
     way = texts[2] if len(texts) == 3 else ""
     if way == "up":

@@ -4,10 +4,10 @@ Times count from the link's origin, which its owner knows. An outage holds from 
 again; outages that touch or overlap are one.
 """
 
-import math
 from bisect import bisect_right
 from collections.abc import Iterable
 
+MOST_S = 1e9  # of any of its times
 NEVER_NS = 1 << 62
 """146 years: an outage that never comes."""
 
@@ -22,8 +22,8 @@ class Outages:
     ) -> None:
         """Raises ValueError, naming value, bound and cure, for outages that no link can have."""
         for name, value in (("outage_s", outage_s), ("outage_every_s", outage_every_s)):
-            if not 0.0 <= value < math.inf:
-                raise ValueError(f"link {name} = {value} must be finite and at least 0")
+            if not 0.0 <= value <= MOST_S:
+                raise ValueError(f"link {name} = {value} is outside 0 to {MOST_S:g}")
         if (outage_s > 0.0 or outage_every_s > 0.0) and not 0.0 < outage_s < outage_every_s:
             raise ValueError(
                 f"link outage_s = {outage_s} must be above 0 and below outage_every_s = {outage_every_s}, which counts "
@@ -34,9 +34,10 @@ class Outages:
         self._begins: list[int] = []
         self._ends: list[int] = []
         for start_s, length_s in sorted(script):
-            if not (0.0 <= start_s < math.inf and 0.0 < length_s < math.inf):
+            if not (0.0 <= start_s <= MOST_S and 0.0 < length_s <= MOST_S):
                 raise ValueError(
-                    f"link outages: {length_s} s at {start_s} s: each must be longer than 0 and begin at 0 or later"
+                    f"link outages: {length_s} s at {start_s} s: each must be longer than 0 and begin at 0 or later, both at "
+                    f"most {MOST_S:g} s"
                 )
             begin, end = round(start_s * 1e9), round((start_s + length_s) * 1e9)
             if self._ends and begin <= self._ends[-1]:

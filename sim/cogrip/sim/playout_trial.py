@@ -21,6 +21,10 @@ REDUNDANCY = 8
 _BYTES = 200  # of a datagram with as many frames of one axis: what a capped link sees of it
 
 
+class NothingCameError(ValueError):
+    """No frame was there at any take: nothing can be compared."""
+
+
 @dataclass(frozen=True, slots=True)
 class Arrivals:
     """What came when: at each take the numbers of the datagrams, each that of its newest frame."""
@@ -114,12 +118,14 @@ def lateness(arrived: Arrivals) -> dict[int, int]:
 
 
 def fixed_delays(runs: Sequence[Arrivals]) -> list[Fixed]:
-    """Every whole delay that makes sense over all of these runs together, the shortest first."""
+    """Every whole delay that makes sense over all of these runs together, the shortest first. Raises NothingCameError."""
     total: dict[int, int] = {}
     for run in runs:
         for x, count in lateness(run).items():
             total[x] = total.get(x, 0) + count
     sent, came = sum(run.frames for run in runs), sum(total.values())
+    if not came:
+        raise NothingCameError(f"of {sent} frames none was there before the end")
     found, late = [], came
     for delay in range(min(total), max(total) + 1):
         late -= total.get(delay, 0)

@@ -91,7 +91,11 @@ class LiveRelay:
         if port != far_port:
             return False
         own, other = (ip_address(text.partition("%")[0]) for text in (here, there))
-        return own == other or (own.is_unspecified and other.is_loopback)
+        if own.is_unspecified:
+            return own.version >= other.version and _is_ours(*self._far)
+        if other.is_unspecified:  # who sends there comes to loopback
+            return own == ip_address("127.0.0.1" if other.version == 4 else "::1")
+        return own == other
 
     def close(self) -> None:
         for each in (self._clients, *self._ways.values()):
@@ -225,6 +229,16 @@ class LiveRelay:
 
     def _overrun(self) -> int:
         return self._overran + sum(overrun(each) for each in (self._clients, *self._ways.values()))
+
+
+def _is_ours(family: socket.AddressFamily, address: Any) -> bool:
+    """Whether it is an address of this machine: only those can be bound."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address[0], 0, *address[2:]))
+        except OSError:
+            return False
+    return True
 
 
 def _text(address: Any) -> str:

@@ -30,7 +30,7 @@ RESTLESS_N = 1.0  # swing of a force long after the push
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """scheme: of a loose cube (`room.loose`), "" for a storm of ours; overrides: settings by their path, for all cells."""
+    """scheme: of a loose cube (`room.loose`), "" for a storm of ours; overrides: settings by their path."""
 
     cell: int
     network: str

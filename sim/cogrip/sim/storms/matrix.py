@@ -5,13 +5,18 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
+from cogrip.protocol.settings import Seconds, Stiffness
 from cogrip.sim.storms.cell import Job, growth
 from cogrip.sim.sweep.cell import Result
 
 NOTHING_MJ = -1e-9
 MOST_PEOPLE = 16
+MOST_SEEDS = 10_000
+MOST_NPM: float = get_args(Stiffness)[1].le
+LEAST_S, MOST_S = 1.0, float(get_args(Seconds)[1].le)
+OURS = "wave"
 LEAST_GROWTH = 4.0  # powers of ten: a mode that grows by as much in a session leaves every bound
 LOOSE_NPM: Mapping[str, Sequence[float]] = {"wave": (100_000.0,), "paper": (5000.0,), "coupling": (1000.0, 2000.0)}
 NETWORK_HZ = 128
@@ -19,7 +24,10 @@ NETWORK_HZ = 128
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """Every combination is a session; the baselines besides, of as many people, with as many seeds as `loose_seeds` says."""
+    """Every combination is a session; the baselines besides, of as many people, with as many seeds as `loose_seeds` says.
+
+    overrides: of our own sessions. Baselines stand as they are: what they prove is that the matrix can fail.
+    """
 
     networks: tuple[str, ...]
     people: tuple[int, ...]
@@ -40,10 +48,11 @@ class Matrix:
                         jobs.append(Job(len(jobs), network, people, K, seed, self.seconds, "", self.overrides))
         for people in self.people:
             for scheme, stiffness in LOOSE_NPM.items():
+                overrides = self.overrides if scheme == OURS else {}
                 for K in stiffness:
                     for network in self.networks:
                         for seed in self.seeds[: self.loose_seeds]:
-                            jobs.append(Job(len(jobs), network, people, K, seed, 8.0, scheme, self.overrides))
+                            jobs.append(Job(len(jobs), network, people, K, seed, 8.0, scheme, overrides))
         return jobs
 
 
@@ -59,14 +68,19 @@ def wrong(job: Job, result: Result) -> str:
     found = result.measures
     if result.error:
         return result.error
-    if job.scheme in ("", "wave"):
+    if job.scheme in ("", OURS):
         if found["diverged"]:
             return f"diverged: {found.get('reason') or 'a loose cube'}"
-        if not found["passive"] or found["margin_mj"] < NOTHING_MJ - 1e3 * _tank_j(job):
-            return f"not passive: margin {found['margin_mj']:.3g} mJ"
+        margin_mj = found["margin_mj"]
+        if margin_mj is None:
+            return "not passive: no finite margin was kept"
+        if not found["passive"] or margin_mj < NOTHING_MJ - 1e3 * _tank_j(job):
+            return f"not passive: margin {margin_mj:.3g} mJ"
         if found.get("faults"):
             return f"{found['faults']} in a fault"
         return ""
+    if found["radius"] is None:
+        return "its model has no finite eigenvalue: whether it must fail is unknown"
     must = growth(found["radius"], job.seconds, NETWORK_HZ) >= LEAST_GROWTH
     if must and not found["restless"]:
         return f"holds, though its mode grows by {found['radius']:.4f} a frame: the matrix could not fail"
@@ -124,7 +138,7 @@ def rows(pairs: Iterable[tuple[Job, Result]]) -> tuple[list[Row], list[LooseRow]
         bad = sum(bool(wrong(job, result)) for job, result in group)
         found = [result.measures for _, result in group if not result.error]
         if scheme:
-            radius = max((each["radius"] for each in found), default=float("nan"))
+            radius = max(_known(found, "radius"))
             grown = growth(radius, group[0][0].seconds, NETWORK_HZ) if found else float("nan")
             restless, diverged = (sum(each[name] for each in found) for name in ("restless", "diverged"))
             cubes.append(LooseRow(network, people, scheme, K, len(group), restless, diverged, radius, grown, bad))

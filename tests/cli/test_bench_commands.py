@@ -1,0 +1,192 @@
+"""`bench storms`, `playout` and `concealment` as their users type them: what they refuse, how they end, what they answer."""
+
+import json
+import multiprocessing
+import signal
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from cogrip.cli import bench_concealment, bench_storms
+from cogrip.cli.bench_concealment import FULL_S, MOST_PEAK, shortfalls
+from cogrip.protocol.io.stop import Stop
+from cogrip.sim.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
+from cogrip.sim.playout_trial import Arrivals, NothingCameError, fixed_delays
+from cogrip.sim.storms.cell import Job
+from cogrip.sim.storms.matrix import Matrix, rows, wrong
+from cogrip.sim.sweep.cell import Result
+from cogrip.sim.sweep.local import LocalWorkers
+
+from tests.cli.spoiled_runs import Cogrip
+
+TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), "")
+REFUSED = {
+    "storms": [
+        ("--set link.loss=0", "--set link.loss=0: bench storms sets link itself in each session; give --profiles"),
+        ("--set link.up.delay_ms=1", "sets link itself"),
+        ("--set users.0.device=sim:ideal", "give --people"),
+        ("--set seed=3", "give --seeds"),
+        ("--set seconds=3", "give --seconds"),
+        ("--set name=x", "sets name itself"),
+        ("--set coupling.kind=tdpa", "--set coupling.kind=tdpa: bench storms sets coupling.kind itself"),
+        ('--set coupling={kind="tdpa"}', "sets coupling.kind itself"),
+        ("--set coupling.stiffness_npm=1", "give --stiffness"),
+        ("--set coupling.server_step=paper", "`cogrip compare` has the paper's"),
+        ("--set rates.network_hz=64", "sets rates.network_hz itself"),
+        ("--set object.kind=wall", "sets object.kind itself"),
+        ("--set object.axes=2", "sets object.axes itself"),
+        ("--set playout.redundancy=0", "--set: playout.redundancy = 0"),
+        ("--seeds 1000000000", "--seeds 1000000000: at least one seed and at most 10000"),
+        ("--loose-seeds -1", "--loose-seeds -1: from 0"),
+        ("--people 2,x", "--people 2,x: from 2 to 16 people, with commas between; 'x' is not"),
+        ("--people 17", "--people 17: from 2 to 16"),
+        ("--stiffness 10,", "--stiffness 10,: from 0 to 1e+07 N/m, with commas between; '' is not"),
+        ("--stiffness nan", "'nan' is not"),
+        ("--stiffness 10000001", "'10000001' is not"),
+        ("--seconds 0.99", "--seconds 0.99: from 1 to 1e+06 s"),
+        ("--seconds inf", "--seconds inf: "),
+        ("--seconds nan", "--seconds nan: "),
+        ("--profiles lann", "--profiles lann: there is no profile 'lann'; did you mean lan?"),
+    ],
+    "playout": [
+        ("--seconds nan", "--seconds nan: from 1 to 3600 s"),
+        ("--seconds inf", "--seconds inf: "),
+        ("--seconds 0.001", "--seconds 0.001: "),
+        ("--network-hz 0", "--network-hz 0: from 1 to 20000 frames a second"),
+        ("--network-hz 20001", "--network-hz 20001: "),
+        ("--seeds 0", "--seeds 0: from 1 to 10000"),
+        ("--seeds 1 --seconds 1 --network-hz 1 --profile wifi", "wifi up: of 1 frames none was there before the end"),
+        ("--seeds 1 --seconds 2 --network-hz 1 --profile satellite", "satellite up: nothing was played out"),
+    ],
+    "concealment": [
+        ("--set coupling.kind=tdpa", "concealment is of waves alone"),
+        ("--set playout.concealment=zero", "there is a row of each"),
+        ("--set playout.tank_mj=2", "sets playout.tank_mj itself"),
+        ("--set playout.frames=2", "give --frames"),
+        ("--set seconds=10", "give --minutes"),
+        ("--set seed=2", "give --seed"),
+        ("--set users.1.hand=hold", "sets users itself"),
+        ("--minutes nan", "--minutes nan: from 0.1"),
+        ("--minutes 0.09", "--minutes 0.09: from 0.1"),
+        ("--people 0", "--people 0: at least 1"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("bench", "arguments", "words"), [(bench, *case) for bench, cases in REFUSED.items() for case in cases]
+)
+def test_what_cannot_be_run_is_refused(
+    bench: str, arguments: str, words: str, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    code, _, err = cogrip("bench", bench, *arguments.split(" "))
+    assert code == 2
+    assert words in err
+    assert words.startswith("wifi") or err.count("\n") <= 2
+
+
+def test_values_at_their_bounds_are_taken() -> None:
+    matrix = bench_storms._matrix("lan", "2, 16,2", "0,1e7", 1, 1.0, 0, ["playout.tank_mj=1"])
+    assert (matrix.people, matrix.stiffness_npm) == ((2, 16), (0.0, 1e7))
+    assert len(bench_storms._matrix("lan", "2", "10", 10_000, 1e6, 0, []).seeds) == 10_000
+
+
+def test_overrides_never_reach_a_baseline() -> None:
+    """A damped cube would hold, and prove nothing."""
+    matrix = Matrix(("lan",), (2,), (1e3,), (0, 1), 3.0, 1, {"object.damping_nspm": 1e3})
+    given = {(job.scheme, bool(job.overrides)) for job in matrix.jobs()}
+    assert given == {("", True), ("wave", True), ("paper", False), ("coupling", False)}
+
+
+def test_a_storm_of_which_nothing_is_finite_is_wrong_and_told(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    job, cube = Job(0, "lan", 2, 1e3, 0, 3.0), Job(1, "lan", 2, 1e3, 0, 8.0, "coupling")
+    unknown = Result(0, {"passive": True, "diverged": False, "faults": 0, "margin_mj": None, "peak_force_n": None})
+    loose = Result(1, {"restless": False, "diverged": False, "radius": None, "margin_mj": None})
+    assert "no finite margin" in wrong(job, unknown)
+    assert "no finite eigenvalue" in wrong(cube, loose)
+    told, cubes = rows([(job, unknown), (cube, loose)])
+    assert (told[0].wrong, cubes[0].wrong) == (1, 1)
+    ended = {job.cell: unknown, cube.cell: loose}
+
+    def run(self: LocalWorkers, jobs: Any) -> Any:
+        return iter([ended[0], *(Result(each.cell, loose.measures) for each in jobs if each.scheme)])
+
+    monkeypatch.setattr(bench_storms.LocalWorkers, "run", run)
+    arguments = "--profiles lan --people 2 --stiffness 1000 --seeds 1 --loose-seeds 1 --json -"
+    code, out, err = cogrip("bench", "storms", *arguments.split(" "))
+    assert code == 1
+    answer = json.loads(out)
+    assert answer["storms"][0]["margin_mj"] is None
+    assert answer["loose"][0]["radius"] is None
+    assert "loose cubes" in err
+
+
+def test_playout_answers_in_json_alone(cogrip: Cogrip) -> None:
+    """On so short a run one of the two loses nothing: a ratio that is not finite is null."""
+    code, out, err = cogrip("bench", "playout", "--seeds", 1, "--seconds", 1, "--profile", "lan", "--json", "-")
+    assert code in (0, 1)
+    assert [row["way"] for row in json.loads(out)["rows"]] == ["up", "down"]
+    assert "are asked for" in err
+
+
+def test_a_run_in_which_nothing_comes_has_no_best_depth() -> None:
+    with pytest.raises(NothingCameError, match="of 3 frames none"):
+        fixed_delays([Arrivals(128, ((), (), ()))])
+    assert fixed_delays([Arrivals(128, ((), (0,), ()))])[0].lost == 2
+
+
+@pytest.mark.parametrize(("number", "reason"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
+    number: signal.Signals, reason: str, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Signalled(LocalWorkers):
+        def __enter__(self) -> LocalWorkers:
+            signal.raise_signal(number)
+            return super().__enter__()
+
+    monkeypatch.setattr(bench_concealment, "LocalWorkers", Signalled)
+    monkeypatch.setattr(bench_concealment, "processors", lambda: 1)
+    before = signal.getsignal(number)
+    code, out, err = cogrip("bench", "concealment")
+    assert (code, out) == (130, "")
+    assert err == f"{reason}: nothing is told without all {len(ROWS)} rows\n"
+    assert multiprocessing.active_children() == []
+    assert signal.getsignal(number) is before
+
+
+def concealed(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, peak_n: float) -> tuple[int, str]:
+    """Exit code and text for rows of which the best has this peak; zero-fill's is 10 N."""
+    found = {name: replace(TRIAL, name=name) for name in ROWS}
+    found["elastic"] = replace(found["elastic"], peak_n=peak_n, law_peak_n=1.0, step_n=0.1, law_step_n=0.1)
+
+    def run(setup: Any, stop: Stop) -> dict[str, Trial]:
+        return found
+
+    monkeypatch.setattr(bench_concealment, "_run", run)
+    code, out, _ = cogrip("bench", "concealment", "--minutes", 1)
+    return code, " ".join(out.split())
+
+
+def test_concealment_says_what_is_compared(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, told = concealed(cogrip, monkeypatch, 7.5)
+    assert code == 0
+    assert "elastic: of all ways the lowest in both peaks and both steps" in told
+    code, told = concealed(cogrip, monkeypatch, 7.6)
+    assert code == 1
+    assert "above 0.75 of zero-fill's 10.00 N; 0.75 is asked of 10 minutes: give --minutes 10" in told
+
+
+def test_a_full_run_that_misses_is_not_told_to_be_longer() -> None:
+    found = {name: replace(TRIAL, name=name) for name in ROWS}
+    (full, short) = (shortfalls(found, seconds)[0] for seconds in (FULL_S, FULL_S - 1.0))
+    assert full.endswith(f"above {MOST_PEAK:g} of zero-fill's 10.00 N")
+    assert "give --minutes 10" in short
+
+
+def test_a_row_that_diverged_has_the_drifts_before() -> None:
+    whole = replace(TRIAL, name=CLEAN, gaps_m=((0.0,), (0.0,)))
+    assert drifts_mm(replace(TRIAL, gaps_m=((0.001,),), diverged="anna: gone"), whole) == [1.0]
+    with pytest.raises(ValueError, match="longer"):
+        drifts_mm(replace(TRIAL, gaps_m=((0.001,),)), whole)
