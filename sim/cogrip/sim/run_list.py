@@ -40,7 +40,7 @@ def list_runs(base: Path, is_running: Callable[[Path], bool]) -> list[ListedRun]
     """
     below = list(_below(base)) or ([base] if _is_run(base) else [])
     listed = [_listed(folder, base, is_running) for folder in below]
-    return sorted(listed, key=lambda run: (run.when, run.folder.stat().st_mtime_ns, run.name), reverse=True)
+    return sorted(listed, key=lambda run: (run.when, run.name), reverse=True)
 
 
 def _below(base: Path) -> Iterator[Path]:
