@@ -4,23 +4,26 @@ import json
 import multiprocessing
 import signal
 from dataclasses import replace
+from io import StringIO
 from typing import Any
 
 import pytest
+from rich.console import Console
 
-from cogrip.cli import bench_concealment, bench_storms
+from cogrip.cli import bench_concealment, bench_playout, bench_storms
 from cogrip.cli.bench_concealment import FULL_S, MOST_PEAK, shortfalls
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
 from cogrip.sim.playout_trial import Arrivals, NothingCameError, fixed_delays
 from cogrip.sim.storms.cell import Job
-from cogrip.sim.storms.matrix import Matrix, rows, wrong
+from cogrip.sim.storms.matrix import LooseRow, Matrix, rows, wrong
+from cogrip.sim.storms.matrix import Row as StormRow
 from cogrip.sim.sweep.cell import Result
 from cogrip.sim.sweep.local import LocalWorkers
 
 from tests.cli.spoiled_runs import Cogrip
 
-TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), "")
+TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), 0.0, "")
 REFUSED = {
     "storms": [
         ("--set link.loss=0", "--set link.loss=0: bench storms sets link itself in each session; give --profiles"),
@@ -190,3 +193,28 @@ def test_a_row_that_diverged_has_the_drifts_before() -> None:
     assert drifts_mm(replace(TRIAL, gaps_m=((0.001,),), diverged="anna: gone"), whole) == [1.0]
     with pytest.raises(ValueError, match="longer"):
         drifts_mm(replace(TRIAL, gaps_m=((0.001,),)), whole)
+
+
+def printed(table: Any) -> list[str]:
+    console = Console(width=80, file=StringIO(), force_terminal=False)
+    console.print(table)
+    assert isinstance(console.file, StringIO)
+    return console.file.getvalue().splitlines()
+
+
+def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
+    played = dict.fromkeys(
+        ["delay_ms", "best_delay_ms", "number_delay_ms"], 327.81
+    ) | {"profile": "satellite", "way": "down", "held_frames": 12.34, "late_share": 0.12345, "moves_a_minute": 123.4,
+         "best_frames": 12, "best_late_share": 0.12345, "delay_ratio": 1.234, "late_ratio": 12.345, "beaten": True,
+         "expected_frames": 12, "number": 12, "number_late_share": 0.12345}  # fmt: skip
+    storm = StormRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
+    loose = LooseRow("satellite", 16, "coupling", 100_000.0, 400, 400, 400, 12.3456, 515.7, 400)
+    for table, rows_below in (
+        (bench_playout._table([played], 128), 2),
+        (bench_storms._storm_table([storm], 3.0), 1),
+        (bench_storms._loose_table([loose]), 1),
+    ):
+        lines = printed(table)
+        assert sum("satellite" in line for line in lines) == rows_below
+        assert "…" not in "".join(lines)

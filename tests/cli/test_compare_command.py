@@ -43,7 +43,7 @@ def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     lines = [line.split() for line in out.splitlines()]
     table = [line for line in lines if line[:1] in (["clean"], ["own"], ["wave"], ["coupling"])]
     assert [line[0] for line in table] == ["clean", "wave", "coupling", "own", "wave", "coupling"]
-    assert table[4][1] == "stable"
+    assert table[4][1] == "active"  # by what the sampled dampers of 512 Hz leak, with a hand that leaps
     assert table[5][1] in ("diverged", "oscillates")
     assert table[5][2].startswith("1/1")
     assert "2 of 4 sessions" in err

@@ -116,7 +116,7 @@ def speak(stdout: int, form: str = "text", count: int = 10) -> subprocess.Popen[
 
 def ended(speaker: subprocess.Popen[bytes]) -> tuple[int, str]:
     """(exit code, what it said on standard error) after it was told to speak."""
-    _, errors = speaker.communicate(b"\n", 30.0)
+    _, errors = speaker.communicate(b"\n", 60.0)
     return speaker.returncode, errors.decode()
 
 

@@ -48,7 +48,7 @@ def test_a_family_is_the_leader_and_its_children() -> None:
     finally:
         leader.stdin.write(b"\n")
         leader.stdin.close()
-        leader.wait(10.0)
+        leader.wait(60.0)
         leader.stdout.close()
     assert family_of(leader.pid) == []
     assert memory_kb(leader.pid) is None

@@ -22,8 +22,10 @@ from cogrip.sim.io.relay_loop import LiveRelay
 from cogrip.sim.relay import Relay
 
 from tests.cli.spoiled_runs import Cogrip
+from tests.free_ports import free_port
 
 TO = ("--to", "127.0.0.1:9", "--listen", "127.0.0.1:0", "--seconds", "0.001")
+LIMIT_S = 60.0  # for anything that is waited for
 TRACE = "t_s,delay_ms\n0,5\n1,lost\n"
 
 
@@ -87,9 +89,7 @@ def _own_addresses() -> list[str]:
 
 @pytest.mark.parametrize(("listen", "to"), [("0.0.0.0", "192.0.2.1"), ("127.0.0.2", "0.0.0.0"), ("0.0.0.0", "[::1]")])
 def test_the_same_port_elsewhere_is_another_place(cogrip: Cogrip, listen: str, to: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     code, out, said = cogrip("relay", "--to", f"{to}:{port}", "--listen", f"{listen}:{port}", "--seconds", "0.001")
     assert code == 0, said
     assert f"relaying from {listen}:{port} to {to}:{port}" in out
@@ -116,15 +116,9 @@ def test_it_goes_on_when_nobody_reads_what_it_says(full: bool) -> None:
     reading, writing = os.pipe()
     os.close(reading)  # a reader who is gone
     out = os.open("/dev/full", os.O_WRONLY) if full else writing
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free,
-    ):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
         far.bind(("127.0.0.1", 0))
-        far.settimeout(20.0)
-        free.bind(("127.0.0.1", 0))
-        place = free.getsockname()
-        free.close()
+        place = ("127.0.0.1", free_port())
         process = _fed(place_text(far.getsockname()), place_text(place), out)
         os.close(writing)
         if full:
@@ -133,7 +127,7 @@ def test_it_goes_on_when_nobody_reads_what_it_says(full: bool) -> None:
             for number in (b"1", b"2"):  # two flows: each is told of
                 _hand_over(number, place, far)
             process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=20.0)
+            _, said = process.communicate(timeout=LIMIT_S)
         finally:
             process.kill()
     assert (process.returncode, said) == (0, b"")
@@ -146,7 +140,7 @@ def _hand_over(payload: bytes, place: tuple[str, int], far: socket.socket) -> No
     """Send one datagram to the relay, again until it listens; it must come out at the far end."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         far.settimeout(0.2)
-        for _ in range(100):
+        for _ in range(round(LIMIT_S / 0.2)):
             client.sendto(payload, place)
             with contextlib.suppress(TimeoutError):
                 while far.recv(10) != payload:
@@ -241,7 +235,7 @@ def test_at_a_terminal_the_status_goes_where_the_lines_go() -> None:
         while b"0 flows: up 0 in" not in said:
             said += os.read(ours, 4096)  # an error once the process has ended
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=20.0)
+        out, _ = process.communicate(timeout=LIMIT_S)
     finally:
         process.kill()
         os.close(ours)

@@ -84,7 +84,8 @@ class Client:
     def total(self) -> float:
         """sum u T_c of all ticks so far, as it went into frames; one axis, boxcar."""
         sender, unsent = self.waves._sender, sum(self.waves._decimator._sum)  # type: ignore[attr-defined]
-        return (sum(sender._total) + sum(sender._values)) * T_N + unsent * T_C
+        _, waves, before, _ = sender.contents()
+        return (sum(before) + sum(waves)) * T_N + unsent * T_C
 
     def sent(self) -> list[messages.AnyMessage]:
         found = [messages.decode(datagram) for datagram in self.core.outbox]

@@ -12,6 +12,7 @@ from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, Pas
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Power, Stamp, State
 from cogrip.protocol.power import CHARGE_UP_J, LENT_J
+from cogrip.protocol.running_sum import RunningSum
 from cogrip.protocol.settings import resolve, seat_settings
 
 from tests.client.seated_client import T_C, T_N, Client, M, walk
@@ -108,8 +109,8 @@ def test_a_force_that_nothing_pays_for_fades_and_one_that_is_paid_for_does_not()
     hear(rich, 0, -3.0, 1.0, taken=0.0)
     hear(poor, 0, -3.0, 0.0, taken=0.0)
     for control in (rich, poor):
-        control._in = [1.0]  # the server has enough: no damper
-        control._left[0] += RESERVE_J
+        control._in = [RunningSum(1.0)]  # the server has enough: no damper
+        control._left[0].add(RESERVE_J)
         control._given = [-3.0]
     forces = [(run_tick(rich, 0.1, 0.1), run_tick(poor, 0.1, 0.1)) for _ in range(200)]
     assert all(force == -3.0 for force, _ in forces)
@@ -125,27 +126,27 @@ def test_a_force_that_nothing_pays_for_fades_and_one_that_is_paid_for_does_not()
 def test_a_hand_that_presses_against_the_force_is_not_controlled() -> None:
     control = control_of()
     hear(control, 0, 0.2, 0.0)
-    control._in = [1.0]
+    control._in = [RunningSum(1.0)]
     assert [run_tick(control, 0.1, 0.1) for _ in range(50)] == [0.2] * 50
     assert control.controlled == 0
 
 
 def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take() -> None:
     control = control_of()
-    control._left = [1.0]
+    control._left = [RunningSum(1.0)]
     hear(control, 0, 0.0, 0.0, taken=0.0)
     (force,) = control.force((0.0,), (0.04,))
     assert force == pytest.approx(0.5 * B * 0.04)
-    control._in = [0.5 * CHARGE_UP_J]
+    control._in = [RunningSum(0.5 * CHARGE_UP_J)]
     (force,) = control.force((0.0,), (0.04,))
     assert force == pytest.approx(0.25 * B * 0.04)
-    control._in = [CHARGE_UP_J]
+    control._in = [RunningSum(CHARGE_UP_J)]
     assert list(control.force((0.0,), (0.04,))) == [0.0]
 
 
 def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reserve_is_full() -> None:
     control = control_of()
-    control._left = [-1e-3]
+    control._left = [RunningSum(-1e-3)]
     books = (
         (5e-4, 0.0, -5e-4), (1.5e-3, 5e-4, 5e-4), (1e-3, 1e-3, 1e-3), (5e-3, 3.5e-3, 3.5e-3), (1e-3, 4e-3, 4e-3),
         (1e-3, 5e-3, 4e-3),
@@ -153,7 +154,7 @@ def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reser
     for push, told, left in books:
         control.applied_n = (1.0,)
         control.elapse((push / T_C,), (0.0,))
-        assert control._in[0] == pytest.approx(told, abs=1e-12), push
+        assert control._in[0].value == pytest.approx(told, abs=1e-12), push
         assert control.left_j[0] == pytest.approx(left, abs=1e-12), push
     assert control.left_j[0] == pytest.approx(RESERVE_J)
 
@@ -161,7 +162,7 @@ def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reser
 def test_a_strong_force_is_given_in_full_once_enough_is_kept_for_it() -> None:
     """30 N of a wall, which a hand presses into: the reserve follows the force."""
     control = control_of()
-    control._in = [1.0]
+    control._in = [RunningSum(1.0)]
     forces = []
     for tick in range(600):
         if tick % M == 0:
@@ -243,14 +244,14 @@ def test_a_faulty_hand_moves_no_proxy_and_claims_nothing() -> None:
     client.sent()
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
-    claimed, place = list(control._in), client.core.position_m[0]
+    claimed, place = [energy.value for energy in control._in], client.core.position_m[0]
     for number in range(5 * M + 1, 12 * M + 1):
         client.tick(number, 1e-4 * number, velocity=(0.1,))
     last = client.sent()[-1]
     assert isinstance(last, Power)
     assert last.position_m[0] == pytest.approx(place, abs=1e-12)
     assert last.velocity_mps == (0.0,)
-    assert control._in == claimed
+    assert [energy.value for energy in control._in] == claimed
 
 
 def test_who_takes_leave_claims_nothing_and_lets_the_proxy_come_to_a_stop() -> None:
@@ -262,14 +263,14 @@ def test_who_takes_leave_claims_nothing_and_lets_the_proxy_come_to_a_stop() -> N
     client.core.stop()
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
-    claimed, places = list(control._in), []
+    claimed, places = [energy.value for energy in control._in], []
     client.sent()
     for number in range(20 * M + 1, 100 * M + 1):
         if number % M == 0:
             client.core.receive(messages.encode(power(number // M, 2.0, 0.0)), number)
         client.tick(number, 1e-4 * number, velocity=(0.1,))
         places += [message.position_m[0] for message in client.sent() if isinstance(message, Power)]
-    assert control._in == claimed
+    assert [energy.value for energy in control._in] == claimed
     steps = [b - a for a, b in itertools.pairwise(places)]
     assert steps[0] > 5e-4
     assert all(b <= a + 1e-12 for a, b in itertools.pairwise(steps))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cogrip.devices.hid.frames import CODECS
+from cogrip.devices.io import hid_port
 
 from tests.devices.hid_bench import LONG_S, NOTHING, WAITED, Bench, Scenarios, fails, fails_at_last
 
@@ -229,7 +230,9 @@ def a_port_that_hangs_can_be_closed(bench: Bench) -> None:
     port.write(NOTHING)
     while not bench["reports_written"]:
         pass
+    patience_s, hid_port.CLOSE_S = hid_port.CLOSE_S, 0.01
     port.close()
+    hid_port.CLOSE_S = patience_s
     assert port.counts == {"closed while a report was on its way": 1}
     assert bench["is_open"] == 1  # closing it now would pull it from under the write
     bench.set(hangs=0)

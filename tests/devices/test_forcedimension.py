@@ -257,7 +257,7 @@ def test_positive_force_moves_the_device_towards_minus(sdk, axis) -> None:
 
 
 @given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_force_is_limited_and_keeps_its_direction(sdk, force) -> None:
     """The library fails the test at its end for a force above the limit that it was given."""
     device = sdk.opened()

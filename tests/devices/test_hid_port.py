@@ -37,7 +37,7 @@ def outcomes(stub: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
         folder = tmp_path_factory.mktemp(module)
         program = [sys.executable, "-W", "error", "-m", PROGRAM, str(stub), BACKENDS[module], str(folder)]
         preloaded = {**os.environ, "LD_PRELOAD": str(stub)}
-        done = subprocess.run(program, cwd=ROOT, env=preloaded, capture_output=True, timeout=50)
+        done = subprocess.run(program, cwd=ROOT, env=preloaded, capture_output=True, timeout=120)
         assert done.returncode == 0, done.stderr.decode()
         result: dict[str, str] = json.loads(done.stdout)
         return result

@@ -13,7 +13,7 @@ import pytest
 
 from tests.live.held_arms import Arm, Session, Spoken
 
-LIMIT_S = 25.0  # for anything a process is waited for; a hang then fails with what was said
+LIMIT_S = 120.0  # for anything a process is waited for; a hang then fails with what was said
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -96,7 +96,7 @@ def serve(run: Callable[..., Process], tmp_path: Path) -> Callable[..., tuple[Pr
 
     def start(config: Path, *arguments: str) -> tuple[Process, int]:
         server = run(
-            "serve", config, "--port", "0", "--seconds", "120", "--runs", tmp_path / "server", "--no-report", *arguments
+            "serve", config, "--port", "0", "--seconds", "600", "--runs", tmp_path / "server", "--no-report", *arguments
         )
         return server, int(server.hear(r"listening on \S+:(\d+)")[1])
 

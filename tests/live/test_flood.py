@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import sys
+import time
 from pathlib import Path
 
 import msgspec
@@ -19,6 +20,7 @@ from cogrip.protocol.io.sealed_call import SealedCall
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
+from cogrip.server.gate import LIMITS
 
 from tests.live.held_arms import DEMO, Spoken, fairly
 
@@ -27,6 +29,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="loopback has on
 HOST = "127.0.0.1"
 FLOOD_S = 2.5
 MOST_GROWTH_BYTES = 8 * 2**20  # of the server, while some 50,000 datagrams of strangers come
+OURS = 16  # first contacts of those who belong here
 ANSWERED = {"refused: sealed", "cookie sent"}  # of what was dropped
 
 
@@ -56,7 +59,7 @@ def overheard(port: int, fingerprint: str, token: str) -> list[bytes]:
 @fairly
 def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path):
     server = start(
-        "serve", DEMO, "--seal", "--port", "0", "--state", tmp_path / "state", "--seconds", "120", "--no-report",
+        "serve", DEMO, "--seal", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
         "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
     )  # fmt: skip
     server.hear("listening on")
@@ -68,7 +71,7 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
     for person, name in zip(people, ("anna", "ben"), strict=True):
         person.hear(f"{name} holds cube")
     mixed = samples_of((HOST, link.port), link.fingerprint, records)[MIX]
-    before = resident_bytes(server)
+    before, begun_s, contacts = resident_bytes(server), time.monotonic(), LIMITS.contacts
     flood = Flood(Job(HOST, link.port, FLOOD_S, mixed))
     try:
         done = flood.end()
@@ -85,17 +88,19 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
         assert person.end() == 0, person.said
     server.popen.send_signal(signal.SIGTERM)
     assert server.end() == 0, server.said
+    took_s = time.monotonic() - begun_s
     for process in (server, *people):
         assert "Traceback" not in process.said
 
-    assert done.sent > 0.9 * FLOOD_S * 20_000
+    assert done.sent > 2 * done.addresses, "each of them more than once, however slow this machine is"
     assert growth < MOST_GROWTH_BYTES
     assert "silent for too long" not in server.said
     dropped = summary(tmp_path / "server")["server"]["dropped"]
     print(dropped)
     assert {"stranger", "contact budget", "too large", *ANSWERED} <= dropped.keys()
     assert sum(dropped.values()) >= done.sent, "each of them is somewhere"
-    assert sum(dropped[reason] for reason in ANSWERED) < 0.1 * done.sent, "hardly any is worth an answer"
+    answered = sum(dropped[reason] for reason in ANSWERED)
+    assert answered <= contacts.burst + contacts.per_second * took_s + OURS, "hardly any is worth an answer"
     assert "seat timed out" not in dropped
 
 

@@ -4,7 +4,7 @@ import signal
 
 from cogrip.protocol.power import LENT_J
 
-from tests.live.test_live_sessions import DEMO, accounted, leaving, replayed, summary_in
+from tests.live.test_live_sessions import DEMO, FEW_FRAMES, accounted, leaving, replayed, summary_in
 
 
 def test_two_people_hold_a_cube_by_power_and_every_recording_plays_again(run, serve, tmp_path):
@@ -22,7 +22,7 @@ def test_two_people_hold_a_cube_by_power_and_every_recording_plays_again(run, se
     assert not whole["diverged"]
     assert whole["object"]["travel_m"] > 0.005
     for user in whole["users"]:
-        assert user["link"]["applied"] > 200
+        assert user["link"]["applied"] > FEW_FRAMES
         assert accounted(user["link"])
         assert user["energy"]["up_margin_j"] >= -LENT_J - 1e-12
         assert user["peak_force_n"] > 0.2

@@ -10,6 +10,8 @@ from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.sim.replay.verify import verify
 
+from tests.live.test_live_sessions import FEW_FRAMES
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 BAD = ("--set", "object.axes=3", "--set", "link.loss=0.1", "--set", "link.jitter_ms=5", "--set", "link.duplicate=0.05")
 CROWD = (
@@ -41,4 +43,4 @@ def test_a_live_session_plays_again_exactly(run, serve, tmp_path, config):
         found = verify(open_recording(file))
         assert found.exact, found
         assert not found.cut
-        assert found.ticks > 100
+        assert found.ticks > FEW_FRAMES

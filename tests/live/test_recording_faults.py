@@ -20,11 +20,10 @@ from cogrip.protocol.recording.records import kind_of
 from cogrip.sim.replay.verify import verify
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
 
-from tests.live.held_arms import until
+from tests.live.held_arms import LIMIT_S, until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="finds the writers in /proc")
 
-LIMIT_S = 25.0
 MOST_LOST_NS = 300_000_000  # of what was before a kill
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 NAMES = ("anna", "ben", "cleo", "dora")
@@ -46,6 +45,7 @@ class End:
     server: Any
     writer: int = field(init=False)
     _follower: Follower = field(init=False)
+    _excused_ns: int = 0  # what the machine itself held up of what was to be on the disk
 
     def await_recording(self) -> None:
         """Until its file can be opened and its writer is known."""
@@ -71,6 +71,14 @@ class End:
         status = Path(f"/proc/{self.process.popen.pid}/status").read_text()
         return int(status.partition("\nvoluntary_ctxt_switches:")[2].split()[0])
 
+    def starved_ns(self) -> int:
+        """How long its loop and its writer have waited for a processor so far, as far as the system says."""
+        found = 0
+        for pid in (self.process.popen.pid, self.writer):
+            with suppress(OSError, IndexError):
+                found += int(Path(f"/proc/{pid}/schedstat").read_text().split()[1])
+        return found
+
     def until(self, good: Callable[[], bool], what: str, every_s: float = 0.02) -> None:
         """Wait for something. Skips the test where the machine stalled, fails it where the session broke off otherwise."""
 
@@ -86,10 +94,12 @@ class End:
 
     def await_moment(self, chance: Random, rate_hz: int) -> None:
         """Until some of it is on the disk, and then to anywhere between two flushes."""
+        begin_ns = self.starved_ns()
         written = self.newest() + chance.randrange(rate_hz // 2)
         self.until(lambda: self.newest() >= written, f"{written} on the disk")
         turned = self.turns() + chance.randrange(rate_hz // 4)
         self.until(lambda: self.turns() >= turned, f"{turned} turns", every_s=0.002)
+        self._excused_ns = self.starved_ns() - begin_ns
 
     def await_end(self) -> None:
         """Until it is gone, and its writer, which has the same output."""
@@ -112,9 +122,10 @@ class End:
             assert not verdict.cut, self.name
         else:
             print(
-                f"{self.name}: {(killed_ns - last_ns) * 1e-6:.0f} ms before its kill, {verdict.ticks} ticks play again"
+                f"{self.name}: {(killed_ns - last_ns) * 1e-6:.0f} ms before its kill ({self._excused_ns * 1e-6:.0f} ms of"
+                f" them excused), {verdict.ticks} ticks play again"
             )
-            assert killed_ns - last_ns <= MOST_LOST_NS, self.name
+            assert killed_ns - last_ns <= MOST_LOST_NS + self._excused_ns, self.name
             assert all(damage.to_ns is None for damage in recording.damage), "nothing but the end is cut off"
 
 
@@ -167,7 +178,7 @@ def test_whatever_is_killed_its_recording_and_those_of_the_others_play_again_exa
 
 @pytest.mark.parametrize(("way", "folder"), [("--runs", "/proc/cogrip"), ("--into", "/sys/cogrip")])
 def test_where_nothing_can_be_written_a_session_goes_on_and_says_so(run, way, folder):
-    server = run("serve", DEMO, "--port", "0", "--seconds", "120", way, folder)
+    server = run("serve", DEMO, "--port", "0", "--seconds", "600", way, folder)
     port = server.hear(r"listening on \S+:(\d+)")[1]
     person = run("join", f"127.0.0.1:{port}", "--seconds", "0.5", way, folder)
     assert person.end() == 0, person.said

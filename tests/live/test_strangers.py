@@ -29,7 +29,8 @@ from cogrip.server.recorded import step_topic
 from cogrip.sim.records import End
 from cogrip.sim.replay.verify import verify
 
-from tests.live.held_arms import DEMO, Spoken, fairly, until
+from tests.free_ports import free_port
+from tests.live.held_arms import DEMO, LIMIT_S, Spoken, fairly, until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads what Linux says of addresses and processes")
 
@@ -61,16 +62,14 @@ class Server:
         self.base, self._arguments = base, arguments
         self.state = base / "state"
         self.starts = 0
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind((HOST, 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         self.start()
 
     def start(self) -> None:
         self.starts += 1
         self.runs = self.base / f"server{self.starts}"
         self.process = Spoken(
-            "serve", str(DEMO), "--port", str(self.port), "--state", str(self.state), "--seconds", "300", "--no-report",
+            "serve", str(DEMO), "--port", str(self.port), "--state", str(self.state), "--seconds", "900", "--no-report",
             "--set", "link.delay_ms=0", "--runs", str(self.runs), *self._arguments,
             stdin=subprocess.DEVNULL,
         )  # fmt: skip
@@ -326,7 +325,7 @@ class Relay:
     def rebind(self) -> None:
         self._rebind = True
         self._wake.send(b"!")
-        assert self.rebound.wait(25.0)
+        assert self.rebound.wait(LIMIT_S)
 
     def close(self) -> None:
         self._end = True

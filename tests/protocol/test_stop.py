@@ -1,22 +1,25 @@
 """Signals: what ends a loop, what asks it to read its files anew, and a terminal that is closed."""
 
-import fcntl
 import os
 import signal
 import subprocess
 import sys
-import termios
 
 import pytest
 
 from cogrip.protocol.io.stop import Stop, on_signals
 
-LIMIT_S = 30.0
+LIMIT_S = 60.0
 LOOP = """
-import signal, sys
+import fcntl, signal, sys, termios
 from cogrip.protocol.io.stop import Stop, on_signals
+hangup, nohup, terminal = sys.argv[1], sys.argv[2] == "True", int(sys.argv[3])
+if nohup:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+if terminal >= 0:
+    fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
 reloads = 0
-with on_signals(Stop(), *sys.argv[1:2]) as stop:
+with on_signals(Stop(), hangup) as stop:
     print("ready", file=sys.stderr, flush=True)
     while not stop.reason:
         if stop.take_reload():
@@ -29,16 +32,10 @@ print(f"ended: {stop.reason}", file=sys.stderr, flush=True)
 class Loop:
     """A process that runs until it is told to stop, and says what it was told."""
 
-    def __init__(self, *arguments: str, nohup: bool = False, terminal: int | None = None) -> None:
-        def before() -> None:
-            if nohup:
-                signal.signal(signal.SIGHUP, signal.SIG_IGN)
-            if terminal is not None:
-                fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
-
+    def __init__(self, hangup: str, *, nohup: bool = False, terminal: int = -1) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-c", LOOP, *arguments], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-            start_new_session=True, preexec_fn=before, pass_fds=() if terminal is None else (terminal,),
+            [sys.executable, "-c", LOOP, hangup, str(nohup), str(terminal)], stdin=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, text=True, start_new_session=True, pass_fds=() if terminal < 0 else (terminal,),
         )  # fmt: skip
         assert self.next() == "ready"
 
@@ -61,8 +58,8 @@ class Loop:
 def loop():
     begun: list[Loop] = []
 
-    def begin(*arguments: str, **more: object) -> Loop:
-        begun.append(Loop(*arguments, **more))
+    def begin(hangup: str, **more: object) -> Loop:
+        begun.append(Loop(hangup, **more))
         return begun[-1]
 
     yield begin
@@ -71,7 +68,7 @@ def loop():
 
 
 def test_a_reload_is_asked_for_once(monkeypatch):
-    stop = Stop()
+    stop, before = Stop(), signal.getsignal(signal.SIGHUP)
     assert not stop.take_reload()
     with on_signals(stop, "reload"):
         os.kill(os.getpid(), signal.SIGHUP)
@@ -82,7 +79,7 @@ def test_a_reload_is_asked_for_once(monkeypatch):
         assert stop.take_reload()
         assert not stop.take_reload()
     assert (stop.reason, stop.signals) == ("", 0)
-    assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGHUP) is before
 
 
 def test_a_rearm_is_asked_for_once():

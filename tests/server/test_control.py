@@ -29,7 +29,7 @@ from cogrip.server.io.control import (
 )
 from cogrip.server.io.state_folder import StateFolder, make_folder, write_private
 
-LIMIT_S = 20.0  # for anything that is waited for
+LIMIT_S = 60.0  # for anything that is waited for
 
 
 @pytest.fixture

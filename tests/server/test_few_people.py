@@ -1,6 +1,9 @@
 """A room of few people is stepped in plain floats: the same answers, the same energy as by the arrays."""
 
+from fractions import Fraction
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -62,3 +65,26 @@ def test_the_arrays_of_few_people_are_not_to_be_written_to() -> None:
         assert not getattr(world, name).flags.writeable, name
     world.position = np.array([0.1, 0.2, 0.3])
     assert world.motion() == (0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", [GripWorld, FewGripWorld])
+def test_the_work_of_hours_is_within_two_roundings_of_the_true_one(kind: type[GripWorld]) -> None:
+    """Small steps beside a large sum: a plain one is out by up to half its last digit each time."""
+    world, start = kind(seats(2, 1, np.random.default_rng(1))), 1e7 / 3.0
+    for user in range(2):
+        world.join(user, np.zeros(1))
+    world.port_work = np.array([start, -start])
+    true, plain = [Fraction(start), Fraction(-start)], [start, -start]
+    rows = [(0.4,), (0.3,)]
+    for _ in range(2000):
+        answers = world.advance(rows)
+        for user, ((u,), (v,)) in enumerate(zip(rows, answers, strict=True)):
+            work = (0.5 * world.frame_s) * (u * u - v * v)
+            true[user] += Fraction(work)
+            plain[user] += work
+    for user, work in enumerate(world.worked()):
+        assert abs(Fraction(work) - true[user]) <= Fraction(2.0**-52) * Fraction(start) * 2
+    out = max(abs(Fraction(sum_) - work) for sum_, work in zip(plain, true, strict=True))
+    assert out > Fraction(2.0**-52) * Fraction(start) * 4, "else nothing is shown"
+    world.open_books(1)
+    assert list(world.worked()) == [world.port_work[0], 0.0]

@@ -9,7 +9,7 @@ from cogrip.protocol.felt_stiffness import MOST_GAIN
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.core import ServerCore
-from cogrip.server.following import FOLLOW_S, StiffnessFollower
+from cogrip.server.following import FOLLOW_S, WORD_EVERY_S, WORDS, StiffnessFollower
 from cogrip.server.worlds.few import FewGripWorld
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
@@ -95,6 +95,60 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
     followed.hear(5, 2000)
     assert "1000 N/m is within reach again" in followed.follower.told
     assert followed.aims[-1] == pytest.approx(followed.seat.rendered_npm)
+
+
+def swing(followed: Followed, seconds: int) -> list[tuple[int, str]]:
+    """Loops within reach and out of it, as fast as the median of a second lets them; frame and text of each word."""
+    heard = []
+    for frame in range(128 * seconds):
+        followed.hear(13 if frame // 128 % 2 else 5, 1)
+        if followed.follower.told:
+            heard.append((frame, followed.follower.told))
+            followed.follower.told = ""
+    return heard
+
+
+def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others() -> None:
+    followed = Followed()
+    followed.hear(5, 200)
+    heard = swing(followed, 600)
+    at_once = [frame for frame, _ in heard if frame < 8 * 128]
+    assert len(at_once) == WORDS
+    assert WORDS < len(heard) <= WORDS + 600 // WORD_EVERY_S
+    for number, (_, words) in enumerate(heard):  # each says something else than the one before
+        assert ("out of reach" in words) == (number % 2 == 0)
+    changes = 600 - 1  # one in each second but the first
+    assert followed.follower.withheld >= changes - WORDS - 600 // WORD_EVERY_S
+    assert followed.follower.withheld <= changes - WORDS
+
+
+@pytest.mark.parametrize("loop", [5, 13])
+def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
+    followed = Followed()
+    followed.hear(5, 200)
+    heard = swing(followed, 9)
+    assert len(heard) == WORDS
+    followed.hear(loop, 3 * WORD_EVERY_S * 128)
+    reached = loop == 5
+    assert followed.follower.reached is reached
+    assert followed.follower.told == "" if reached else "out of reach" in followed.follower.told
+    assert "within reach again" in heard[-1][1]
+
+
+def test_what_was_not_said_is_counted_by_name() -> None:
+    core = ServerCore([resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", lambda: 1)
+    [room] = core.rooms
+    followed = Followed()
+    room.seats[0].follower = followed.follower
+    followed.hear(5, 200)
+    told = 0
+    for second in range(40):
+        followed.hear(13 if second % 2 else 5, 128)
+        core.tick(room, second)
+        told += sum(event.event == "stiffness" for event in core.events)
+        core.events.clear()
+    assert told == WORDS
+    assert core.dropped == {"stiffness word": 39 - WORDS}
 
 
 @given(st.lists(st.tuples(st.integers(1, 4096), st.integers(1, 400)), max_size=12))

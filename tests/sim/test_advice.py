@@ -2,10 +2,13 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.protocol.settings_table import SettingsError
+from cogrip.sim.analysis import advice_change
 from cogrip.sim.analysis.advice import AMPLE, Advice, advise, advise_seat
 from cogrip.sim.analysis.advice_change import best_change
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
@@ -133,6 +136,35 @@ def test_words_name_the_bound(device: str, b: float, bound: str) -> None:
     advice = advise(settings_of(users__0__device=device, users__1__device=device, coupling__impedance_nspm=b))
     assert bound in words(advice, "device")
     assert advice.users[0].impedance_bound == bound.split()[1]
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"coupling.kind": "coupling", "link.delay_ms": 20.0},
+        {"coupling.decimator": "none", "users.0.device": "sim:ideal"},
+        {"coupling.impedance_nspm": 45.0, "link.profile": "wan"},
+    ],
+)
+def test_who_looks_at_the_most_hopeful_first_finds_what_who_looks_at_all_finds(overrides: dict[str, Any]) -> None:
+    """Every candidate with its whole limit, as the definition of the best one says."""
+    settings = resolve({"users": [{"name": "a"}, {"name": "b"}]}, overrides)
+    now = advise(settings)
+    asked = [user.asked_npm for user in now.users]
+    table = msgspec.to_builtins(settings)
+    best, found = advice_change._score(now, asked).key(), None
+    for key, value in advice_change._candidates(settings, now):
+        try:
+            after = advice_change._score(advise(resolve(table, {key: value})), asked).key()
+        except (SettingsError, ModelError):
+            continue
+        if after < best:
+            best, found = after, (key, value)
+    tried: list[int] = []
+    change = best_change(settings, now, lambda number, total: tried.append(number))
+    assert (None if change is None else (change.key, change.value)) == found
+    assert tried == list(range(len(tried)))
+    assert len(tried) > 10
 
 
 def test_where_nothing_would_be_better_nothing_is_said() -> None:

@@ -294,7 +294,7 @@ def _tame(person: Person, tick_s: float) -> bool:
 
 
 @given(sessions())
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 def test_the_model_is_one_frame_of_the_actual_cores(case: tuple[Settings, LiftedModel]) -> None:
     resolved, model = case
     ours, cores = model.matrix(), CoresFrame(resolved, model).matrix()

@@ -16,9 +16,10 @@ from cogrip.protocol.settings import coupling_of, rates_of, resolve
 from cogrip.sim.methods import cell as cells_module
 from cogrip.sim.methods import question
 from cogrip.sim.methods.cell import run_cell, run_session
-from cogrip.sim.methods.felt import LOAD_N, balanced_loads, measure_felt
+from cogrip.sim.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
 from cogrip.sim.methods.hand import FADE_S, RestingHand, let_rest
 from cogrip.sim.methods.measures import (
+    ACTIVE_SHARE,
     COLUMNS,
     LAST_S,
     SWING_MJ,
@@ -28,7 +29,9 @@ from cogrip.sim.methods.measures import (
     created_j,
     force_error_n,
     furthest,
+    is_active,
     is_oscillating,
+    put_in_j,
     swing_n,
 )
 from cogrip.sim.methods.method import (
@@ -135,6 +138,25 @@ def test_rest_is_judged_over_the_last_part_alone() -> None:
 )
 def test_what_oscillates(swing: float, created: float, oscillates: bool) -> None:
     assert is_oscillating(swing, created) == oscillates
+
+
+@pytest.mark.parametrize(
+    ("created", "put_in", "active"),
+    [
+        (1.01 * SWING_MJ, 0.0, True),
+        (0.99 * SWING_MJ, 0.0, False),
+        (1.01 * ACTIVE_SHARE * 1e3, 1e3, True),
+        (0.99 * ACTIVE_SHARE * 1e3, 1e3, False),  # much, but not against what hands did
+    ],
+)
+def test_what_is_active(created: float, put_in: float, active: bool) -> None:
+    assert is_active(created, put_in) == active
+
+
+def test_what_hands_put_in_is_counted_whatever_comes_out_again() -> None:
+    assert put_in_j(np.array([0.5, 1.0, 0.2, 0.2, 0.9])) == pytest.approx(0.5 + 0.5 + 0.7)
+    assert put_in_j(np.array([-1.0, -2.0])) == 0.0
+    assert put_in_j(np.zeros(0)) == 0.0
 
 
 # Hands
@@ -283,22 +305,44 @@ def test_waves_feel_as_theory_says(frames: int, compensate: bool, stiffness: flo
         **TWO, "link": {"delay_ms": frames * FRAME_MS}, "coupling": {"stiffness_npm": stiffness, "compensate": compensate},
         "users": [{"name": "a"}, {"name": "b"}],
     })  # fmt: skip
-    felt = measure_felt(settings)
-    assert felt is not None
     line = 0.0 if compensate else (2 * frames + 1) / 128 / 40.0
-    assert felt.felt_npm == pytest.approx(1.0 / (1.0 / stiffness + line), rel=5e-3)
-    assert felt.asked_npm == stiffness
+    for person, felt in zip("ab", measure_felt(settings), strict=True):
+        assert felt.person == person
+        assert felt.felt_npm == pytest.approx(1.0 / (1.0 / stiffness + line), rel=5e-3)
+        assert felt.asked_npm == stiffness
+        assert felt.added_mm_per_n == pytest.approx(1e3 * line, abs=1e3 * 5e-3 / stiffness)
+
+
+def test_people_of_unlike_springs_are_each_held_against_their_own() -> None:
+    """The same line adds the same softness to both; by what it was asked for, the stiffer one is further off."""
+    users = [{"name": "soft", "stiffness_npm": 200.0}, {"name": "stiff", "stiffness_npm": 4000.0}]
+    soft, stiff = measure_felt(resolve({**TWO, "link": {"delay_ms": FRAME_MS}, "users": users}))
+    line = 3 / 128 / 40.0
+    for felt, asked in ((soft, 200.0), (stiff, 4000.0)):
+        assert felt.asked_npm == asked
+        assert felt.added_mm_per_n == pytest.approx(1e3 * line, rel=5e-3)
+        assert felt.error_percent == pytest.approx(100.0 * (1.0 / (1.0 + asked * line) - 1.0), abs=0.5)
+    assert furthest_off([soft, stiff]) == stiff
+
+
+def test_who_is_furthest_off() -> None:
+    near, far, none = Felt("near", 5000.0, 4500.0), Felt("far", 100.0, 80.0), Felt("none", 100.0, None)
+    assert (near.error_percent, far.error_percent) == (pytest.approx(-10.0), pytest.approx(-20.0))
+    assert far.added_mm_per_n == pytest.approx(2.5)
+    assert none.error_percent is None
+    assert none.added_mm_per_n is None
+    assert furthest_off([near, far]) == furthest_off([far, near]) == far  # though 500 N/m are more than 20
+    assert furthest_off([near, none, far]) == none
+    assert furthest_off([]) is None
 
 
 def test_virtual_coupling_feels_its_spring_and_nothing_where_it_never_rests() -> None:
     table = {**TWO, "coupling": {"kind": "coupling", "stiffness_npm": 800.0}, "users": [{"name": n} for n in "abc"]}
-    felt = measure_felt(resolve(table))
-    assert felt is not None
-    assert felt.felt_npm == pytest.approx(800.0, rel=1e-3)
+    for felt in measure_felt(resolve(table)):
+        assert felt.felt_npm == pytest.approx(800.0, rel=1e-3)
     shaking = {**table, "coupling": {"kind": "coupling", "stiffness_npm": 20_000.0}, "link": {"delay_ms": 20.0}}
-    felt = measure_felt(resolve(shaking))
-    assert felt is not None
-    assert felt.felt_npm is None
+    assert [felt.felt_npm for felt in measure_felt(resolve(shaking))] == [None] * 3
+    assert measure_felt(resolve({**TWO, "users": [{"name": "alone"}]})) == ()
 
 
 @pytest.mark.parametrize(
@@ -373,9 +417,16 @@ def test_a_clean_link_has_no_error_to_itself_and_one_view() -> None:
         assert clean["coherence_max_mm"] < 1e-9
         assert wan["error_clean_n"] > 0.01
         assert wan["coherence_max_mm"] > wan["coherence_rms_mm"] > 0.0
-        assert set(clean) == {*COLUMNS, "trace"}
+        assert set(clean) == {*COLUMNS, "felt", "trace"}
     assert by["coupling", CLEAN]["error_ideal_n"] < by["coupling", "wan"]["error_ideal_n"]
     assert by["coupling", CLEAN]["felt_error_percent"] == pytest.approx(0.0, abs=0.1)
+    for measures in by.values():
+        errors = [person["error_percent"] for person in measures["felt"]]
+        names = [person["person"] for person in measures["felt"]]
+        assert names == ["a", "b"]
+        if None not in errors:
+            assert measures["felt_error_percent"] == max(errors, key=abs)
+            assert measures["felt_person"] == names[errors.index(max(errors, key=abs))]
 
 
 @pytest.mark.parametrize("method", list(METHODS))

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,12 +13,13 @@ import pytest
 
 from cogrip.cli.settings_file import load
 from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.settings import resolve
 from cogrip.sim.methods import question
 from cogrip.sim.methods.cell import run_cells
-from cogrip.sim.methods.page import LATEX, MARKDOWN, PLOTS, REPORT, render, write_outcome
+from cogrip.sim.methods.page import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
 from cogrip.sim.methods.question import COMPARISON, prepare, run_comparison
 from cogrip.sim.methods.table import TABLE as COLUMNS_SHOWN
-from cogrip.sim.methods.table import gather, latex, markdown, ours_failed, shown, spread, unstable, verdict
+from cogrip.sim.methods.table import gather, markdown, ours_failed, shown, spread, unstable, verdict
 from cogrip.sim.run_folder import SUMMARY
 from cogrip.sim.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
 from cogrip.sim.sweep.local import LocalWorkers
@@ -76,7 +76,7 @@ def test_ours_creates_no_more_than_its_devices_leak(whole: Path) -> None:
 
 def test_what_it_leaves(whole: Path) -> None:
     assert {path.name for path in whole.iterdir()} == {
-        "comparison.json", CELLS, TABLE, SUMMARY, MARKDOWN, LATEX, REPORT, PLOTS,
+        "comparison.json", CELLS, TABLE, SUMMARY, MARKDOWN, LATEX, REPORT, PLOTS, PEOPLE,
     }  # fmt: skip
     drawn = {path.name for path in (whole / PLOTS).iterdir()}
     names = {"stability", "traces", "forces", "coherence", "errors", "felt"}
@@ -90,6 +90,52 @@ def test_what_it_leaves(whole: Path) -> None:
     ]  # fmt: skip
     assert summary["asked"]["networks"]["wifi"]["up"]["jitter_ms"] > 0.0
     assert summary["asked"]["networks"]["clean"]["up"]["jitter_ms"] == 0.0
+
+
+def test_everybodys_felt_stiffness_is_a_line(whole: Path) -> None:
+    """Of the first seed, which is the only one here that it is measured with."""
+    with (whole / PEOPLE).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["seed"], row["method"], row["network"], row["person"]) for row in rows] == [
+        ("1", method, network, person)
+        for method in ("wave", "coupling")
+        for network in ("clean", "wifi")
+        for person in ("a", "b")
+    ]
+    summary = json.loads((whole / SUMMARY).read_text())
+    wave = next(row for row in summary["rows"] if (row["network"], row["method"]) == ("wifi", "wave"))
+    assert [person["person"] for person in wave["felt"]] == ["a", "b"]
+    for person, line in zip(wave["felt"], rows[2:4], strict=True):
+        assert person["felt_npm"]["median"] == pytest.approx(float(line["felt_npm"]), rel=1e-9)
+        compliance = 1.0 / float(line["felt_npm"]) - 1.0 / float(line["asked_npm"])
+        assert float(line["added_mm_per_n"]) == pytest.approx(1e3 * compliance, rel=1e-6)
+
+
+def test_a_recorded_hand_that_has_changed_makes_another_comparison(tmp_path: Path) -> None:
+    hand, trace = tmp_path / "hand.csv", tmp_path / "trace.csv"
+    hand.write_text("t_s,x_m\n0,0\n1,0.01\n")
+    trace.write_text("t_s,delay_ms\n0,5\n1,7\n")
+    table = {
+        "seconds": 2.0, "link": {"trace": str(trace)},
+        "users": [{"name": "a", "hand": f"csv:{hand}&time=t_s&x=x_m"}, {"name": "b"}],
+    }  # fmt: skip
+
+    def folder(networks: list[str]) -> SweepFolder:
+        asked = prepare(resolve(table), ["wave"], networks, 1)
+        return SweepFolder(tmp_path / "-".join(["out", *networks]), asked.asked, COMPARISON)
+
+    for networks in (["own"], ["lan"]):
+        folder(networks).close()
+        folder(networks).close()
+    trace.write_text("t_s,delay_ms\n0,5\n1,8\n")
+    folder(["lan"]).close()  # nobody asked for the settings' own link
+    with pytest.raises(FolderError, match=rf"other files: {trace}\); name another"):
+        folder(["own"])
+    hand.write_text("t_s,x_m\n0,0\n1,0.02\n")
+    with pytest.raises(FolderError, match=rf"other files: {hand}\)"):
+        folder(["lan"])
+    with pytest.raises(FolderError, match=rf"other files: {hand}, {trace}\)"):
+        folder(["own"])
 
 
 def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Path) -> None:
@@ -120,24 +166,36 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
     assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
 
 
+KILLED_AT_TWO = """
+import os, signal, sys
+from cogrip.cli.main import main
+from cogrip.sim.sweep.folder import SweepFolder
+whole = SweepFolder.add
+def add(self, *told):
+    whole(self, *told)
+    if len(self.finished) == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+SweepFolder.add = add
+main(sys.argv[1:])
+"""
+
+
 def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
-    """The whole parent by SIGKILL once something is finished; then the same question runs the rest alone."""
+    """The whole parent by SIGKILL once two cells are finished; then the same question runs the rest alone."""
     config = tmp_path / "two.toml"
     config.write_text(
         'name = "two"\nseconds = 2.0\n[rates]\ndevice_hz = 512\n[[users]]\nname = "a"\n[[users]]\nname = "b"\nhand = "hold"\n'
     )
     out = tmp_path / "out"
     command = [
-        sys.executable, "-m", "cogrip.cli.main", "compare", str(config), "--profiles", "lan", "--methods", "wave",
-        "--seeds", "4", "--workers", "1", "--out", str(out),
+        sys.executable, "-c", KILLED_AT_TWO, "compare", str(config), "--profiles", "lan", "--methods", "wave", "--seeds", "4",
+        "--workers", "1", "--out", str(out),
     ]  # fmt: skip
+    killed = subprocess.run(command, capture_output=True)
+    assert killed.returncode == -signal.SIGKILL
     cells = out / CELLS
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        while process.poll() is None and not (cells.exists() and cells.read_text().count("\n") >= 2):
-            pass
-        os.kill(process.pid, signal.SIGKILL)
-    kept = [line for line in cells.read_text().splitlines(keepends=True) if line.endswith("\n")]
-    assert 2 <= len(kept) < 8
+    kept = cells.read_text().splitlines(keepends=True)
+    assert len(kept) == 2
     asked = prepare(load(config), ["wave"], ["lan"], 4)
     folder = SweepFolder(out, asked.asked, COMPARISON)
     assert run_comparison(asked, folder, InProcess()) == 8 - len(kept)
@@ -151,7 +209,7 @@ def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
 def row_of(**changes: Any) -> dict[str, Any]:
     row: dict[str, Any] = {
         "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
-        "oscillates": 0, "not_passive": 0, "felt_npm": 500.0, "asked_npm": 1000.0,
+        "oscillates": 0, "active": 0, "not_passive": 0, "felt": [],
         **{column.measure: {"median": 1.0, "worst": 2.0} for column in COLUMNS_SHOWN},
     }  # fmt: skip
     return {**row, **changes}
@@ -164,6 +222,9 @@ def row_of(**changes: Any) -> dict[str, Any]:
         ({"diverged": 20, "diverged_s": {"median": 1.3, "first": 1.1}}, "diverged 20/20 at 1.3 s", True),
         ({"oscillates": 9}, "oscillates 9/20", False),
         ({"oscillates": 10}, "oscillates 10/20", True),
+        ({"active": 20}, "active 20/20", False),
+        ({"diverged": 2, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 3, "active": 5},
+         "diverged 2/20 at 0.35 s, oscillates 3/20, active 5/20", False),
         ({"diverged": 1, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 10, "failed": 2},
          "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True),
         ({"runs": 0}, "–", False),
@@ -196,7 +257,8 @@ def test_nobody_feels_what_is_unstable() -> None:
 
 
 def test_spread_is_the_median_and_the_furthest_from_nothing() -> None:
-    assert spread([1.0, None, -5.0, 3.0]) == {"median": 1.0, "worst": -5.0}
+    assert spread([1.0, None, -5.0, 3.0]) == {"median": 1.0, "q1": -2.0, "q3": 2.0, "worst": -5.0}
+    assert spread([None, 4.0]) == {"median": 4.0, "q1": 4.0, "q3": 4.0, "worst": 4.0}
     assert spread([None, float("nan")]) is None
 
 
@@ -213,15 +275,8 @@ def test_ours_alone_is_judged(row: dict[str, Any], failed: bool) -> None:
     assert ours_failed({"rows": [row_of(), row]}) == failed
 
 
-def test_the_tables_of_a_paper(whole: Path) -> None:
+def test_the_table_in_markdown(whole: Path) -> None:
     summary = json.loads((whole / SUMMARY).read_text())
     rows = [line for line in markdown(summary).splitlines() if line.startswith("|")]
     assert len(rows) == 2 + 4
     assert len({row.count("|") for row in rows}) == 1
-    text = latex(summary)
-    body = [line for line in text.splitlines() if line.endswith("\\\\")]
-    assert len(body) == 2 + 4
-    assert len({line.replace("\\&", "").count("&") for line in body}) == 1
-    assert text.count("\\midrule") == 2
-    assert "[\\%]" in text
-    assert "−" not in text

@@ -12,7 +12,7 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.sim.analysis.rigid_motion import Rigid
-from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, largest_stable, radius, verdict
+from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, hoped_stable, largest_stable, modes, radius, verdict
 
 
 def session(
@@ -68,6 +68,64 @@ def test_a_session_that_is_stable_again_beyond_its_limit_says_so() -> None:
     assert below < 1.0 < beyond
     assert again < 1.0 < above
     assert not largest_stable(LiftedModel(session("paper", 1))).stable_again
+
+
+@pytest.mark.parametrize("scheme", ["passive", "paper", "coupling"])
+@pytest.mark.parametrize("kind", ["cube", "wall"])
+@pytest.mark.parametrize(("hand_npm", "users"), [(0.0, 2), (0.0, 5), (300.0, 3)])
+def test_people_who_are_alike_move_together_or_against_each_other(
+    scheme: str, kind: str, hand_npm: float, users: int
+) -> None:
+    """The whole session's eigenvalues, with their numbers, are those of one person at an N-th of the object, and N - 1 times
+    those of one person at a wall."""
+    overrides = {"object.kind": kind, "object.damping_nspm": 1.5}
+    alike = session(scheme, 2, overrides, users)
+    held = [replace(one, hand_stiffness_npm=hand_npm, hand_damping_nspm=0.01 * hand_npm) for one in alike.people]
+    model = LiftedModel(replace(alike, people=tuple(held)))
+    parts = modes(model)
+    assert len(parts) == (2 if kind == "cube" else 1)
+    for K in (0.0, 100.0, 3000.0, 1e6):
+        stiffness = np.full(users, K)
+        whole = np.linalg.eigvals(Rigid(model, stiffness).removed(model.matrix(stiffness)))
+        counts = (users - 1, 1) if kind == "cube" else (users,)
+        of_parts = np.concatenate([
+            np.tile(np.linalg.eigvals(Rigid(part.model, stiffness[:1]).removed(part.model.matrix(stiffness[:1]))), count)
+            for part, count in zip(parts, counts, strict=True)
+        ])  # fmt: skip
+        assert len(of_parts) == len(whole)
+        for power in (1, 2, 3, 7):  # equal power sums: equal eigenvalues, however near 0 some are
+            assert (of_parts**power).sum() == pytest.approx((whole**power).sum(), rel=1e-6, abs=1e-6)
+
+
+def test_whoever_differs_makes_the_session_one_part() -> None:
+    alike = session("passive", 1)
+    assert len(modes(LiftedModel(alike))) == 2
+    for changes in ({"device_mass_kg": 0.2}, {"impedance_nspm": 30.0}, {"latency_ticks": 1}):
+        parts = modes(LiftedModel(with_person(alike, 1, **changes)))
+        assert [len(part.ray) for part in parts] == [2]
+    assert len(modes(LiftedModel(alike), (1.0, 2.0))) == 1
+    assert len(modes(LiftedModel(session("passive", 1, users=1)))) == 1
+
+
+@pytest.mark.parametrize("scheme", ["paper", "coupling"])
+def test_a_search_that_ends_early_finds_the_same(scheme: str) -> None:
+    model = LiftedModel(session(scheme, 2))
+    whole = largest_stable(model, relative=1e-5)
+    assert whole.stiffness_npm is not None
+    assert largest_stable(model, relative=1e-5, beyond=False).stiffness_npm == whole.stiffness_npm
+    further = largest_stable(model, relative=1e-5, to_npm=1.01 * whole.stiffness_npm, beyond=False)
+    assert further.stiffness_npm == pytest.approx(whole.stiffness_npm, rel=2e-5)
+    short = largest_stable(model, to_npm=0.99 * whole.stiffness_npm)
+    assert short.stiffness_npm is None
+    assert short.searched_to_npm == 0.99 * whole.stiffness_npm
+
+
+def test_a_few_looks_say_what_the_limit_is_at_most() -> None:
+    model = LiftedModel(session("coupling", 2))
+    limit = largest_stable(model).stiffness_npm
+    assert limit is not None
+    assert hoped_stable(model, [0.5 * limit, 1.1 * limit, 2.0 * limit]).stiffness_npm == 1.1 * limit
+    assert hoped_stable(model, [0.5 * limit, 0.99 * limit]).stiffness_npm is None
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0), (1.0, -1.0), (float("nan"), 1.0)])

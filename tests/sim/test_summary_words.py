@@ -9,9 +9,11 @@ import msgspec
 import pytest
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
+from cogrip.protocol.settings import resolve
+from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
 from cogrip.sim.summary import UserRecord, summarise
-from cogrip.sim.verdict import energy, number, share, verdict
+from cogrip.sim.verdict import MANY_LATE, energy, number, share, verdict
 
 from tests.sim.reported_runs import printed
 
@@ -85,6 +87,55 @@ def test_numbers_do_not_lie_by_rounding() -> None:
     assert share(1.0) == "100 %"
     assert number(-0.0001) == "0.0"
     assert number(True) == "True"
+
+
+def too_late(late: int, sent: int, frames: Any = 1, **changes: Any) -> list[str]:
+    """What is said where so many frames up came too late, and hardly any down."""
+    link = {"up": {"late": late, "sent": sent}, "down": {"late": 1, "sent": sent}}
+    user = {
+        "name": "anna",
+        "link": link,
+        "playout": {"up": {"depth_frames": 1.0}, "down": {"depth_frames": 1.0}},
+        **changes,
+    }
+    return [text for tone, text in verdict({"users": [user], "playout_frames": frames}) if "too late" in text]
+
+
+@pytest.mark.parametrize(
+    ("late", "sent", "said"),
+    [
+        (MANY_LATE, 400, True),
+        (MANY_LATE, 401, False),  # less than a share of 0.05
+        (MANY_LATE - 1, 100, False),  # too few to say
+        (310, 1000, True),
+    ],
+)
+def test_a_depth_that_is_too_shallow_is_said_with_its_cure(late: int, sent: int, said: bool) -> None:
+    assert len(too_late(late, sent)) == said
+    if said:
+        [text] = too_late(late, sent)
+        assert text.startswith(
+            f"{100 * late / sent:.0f} % of the frames from anna came too late for playout.frames = 1 "
+        )
+        assert '"auto" follows the network' in text
+
+
+def test_nothing_is_said_of_a_depth_that_follows_or_of_what_is_not_played_out() -> None:
+    assert too_late(310, 1000, "auto") == []
+    assert too_late(310, 1000, None) == []
+    assert too_late(310, 1000, playout={"up": None, "down": None}) == []
+    assert too_late(310, 1000, link={"up": None, "down": None}) == []
+    earlier = {"name": "anna", "link": {"up": {"late": 500, "sent": 1000}}, "playout": {"up": {"depth_frames": 1.0}}}
+    [text] = too_late(310, 1000, earlier=[earlier])
+    assert text.startswith("50 % of the frames from anna (and 5 % or more in 1 of the other directions)")
+
+
+def test_a_session_with_a_fixed_depth_says_so_and_one_that_follows_does_not() -> None:
+    table = {"seconds": 2.0, "link": {"delay_ms": 20.0, "jitter_ms": 20.0}, "users": [{"name": "anna"}]}
+    for frames, warns in ((0, True), ("auto", False)):
+        summary = run_laboratory(resolve({**table, "playout": {"frames": frames}})).summary
+        assert summary["playout_frames"] == frames
+        assert any("came too late for playout.frames" in text for _, text in verdict(summary)) is warns
 
 
 # What an end may say of itself: an account holds any float that there is ------------------------------------------------

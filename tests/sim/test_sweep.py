@@ -245,15 +245,17 @@ def test_nothing_of_anybody_else_is_touched(tmp_path: Path, what: str) -> None:
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
 
 
-def test_a_dead_worker_costs_its_cell_a_second_run(tmp_path: Path) -> None:
+def test_dead_workers_cost_their_cells_a_second_run(tmp_path: Path) -> None:
+    """Both at once, while there are cells that nobody has been given yet: however slow we are, their death is noticed."""
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")
     with LocalWorkers(2) as workers:
 
-        def kill_one_at_half(finished: int) -> None:
-            if finished == 4 and workers._pool is not None and not workers.deaths:
-                os.kill(next(iter(workers._pool._processes)), signal.SIGKILL)
+        def kill_both_at_first(finished: int) -> None:
+            if finished == 1 and workers._pool is not None and not workers.deaths:
+                for worker in list(workers._pool._processes):
+                    os.kill(worker, signal.SIGKILL)
 
-        report = run_sweep(sweep, folder, workers, kill_one_at_half)
+        report = run_sweep(sweep, folder, workers, kill_both_at_first)
     assert workers.deaths == 1
     assert (report.computed, report.failed) == (8, {})
     cells = [json.loads(line)["cell"] for line in (tmp_path / CELLS).read_text().splitlines()]
@@ -274,26 +276,39 @@ def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
     assert len(table(tmp_path)) == report.computed
 
 
+KILLED_AT_FIVE = """
+import os, signal, sys
+from cogrip.cli.main import main
+from cogrip.sim.sweep.folder import SweepFolder
+whole = SweepFolder.add
+def add(self, *told):
+    whole(self, *told)
+    if len(self.finished) == 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+SweepFolder.add = add
+main(sys.argv[1:])
+"""
+
+
 def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
-    """The whole parent process by SIGKILL at half; then the same command: no finished cell is run again."""
+    """The whole parent process by SIGKILL at its fifth cell; then the same command: no finished cell is run again."""
     config = tmp_path / "two.toml"
     config.write_text('name = "two"\nseconds = 2.0\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
-    command = [
-        sys.executable, "-m", "cogrip.cli.main", "sweep", str(config), "--vary", "seed=1:12:12", "--measure", "passive",
-        "--out", str(tmp_path / "out"), "--jobs", "1", "--json", "-",
+    arguments = [
+        "sweep", str(config), "--vary", "seed=1:12:12", "--measure", "passive", "--out", str(tmp_path / "out"), "--jobs", "1",
+        "--json", "-",
     ]  # fmt: skip
+    killed = subprocess.run([sys.executable, "-c", KILLED_AT_FIVE, *arguments], capture_output=True)
+    assert killed.returncode == -signal.SIGKILL
     cells = tmp_path / "out" / CELLS
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        while process.poll() is None and not (cells.exists() and cells.read_text().count("\n") >= 5):
-            pass
-        process.kill()
-    kept = [line for line in cells.read_text().splitlines(keepends=True) if line.endswith("\n")]
-    assert 5 <= len(kept) < 12
+    kept = cells.read_text().splitlines(keepends=True)
+    assert len(kept) == 5
+    command = [sys.executable, "-m", "cogrip.cli.main", *arguments]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     answer = json.loads(done.stdout)
-    assert answer["kept"] == len(kept)
-    assert answer["computed"] == 12 - len(kept)
-    assert cells.read_text().splitlines(keepends=True)[: len(kept)] == kept
+    assert answer["kept"] == 5
+    assert answer["computed"] == 12 - 5
+    assert cells.read_text().splitlines(keepends=True)[:5] == kept
     assert [row["cell"] for row in table(tmp_path / "out")] == [str(cell) for cell in range(12)]
 
 
@@ -318,6 +333,23 @@ def test_what_is_no_number_is_not_drawn(tmp_path: Path) -> None:
     run_sweep(sweep, folder, InProcess())
     with pytest.raises(NotDrawnError, match="no number"):
         draw_measure(sweep.grid, folder.finished, "users.0.state")
+
+
+def test_what_stands_in_a_file_that_cells_read_is_part_of_the_question(tmp_path: Path) -> None:
+    first, second = (tmp_path / f"{name}.csv" for name in ("first", "second"))
+    for path in (first, second):
+        path.write_text("t_s,delay_ms\n0,5\n1,7\n")
+    vary = f"link.trace={first},{second}"
+    sweep, folder = sweep_of(resolve(TWO), tmp_path / "out", vary, "seed=1:2:2")
+    assert run_sweep(sweep, folder, InProcess()).computed == 4
+    again, folder = sweep_of(resolve(TWO), tmp_path / "out", vary, "seed=1:2:2")
+    folder.close()
+    assert len(folder.finished) == 4
+    assert again.digest == sweep.digest
+    second.write_text("t_s,delay_ms\n0,5\n1,70\n")
+    with pytest.raises(FolderError, match=rf"another sweep .other files: {second}."):
+        sweep_of(resolve(TWO), tmp_path / "out", vary, "seed=1:2:2")
+    assert prepare(resolve(TWO), [parse_axis(vary)], [RADIUS]).files == {}  # no session, no file
 
 
 def test_the_manifest_says_what_was_asked(tmp_path: Path) -> None:

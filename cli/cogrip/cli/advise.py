@@ -10,6 +10,7 @@ from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Devices, Overrides, Question
 from cogrip.cli.settings_file import load, with_people
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.advice import Advice, advise
 from cogrip.sim.analysis.advice_change import Change, best_change
 from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
@@ -33,7 +34,7 @@ def advise_command(config: Path, /, *, overrides: Overrides = (), device: Device
     try:
         advice = advise(settings)
         session = linear_session(settings, estimated=True)
-        change = best_change(settings, advice)
+        change = _change(settings, advice)
     except (ModelError, DeviceError) as error:
         raise BadInput(f"{config}: {error}") from None
     Question.tell_rounding(session)
@@ -55,6 +56,17 @@ def advise_command(config: Path, /, *, overrides: Overrides = (), device: Device
     else:
         console.print("most helpful: nothing of what was tried would be better")
     return 0
+
+
+def _change(settings: Settings, advice: Advice) -> Change | None:
+    """What helps most; on a terminal, how far the search is: of many people far apart it takes a while."""
+    errors = Console(stderr=True, highlight=False)
+    with errors.status("looking for what would help") as status:
+        return best_change(
+            settings,
+            advice,
+            lambda tried, total: status.update(f"looking for what would help: {tried} of {total} tried"),
+        )
 
 
 def _record(advice: Advice, session: LinearSession, change: Change | None) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def bench_concealment(
         return 130
     said = [f"{minutes:g} virtual minutes", f"{people} people", object_kind, f"{axes} axes", f"playout {frames} frames"]
     title = ", ".join([*said, f"seed {seed}", *overrides])
-    shown = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    shown = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     columns = (
         "",
         "peak\nN",
@@ -87,6 +87,7 @@ def bench_concealment(
         "law:\npeak N",
         "law:\nstep N",
         "drift\nmm",
+        "owed\nmm",
         "margin\nJ",
         "leak\nJ",
     )
@@ -99,12 +100,14 @@ def bench_concealment(
         shown.add_row(
             trial.name, f"{trial.peak_n:.2f}", of_zero, f"{trial.step_n:.3f}",
             f"{trial.law_peak_n:.2f}", f"{trial.law_step_n:.3f}", f"{max(drifts, default=0.0):.2f}",
+            f"{1e3 * trial.owed_m:.2f}",
             f"{trial.least_margin_j:.0e}", f"{trial.least_leak_j:.3f}",
         )  # fmt: skip
     console.print(shown)
     recoveries = len(clean.gaps_m)
     console.print(
-        f"drift: the largest of {recoveries} recoveries, against the clean link, hands at rest for 1 s or more; "
+        f"drift: the largest of {recoveries} recoveries, against the clean link, hands at rest for 1 s or more, with what the "
+        "object still swings; owed: the part of it that lines lost and have not paid back; "
         f"{trials[BEST].missing:.1%} of the frames were not there in time"
     )
     failures = shortfalls(trials, setup.seconds)

@@ -3,7 +3,7 @@
 from typing import Annotated, Any, get_args
 
 from cyclopts import Parameter
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
@@ -133,21 +133,30 @@ def _mean_cost(runs: list[Played], network_hz: int) -> float:
     return cost(_delay(runs), late, 1.0 - late, weight_frames(1.0 / network_hz))
 
 
-def _table(rows: list[dict[str, Any]], network_hz: int) -> Table:
-    table = Table(title=f"auto beside the best fixed depth, {network_hz} frames a second")
-    table.add_column("way", no_wrap=True)
-    for column in (
-        "auto ms", "held", "late %", "moves/min", "best ms", "held", "late %", "delay x", "late x", "beaten", "expected",
-        "frames", "ms", "late %",
-    ):  # fmt: skip
-        table.add_column(column, justify="right")
+def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
+    """Two tables of at most 80 columns: beside the best depth with hindsight, and the best of the numbers one may set."""
+    beside = _empty(f"auto beside the best fixed depth, {network_hz} frames a second", (
+        "auto\nms", "\nheld", "late\n%", "moves\n/ min", "best\nms", "\nheld", "late\n%", "delay\nx", "late\nx", "\nbeaten",
+    ))  # fmt: skip
+    numbers = _empty("the best number for playout.frames", ("frames", "ms", "late %", "expected of auto"))
     for row in rows:
-        table.add_row(
-            f"{row['profile']} {row['way']}",
-            f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
+        way = f"{row['profile']} {row['way']}"
+        beside.add_row(
+            way, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
             f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
             f"{100 * row['best_late_share']:.3f}", f"{row['delay_ratio']:.3f}", f"{row['late_ratio']:.3f}",
-            "yes" if row["beaten"] else "no", str(row["expected_frames"]), str(row["number"]),
-            f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
+            "yes" if row["beaten"] else "no",
         )  # fmt: skip
+        numbers.add_row(
+            way, str(row["number"]), f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
+            str(row["expected_frames"]),
+        )  # fmt: skip
+    return Group(beside, "", numbers)
+
+
+def _empty(title: str, headings: tuple[str, ...]) -> Table:
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("\nway" if any("\n" in heading for heading in headings) else "way", no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
     return table

@@ -17,6 +17,7 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
+from cogrip.cli.hours_written import HoursWritten, write_hours
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load, shipped
 from cogrip.protocol.accounts import TickCount
@@ -28,12 +29,15 @@ from cogrip.sim.replay.verify import verify
 from cogrip.sim.run_folder import SERVER_RECORDING, SETTINGS, client_recording, read_accounts, write_settings
 
 LONG_S = 1800.0
+WRITTEN_S = 2 * 3600.0
 COLUMNS = ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down", "work_j", "port_j")
 _MOST_RATIO, _MOST_BYTES, _MOST_MB = 1.1, 200.0, 300.0
+_MOST_MB_PER_H = 1.0
 _LEAST_SAMPLES_PER_S, _LEAST_SPEED = 50_000.0, 10.0
 _SHORT_US = 1.0  # where the loop spins into its deadline: a ratio of less says nothing
 _END_LIMIT_S = 30.0
 _CHILD = "import sys; from cogrip.cli.bench_recording import measure; measure(*sys.argv[1:])"
+_HOURS_CHILD = "import sys; from cogrip.cli.bench_recording import measure_hours; measure_hours(sys.argv[1])"
 
 
 class Measured(msgspec.Struct, frozen=True):
@@ -64,7 +68,8 @@ def bench_recording(*, blocks: int = 16, seconds: float = 5.0, people: int = 2, 
     people
         How many take part, 1 to 3.
     long
-        Also make a recording of half an hour and three people, in virtual time, and measure the memory of reading it.
+        Also make a recording of half an hour and three people, in virtual time, and measure the memory of reading it; and
+        write two hours of a client's messages as fast as it goes, and measure the memory of writing them.
     """
     if blocks < 4 or blocks % 4 or seconds < 1.0 or not 1 <= people <= 3:
         raise BadInput("bench recording needs 4, 8, 12 ... blocks of at least 1 s, and 1 to 3 people")
@@ -77,6 +82,7 @@ def bench_recording(*, blocks: int = 16, seconds: float = 5.0, people: int = 2, 
         reached = [_lateness(settings, names, folder, blocks, seconds, console)]
         reached += _files(folder, names, console)
         if long:
+            reached.append(_hours(folder, names[0], console))
             reached += _long(folder, console)
     return 0 if all(reached) else 1
 
@@ -184,6 +190,18 @@ def _files(base: Path, names: Sequence[str], console: Console) -> list[bool]:
     ]  # fmt: skip
 
 
+def _hours(base: Path, name: str, console: Console) -> bool:
+    """How the memory of a client's writer grows, and what it takes at the end."""
+    path = min(base.glob("*-on")) / client_recording(name)
+    found = msgspec.json.decode(_child(_HOURS_CHILD, str(path)), type=HoursWritten)
+    console.print(
+        f"{found.messages} messages of {WRITTEN_S / 3600:g} hours written in {found.work_s:.1f} s; the end took "
+        f"{found.end_s:.3f} s and {max(0.0, found.end_mb - found.last_mb):.1f} MB"
+    )
+    grown = (found.last_mb - found.settled_mb) / (WRITTEN_S / 3600)
+    return _told(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
+
+
 def _long(base: Path, console: Console) -> list[bool]:
     """Half an hour of three people: made by the laboratory, then read in several ways, each in a process of its own."""
     folder = base / "long"
@@ -213,10 +231,15 @@ def _told(console: Console, what: str, value: float, asked: float, *, most: bool
 
 
 def _in_child(task: str, path: Path) -> Measured:
-    done = subprocess.run([sys.executable, "-c", _CHILD, task, str(path)], capture_output=True, text=True, check=False)
+    return msgspec.json.decode(_child(_CHILD, task, str(path)), type=Measured)
+
+
+def _child(code: str, *arguments: str) -> str:
+    """What a process of its own prints. Raises Problem where it fails."""
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
-        raise Problem(f"{task} of {path} failed:\n{done.stderr.strip()}")
-    return msgspec.json.decode(done.stdout, type=Measured)
+        raise Problem(f"{' '.join(arguments)}: failed:\n{done.stderr.strip()}")
+    return done.stdout
 
 
 def measure(task: str, path: str) -> None:
@@ -226,6 +249,11 @@ def measure(task: str, path: str) -> None:
     took_s = time.perf_counter() - start
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(json.dumps({"count": count, "recorded_s": recorded_s, "took_s": took_s, "peak_mb": peak_mb}))
+
+
+def measure_hours(path: str) -> None:
+    """Write for hours and print what it took; of a process of its own."""
+    print(msgspec.json.encode(write_hours(Path(path), WRITTEN_S)).decode())
 
 
 def _columns(path: Path) -> tuple[int, float]:

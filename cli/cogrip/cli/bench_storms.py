@@ -177,16 +177,16 @@ def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str
 def _storm_table(storms: Sequence[Row], rest_s: float) -> Table:
     table = Table(
         title=f"the worst of each cell; drift after {rest_s:g} s of rest, beyond that of a clean link",
-        title_justify="left", box=None, padding=(0, 2, 0, 0),
+        title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
     )  # fmt: skip
     for heading in (
-        "network", "people", "K\nN/m", "sessions", "wrong", "margin\nmJ", "views apart\nrms mm", "max mm",
-        "drift, median\nmm", "most\nmm", "peak force\nN", "step\nN",
+        "\nnetwork", "\npeople", "K\nN/m", "\nruns", "\nwrong", "margin\nmJ", "views\nrms mm", "apart\nmax mm",
+        "drift\nmed mm", "\nmax mm", "force\nN", "step\nN",
     ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading == "network" else "right")
+        table.add_column(heading, justify="left" if heading == "\nnetwork" else "right", no_wrap=True)
     for row in storms:
         table.add_row(
-            row.network, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.wrong}", f"{row.margin_mj:.1e}",
+            row.network, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.wrong}", f"{row.margin_mj:.0e}",
             f"{row.coherence_rms_mm:.2f}", f"{row.coherence_max_mm:.1f}", f"{row.median_drift_mm:.3f}",
             f"{row.drift_mm:.2f}", f"{row.peak_force_n:.1f}", f"{row.force_step_n:.1f}",
         )  # fmt: skip
@@ -194,12 +194,15 @@ def _storm_table(storms: Sequence[Row], rest_s: float) -> Table:
 
 
 def _loose_table(cubes: Sequence[LooseRow]) -> Table:
-    table = Table(title="loose cubes", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(
+        title="loose cubes: largest eigenvalue of a frame, and what a session makes of it",
+        title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
+    )  # fmt: skip
     for heading in (
-        "network", "people", "scheme", "K\nN/m", "sessions", "restless", "diverged", "eigenvalue\na frame",
-        "powers of ten\na session", "wrong",
+        "\nnetwork", "\npeople", "\nscheme", "K\nN/m", "\nruns", "\nrestless", "\ndiverged", "eigen-\nvalue",
+        "powers\nof ten", "\nwrong",
     ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading in ("network", "scheme") else "right")
+        table.add_column(heading, justify="left" if heading in ("\nnetwork", "\nscheme") else "right", no_wrap=True)
     for row in cubes:
         table.add_row(
             row.network, f"{row.people}", row.scheme, f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.restless}",

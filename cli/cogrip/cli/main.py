@@ -1,5 +1,6 @@
 """The table of commands, and how their errors reach a person."""
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -8,6 +9,7 @@ from rich.console import Console
 
 from cogrip.cli.problem import Problem
 from cogrip.protocol.version import VERSION
+from cogrip.sim.blas_threads import BLAS_THREADS
 
 COMMANDS = {
     "demo": (
@@ -62,6 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted.
     """
+    for (
+        name
+    ) in BLAS_THREADS:  # our matrices are small: threads that wait for each other took eleven times the processor
+        os.environ.setdefault(name, "1")
     errors = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     try:
         code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")

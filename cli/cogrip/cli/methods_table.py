@@ -12,11 +12,12 @@ from cogrip.sim.methods.table import TABLE, cells, note, unstable
 
 def methods_table(summary: Mapping[str, Any]) -> Group:
     """A row a method, a group a network; what is unstable is red."""
-    table = Table(box=None, header_style="dim", padding=(0, 1, 0, 0))
+    table = Table(box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column(Text("method"), no_wrap=True)
-    table.add_column(Text("stability"), no_wrap=True)
+    table.add_column(Text("stability"))  # the one that gives way where a terminal is narrow
     for column in TABLE:
-        table.add_column(Text(f"{column.heading}\n{column.unit}"), justify="right", no_wrap=True)
+        heading = column.heading.replace(" ", "\n")
+        table.add_column(Text(f"{heading}\n{column.unit}"), justify="right", no_wrap=True)
     last = None
     for row in summary["rows"]:
         if row["network"] != last:

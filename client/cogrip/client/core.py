@@ -45,6 +45,7 @@ class ClientCore:
         self.up_ms: float | None = None
         self.down_ms: float | None = None
         self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
+        self._work_excess_j = 0.0  # of that over the true sum, as `RunningSum` adds
         self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
         self.least_leak_j = 0.0
         self.peak_force_n = self.peak_step_n = 0.0
@@ -83,8 +84,12 @@ class ClientCore:
             self.session.drop("before the first tick")
             return
         self._time(message.stamp, now_ns)
-        if not self.coupling.receive(message):
+        coupling = self.coupling
+        before = coupling.newest
+        if not coupling.receive(message):
             self.session.drop("unfit")
+        elif coupling.newest > before:
+            self.session.took(now_ns)
 
     def _time(self, stamp: Stamp, now_ns: int) -> None:
         """What a stamp tells of the ways and the clocks."""
@@ -205,7 +210,8 @@ class ClientCore:
     def _sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         elapsed = tick - self.tick if self.tick >= 0 else 0
         if self.tick < 0:
-            self.session.last_heard_ns = now_ns  # silence counts from the first tick: opening the device took its time
+            # silence counts from the first tick: opening the device took its time
+            self.session.last_heard_ns = self.session.fresh_ns = now_ns
         self.tick = tick
         position: tuple[float, ...] | None = None
         velocity: Sequence[float] = ()
@@ -283,7 +289,6 @@ class ClientCore:
         force = self._acting(elapsed) if self._latency and elapsed else self.force_n
         if isinstance(coupling, PassivityControl):
             coupling.applied_n = force
-        before_j = coupling.port_j
         if position is None or not elapsed:
             mean: Sequence[float] = (0.0,) * len(self.position_m)
         else:
@@ -295,8 +300,10 @@ class ClientCore:
                 step = place - before[axis]
                 work += force[axis] * step
                 mean.append(step * rate)
-            self.work_j += work
-            self.leak_j += work
+            work -= self._work_excess_j
+            worked = self.work_j + work
+            self._work_excess_j = (worked - self.work_j) - work
+            self.work_j = worked
         first = self.tick - elapsed + 1
         border, velocity = False, self.velocity_mps
         faulty, hold = self.safety.state == "fault", 1.0
@@ -317,9 +324,9 @@ class ClientCore:
             if border:
                 coupling.end_frame()
                 self._frame(position)
-        self.leak_j -= coupling.port_j - before_j
-        if self.leak_j < self.least_leak_j:
-            self.least_leak_j = self.leak_j
+        self.leak_j = leak = self.work_j - (self._past.port_j + coupling.port_j)
+        if leak < self.least_leak_j:
+            self.least_leak_j = leak
         return border or elapsed >= ticks_per_frame
 
     def _frame(self, position: tuple[float, ...] | None) -> None:
@@ -348,7 +355,7 @@ class ClientCore:
             coupling.start_frame()
         self._acted = self.tick
         if self.session.state == "resuming" or self.session.stale(now_ns):
-            self.safety.event("stale", "no datagram from the server")
+            self.safety.event("stale", "nothing new from the server")
         elif self.safety.state == "degraded":
             self.safety.event("fresh")
         wish = coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
@@ -376,7 +383,7 @@ class ClientCore:
     @property
     def port_j(self) -> float:
         """Energy that went into all lines so far."""
-        return self._past.port_j(self.coupling)
+        return self._past.port_j + self.coupling.port_j
 
     @property
     def down_margin_j(self) -> float | None:
@@ -414,7 +421,7 @@ class ClientCore:
             state=self.safety.state,
             reason=clipped(self.session.failed or self.diverged or self.safety.reason),
             peak_step_n=self.peak_step_n,
-            playout=self.coupling.playout_account(),
+            playout=self._past.playout_account(self.coupling),
             delay=self._delay(),
         )
 

@@ -17,10 +17,10 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 
 from collections.abc import Sequence
 
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.latest_state import StateReceiver
+from cogrip.client.newest_coupling import NewestCoupling
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.power import CHARGE_UP_J, LENT_J
+from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
 
 CHARGE_SHARE = 0.5  # of b: the damper by which a hand pays in what the server has none of
@@ -31,16 +31,15 @@ HORIZON_S = 8.0 / 1024.0  # over which what is left is spread: a force that runs
 SOFT_NPS = 410.0  # slope of the force while the controller holds it
 
 
-class PassivityControl:
-    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
+class PassivityControl(NewestCoupling[Power]):
+    """An observer, and a controller of the force by what it has observed.
 
     Before `elapse`, `applied_n` is to be the force that the hand felt in the ticks that are booked, shape (axes,).
     """
 
-    gap = False
-
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates = seat.object.axes, seat.rates
+        super().__init__(axes)
         self._tick_s = tick_s = rates.tick_s
         self._frame_s = rates.frame_s
         self._most_damping = seat.coupling.impedance_nspm
@@ -49,9 +48,8 @@ class PassivityControl:
         self._horizon = max(1.0, HORIZON_S / tick_s)  # ticks
         self._soft_n = SOFT_NPS * tick_s
         self._lent = LENT_J / axes
-        self._receiver: StateReceiver[Power] = StateReceiver()
-        self._in = [0.0] * axes
-        self._left = [0.0] * axes  # W
+        self._in = [RunningSum() for _ in range(axes)]
+        self._left = [RunningSum() for _ in range(axes)]  # W
         self._reserve = [RESERVE_J] * axes
         self._received: Sequence[float] = (0.0,) * axes  # S
         self._taken: Sequence[float] = (0.0,) * axes  # what the server says has come out there
@@ -62,25 +60,35 @@ class PassivityControl:
         self._moved = [0.0] * axes  # of the proxy since frame 0 [m]
         self._border = [0.0] * axes  # the same at the last frame border
         self._speed: tuple[float, ...] = (0.0,) * axes  # mean of the last frame
-        self._number = -1
         self._frame = 0
         self._loop: float | None = None
         self.applied_n: Sequence[float] = (0.0,) * axes
-        self.forward = self.returning = self.sent = (0.0,) * axes
-        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
-        self.made_j = self.used_j = 0.0
+        self._made_j, self._used_j = RunningSum(), RunningSum()  # up to the last frame that ended
+        self._made_now_j = self._used_now_j = 0.0  # since
+        self._rounding = rounding_share(rates.ticks_per_frame)
+        self._slack_j = 0.0  # what rounding alone can put W out by
         self.down_margin_j: float | None = 0.0
         self.controlled = 0  # ticks and axes in which the controller held the force
 
     @property
+    def made_j(self) -> float:
+        """Energy that the hand has put in."""
+        return self._made_j.value + self._made_now_j
+
+    @property
+    def used_j(self) -> float:
+        """Energy that it has taken out."""
+        return self._used_j.value + self._used_now_j
+
+    @property
     def port_j(self) -> float:
         """Energy that went into the channel here."""
-        return self.made_j - self.used_j
+        return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
 
     @property
     def left_j(self) -> tuple[float, ...]:
         """W of each axis."""
-        return tuple(self._left)
+        return tuple([left.value for left in self._left])
 
     def set_latency(self, ticks: int) -> None:
         """Nothing to keep: what is booked comes with its own force."""
@@ -106,26 +114,31 @@ class PassivityControl:
 
     def _put_in(self, axis: int, energy_j: float) -> None:
         """A part is kept until the reserve is full; a debt is paid first."""
-        self.made_j += energy_j
-        left = self._left[axis]
+        self._made_now_j += energy_j
+        left = self._left[axis].value
         reserve = self._reserve[axis]
         if left < reserve:
             owed = max(0.0, -left)
             kept = min(energy_j, owed + min(reserve - left - owed, KEPT_SHARE * max(0.0, energy_j - owed)))
-            self._left[axis] = left + kept
+            self._left[axis].add(kept)
             energy_j -= kept
-        self._in[axis] += energy_j
+        self._in[axis].add(energy_j)
 
     def _take_out(self, axis: int, energy_j: float) -> None:
-        self.used_j += energy_j
-        self._left[axis] = left = self._left[axis] - energy_j
-        if self.down_margin_j is None or left < self.down_margin_j:
-            self.down_margin_j = left
+        self._used_now_j += energy_j
+        self._left[axis].add(-energy_j)
+        left = self._left[axis].value
+        margin = left + self._slack_j
+        if self.down_margin_j is None or margin < self.down_margin_j:
+            self.down_margin_j = margin
 
     def elapse_absent(self) -> None:
         """One tick has passed without a hand: the proxy stands still."""
 
     def end_frame(self) -> None:
+        self._made_j.add(self._made_now_j)
+        self._used_j.add(self._used_now_j)
+        self._made_now_j = self._used_now_j = 0.0
         self._number += 1
         rate = 1.0 / self._frame_s
         self._speed = tuple([(now - then) * rate for now, then in zip(self._moved, self._border, strict=True)])
@@ -141,8 +154,9 @@ class PassivityControl:
         if newest.number != before:  # what was missed comes at once: softly
             self._held = [True] * len(self._held)
         for axis, (now, then) in enumerate(zip(newest.entered_j, self._received, strict=True)):
-            self._left[axis] += now - then
+            self._left[axis].add(now - then)
         self._wanted, self._received, self._taken = newest.force_n, newest.entered_j, newest.taken_j
+        self._slack_j = self._rounding * (self.used_j + sum(newest.entered_j))
         self._reserve = [max(RESERVE_J, abs(force) * self._astray_m) for force in newest.force_n]
         self.object_state = newest.position_m + newest.velocity_mps
         if newest.heard:
@@ -154,11 +168,11 @@ class PassivityControl:
         force = []
         for axis, speed in enumerate(velocity_mps):
             law = self._wanted[axis]
-            there = self._in[axis] - self._taken[axis]  # what the server may still take
+            there = self._in[axis].value - self._taken[axis]  # what the server may still take
             if there < CHARGE_UP_J:
                 law += self._charging * (1.0 - max(0.0, there) / CHARGE_UP_J) * speed
             given = self._control(axis, law, speed)
-            left = self._left[axis]
+            left = self._left[axis].value
             if left < 0.0:
                 square = speed * speed * tick_s
                 most = self._most_damping
@@ -168,7 +182,7 @@ class PassivityControl:
 
     def _control(self, axis: int, law: float, speed: float) -> float:
         """What of the force `law` may be given, and how fast it may come and go."""
-        left, given, last = self._left[axis], self._given[axis], self._last[axis]
+        left, given, last = self._left[axis].value, self._given[axis], self._last[axis]
         guess = speed if law * (speed - last) < 0.0 else last  # the one that takes more out
         taken = -law * guess * self._tick_s  # in the coming tick
         paid = max(0.0, left - self._reserve[axis]) / self._horizon
@@ -200,9 +214,10 @@ class PassivityControl:
         """
         place = tuple([start + moved for start, moved in zip(origin_m, self._border, strict=True)])
         books = zip(self._received, self._reserve, self._left, strict=True)
-        taken = tuple([max(0.0, got + reserve - left) for got, reserve, left in books])
+        taken = tuple([max(0.0, got + reserve - left.value) for got, reserve, left in books])
+        entered = tuple([energy.value for energy in self._in])
         return Power(
-            session, self._number, place, self._speed, tuple(self.applied_n), tuple(self._in), taken, self.port_j,
+            session, self._number, place, self._speed, tuple(self.applied_n), entered, taken, self.port_j,
             self._receiver.heard, stamp,
         )  # fmt: skip
 
@@ -211,16 +226,5 @@ class PassivityControl:
             return False
         return self._receiver.receive(message)
 
-    def lost(self) -> int:
-        """Frames from the server that were lost so far."""
-        return self._receiver.lost
-
-    def playout_account(self) -> PlayoutAccount | None:
-        return None
-
-    def count(self) -> LinkCount:
-        return self._receiver.count()
-
     def loop_frames(self) -> float | None:
-        """The loop that was measured last: frames from a message to the frame in which its answer is applied."""
         return self._loop

@@ -3,28 +3,26 @@
 import msgspec
 
 from cogrip.client.coupling import Coupling
-from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 
 
 class PastLines:
     """Sums over closed couplings; each question adds the coupling that is in use. Energies in J."""
 
     def __init__(self) -> None:
-        self._port_j = 0.0
+        self.port_j = 0.0  # energy that went into the closed ones
         self._lost = 0
         self._count = LinkCount()
+        self._playout: PlayoutAccount | None = None
         self._margin_j: float | None = None
 
     def close(self, coupling: Coupling) -> None:
         """This line is over. What it had heard of but not played is never played now."""
-        self._port_j = self.port_j(coupling)
+        self.port_j += coupling.port_j
         self._margin_j = self.down_margin_j(coupling)
         self._lost = self.lost(coupling)
+        self._playout = self.playout_account(coupling)
         self._count = msgspec.structs.replace(self.count(coupling), pending=0)
-
-    def port_j(self, coupling: Coupling) -> float:
-        """Energy that went into all lines."""
-        return self._port_j + coupling.port_j
 
     def down_margin_j(self, coupling: Coupling) -> float | None:
         """The least of all lines, None where there are no waves."""
@@ -39,3 +37,20 @@ class PastLines:
         before, now = self._count, coupling.count()
         sums = {name: getattr(before, name) + getattr(now, name) for name in LinkCount.__struct_fields__}
         return LinkCount(**sums)
+
+    def playout_account(self, coupling: Coupling) -> PlayoutAccount | None:
+        """The mean depth is that of all frames sent; a line that never began says nothing of depths. None without waves."""
+        before, now = self._playout, coupling.playout_account()
+        if before is None or now is None:
+            return now
+        frames, more = self._count.sent, coupling.count().sent
+        depth = [(account, sent) for account, sent in ((before, frames), (now, more)) if sent] or [(before, 1)]
+        return PlayoutAccount(
+            depth_frames=sum(account.depth_frames * sent for account, sent in depth) / sum(sent for _, sent in depth),
+            least_frames=min(account.least_frames for account, _ in depth),
+            most_frames=max(account.most_frames for account, _ in depth),
+            repeated=before.repeated + now.repeated,
+            skipped=before.skipped + now.skipped,
+            concealed=before.concealed + now.concealed,
+            longest_gap=max(before.longest_gap, now.longest_gap),
+        )

@@ -6,34 +6,32 @@ F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object sta
 from collections import deque
 from collections.abc import Sequence
 
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.latest_state import StateReceiver
+from cogrip.client.newest_coupling import NewestCoupling
 from cogrip.protocol.messages import Frame, Stamp, State
+from cogrip.protocol.running_sum import RunningSum
 from cogrip.protocol.settings import SeatSettings
 
 
-class VirtualCoupling:
-    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
-
-    A state that is missing leaves no gap: the last one stands.
-    """
-
-    gap = False
+class VirtualCoupling(NewestCoupling[State]):
+    """A spring and a damper at the device rate, to where the object was last said to be."""
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
+        super().__init__(axes)
         self._stiffness = seat.coupling.stiffness_npm
         self._damping = seat.coupling.damping_nspm
         self._push = seat.side_sign if seat.one_sided else 0.0
         self._tick_s = seat.rates.tick_s
-        self._receiver: StateReceiver[State] = StateReceiver()
         self._last_force: Sequence[float] = (0.0,) * axes
         self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
-        self._number = -1
-        self.forward = self.returning = self.sent = (0.0,) * axes
-        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
-        self.made_j = self.used_j = self.port_j = 0.0
+        self.made_j = self.used_j = 0.0
+        self._port_j = RunningSum()
         self.down_margin_j: float | None = None
+
+    @property
+    def port_j(self) -> float:
+        """Energy that went into the coupling here."""
+        return self._port_j.value
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on: a displacement is booked with the force that it was made against."""
@@ -53,7 +51,7 @@ class VirtualCoupling:
         power = 0.0
         for force, speed in zip(self._booked(), mean_velocity_mps, strict=True):
             power += force * speed
-        self.port_j += power * self._tick_s
+        self._port_j.add(power * self._tick_s)
 
     def elapse_absent(self) -> None:
         """One tick has passed without a hand."""
@@ -91,16 +89,3 @@ class VirtualCoupling:
         if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):
             return False
         return self._receiver.receive(message)
-
-    def lost(self) -> int:
-        """Frames from the server that were lost so far."""
-        return self._receiver.lost
-
-    def playout_account(self) -> PlayoutAccount | None:
-        return None
-
-    def count(self) -> LinkCount:
-        return self._receiver.count()
-
-    def loop_frames(self) -> float | None:
-        return None

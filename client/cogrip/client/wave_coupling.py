@@ -22,6 +22,7 @@ from cogrip.protocol.line import LineReceiver
 from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, Waves
+from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
 
 OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
@@ -56,14 +57,25 @@ class WaveCoupling:
         self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
         self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
-        self.made_j = 0.0
-        self.used_j = 0.0
+        self._made_j, self._used_j = RunningSum(), RunningSum()  # up to the last frame that ended
+        self._made_now_j = self._used_now_j = 0.0  # since
+        self._rounding = rounding_share(rates.ticks_per_frame)
         self.down_margin_j: float | None = 0.0
+
+    @property
+    def made_j(self) -> float:
+        """Energy of the forward waves of all ticks."""
+        return self._made_j.value + self._made_now_j
+
+    @property
+    def used_j(self) -> float:
+        """Energy of the returning waves of all ticks."""
+        return self._used_j.value + self._used_now_j
 
     @property
     def port_j(self) -> float:
         """Energy that went into the line here."""
-        return self.made_j - self.used_j
+        return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
@@ -109,19 +121,22 @@ class WaveCoupling:
             used += v * v
         self._decimator.push(forward)
         self.forward = forward
-        self.made_j += made * self._half_tick_s
-        self.used_j += used * self._half_tick_s
+        self._made_now_j += made * self._half_tick_s
+        self._used_now_j += used * self._half_tick_s
 
     def elapse_absent(self) -> None:
         """One tick has passed without a hand: send 0, absorb what comes (a matched termination)."""
         self.forward = (0.0,) * len(self.returning)
         self._decimator.push(self.forward)
         for v in self._booked()[0]:
-            self.used_j += v * v * self._half_tick_s
+            self._used_now_j += v * v * self._half_tick_s
 
     def end_frame(self) -> None:
         self.sent = self._decimator.take()
         self._sender.push(self.sent)
+        self._made_j.add(self._made_now_j)
+        self._used_j.add(self._used_now_j)
+        self._made_now_j = self._used_now_j = 0.0
 
     def start_frame(self) -> None:
         """The returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
@@ -134,7 +149,7 @@ class WaveCoupling:
         self._share = receiver.share
         if receiver.mark is not None:
             made_j, _, heard = receiver.mark
-            margin = made_j - receiver.played_j
+            margin = made_j - receiver.played_j + self._rounding * made_j
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
             if heard:
@@ -166,6 +181,16 @@ class WaveCoupling:
         if taken:
             self.object_state = message.state
         return taken
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest frame heard of; -1 before the first."""
+        return self._receiver.newest
+
+    @property
+    def owed(self) -> list[float]:
+        """Of the returning waves, shape (axes,) [sqrt(W)]: sent and not played."""
+        return self._receiver.owed
 
     def lost(self) -> int:
         """Frames from the server that were lost so far."""

@@ -28,11 +28,10 @@ RESERVE = 8.0  # frames like the last one that repayment leaves in the bank for 
 
 BASE_HZ = 128.0  # the frame rate at which the shares below hold; at others they are so much in the same time
 LINGER = 0.93  # of the last wave, from frame to frame, in a gap
-SMOOTHING = 1.0 / 10.0  # of what p is away from its target, in one frame
+SMOOTHING = 1.0 / 12.0  # of what p is away from its target, in one frame
 PAYING = 1.0 / 64.0  # of the debt, in one frame
 GAINING = 1.0 / 16.0  # of the debt, in one frame, where paying takes energy out of a wave
 FASTEST = 0.1  # sqrt(W): p where paying costs energy
-PATIENCE = 1.0 / 64.0  # of what an end has taken for played, that is paid like any debt from then on
 LEAST_SHARE = 0.4  # of sqrt(b), at an end whose wave is missing
 WHOLE = 0.99  # a quality above this is 1
 STOCK = 8.0  # frames of BASE_HZ like the largest of late that are kept in the bank for the next gap: a fade takes 7.4
@@ -56,9 +55,6 @@ class Concealment(Protocol):
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
         """p: to add to the row, which stands for a missing frame in a `gap`. (w + p)^2 - w^2 is kept within `bank`."""
 
-    def forgo(self, row: Row) -> None:
-        """The end has taken `row` for played, at no energy: the debt is less by it."""
-
 
 class Zero:
     """A matched termination, and no more."""
@@ -73,9 +69,6 @@ class Zero:
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
         return self._zero
-
-    def forgo(self, row: Row) -> None:
-        """Nothing is paid, so nothing is owed."""
 
 
 class Repaid(Zero):
@@ -113,9 +106,7 @@ class Elastic:
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._paying = min(1.0, PAYING * frames)
         self._gaining = min(1.0, GAINING * frames)
-        self._kept = (1.0 - PATIENCE) ** frames
         self._added = [0.0] * axes  # p of the last frame
-        self._held = [0.0] * axes  # debt by what the end has taken for played, as long as it is not paid like any other
         self._keeping = (1.0 - FORGETTING) ** frames
         self._top = [0.0] * axes  # largest square of late
         self._low = [True] * axes  # the stock is being laid by
@@ -144,20 +135,22 @@ class Elastic:
                 self.quality = 1.0
 
     def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
-        smoothing, held, added = self._smoothing, self._held, self._added
+        smoothing, added = self._smoothing, self._added
         braking = 0.5 * smoothing
         join = self._apart and not gap
         self._apart = gap
         for axis, value in enumerate(row):
-            owed, waits, have = debt[axis], held[axis], bank[axis]
+            owed, have = debt[axis], bank[axis]
             square = value * value
             self._top[axis] = top = max(square, self._top[axis] * self._keeping)
             stock = self._stock * top
             low = self._low[axis] = have < (stock if self._low[axis] else 0.5 * stock)
-            if low:
-                target = 0.0 if gap else -SKIM * value
+            if gap:  # what its end takes for played in it (`LineReceiver.forgo`) is not asked back before it is over
+                target = 0.0
+            elif low:
+                target = -SKIM * value
             else:
-                target = max(-FASTEST, min(FASTEST, self._paying * (owed - waits)))
+                target = max(-FASTEST, min(FASTEST, self._paying * owed))
                 reach = sqrt(square + braking * max(0.0, have - stock))  # so that p can go back as slowly as it came
                 target = max(-value - reach, min(reach - value, target))
             if owed * value < 0.0 and not gap:  # it takes energy out of this wave: as fast as that can be
@@ -169,17 +162,9 @@ class Elastic:
             reach = sqrt(square + have)
             pay = max(-value - reach, min(reach - value, pay))
             added[axis] = pay
-            if waits and not gap:
-                if pay * waits > 0.0:
-                    waits = waits - pay if abs(pay) < abs(waits) else 0.0
-                held[axis] = waits * self._kept
         if not gap:
             self._recover()
         return added
-
-    def forgo(self, row: Row) -> None:
-        for axis, value in enumerate(row):
-            self._held[axis] -= value
 
 
 CONCEALMENTS: dict[str, Callable[[int, float], Concealment]] = {

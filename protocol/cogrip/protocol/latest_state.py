@@ -29,6 +29,11 @@ class StateReceiver(Generic[M]):
         self.latest: M | None = None
 
     @property
+    def newest(self) -> int:
+        """Number of the newest state heard of; -1 before the first."""
+        return self._newest
+
+    @property
     def heard(self) -> int:
         """Number after the state that was taken last; 0 before the first."""
         return self.latest.number + 1 if self.latest else 0

@@ -19,6 +19,7 @@ from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.concealment import CONCEALMENTS, Concealed
 from cogrip.protocol.line_sender import Frame
 from cogrip.protocol.playout import PLAY, REPEAT, Frames, make_playout
+from cogrip.protocol.running_sum import BANK_SHARE, RunningSum, WaveSums
 
 FURTHEST_JUMP = (
     1 << 14
@@ -50,13 +51,14 @@ class LineReceiver:
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # frame -> totals before it, not usable yet
         self._settled = 0  # the newest frame whose totals are in use
 
-        blank = (self._zero, self._zero, self._zero)
-        self._history = [blank] * HISTORY  # before frame n: sums of played frames, their squares, squares of fades
+        self._no_fades = (0.0,) * (2 * axes)  # sums of the squares of fades, and what each is beyond the true one
+        blank = (self._zero, self._zero, self._no_fades)
+        self._history = [blank] * HISTORY  # before frame n: sums of played frames, their squares, fades
+        self._sums = WaveSums(axes)  # of played frames, up to now
         self._lost = list(self._zero)  # integral of what was lost before `_settled` (less fades)
         self._lost_square = list(self._zero)
-        self._settled_fades = self._zero
-        self._repaid = list(self._zero)
-        self._spent = list(self._zero)  # what repayment has added to the squares played
+        self._settled_fades = self._no_fades
+        self._repaid = WaveSums(axes)  # its squares: what repayment has added to the squares played
         self._last = self._zero
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
         self._disturbed = False  # something is or may be owed: a clean line never asks the concealment
@@ -65,9 +67,19 @@ class LineReceiver:
         self._fresh = False
         self._sent = self._received = self._applied = self._late = self._duplicate = 0
         self._concealed = self._run = self._longest = 0
-        self.played_j = 0.0  # energy of all waves played so far
+        self._played_j = RunningSum()
         self.mark: Mark | None = None  # of the frame just taken, where a datagram ended with it
         self.gap = False  # whether the frame just taken was not there
+
+    @property
+    def played_j(self) -> float:
+        """Energy of all waves played so far."""
+        return self._played_j.value
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest frame heard of; -1 before the first."""
+        return self._newest
 
     @property
     def heard(self) -> int:
@@ -152,7 +164,7 @@ class LineReceiver:
             self._pass_over()
             number += 1
         frame = self._waiting.pop(number, None)
-        fades = self._history[number % HISTORY][2] if number >= 0 else self._zero
+        fades = self._history[number % HISTORY][2] if number >= 0 else self._no_fades
         if frame is not None:
             self._applied += 1
             self._run = 0
@@ -206,13 +218,9 @@ class LineReceiver:
         if number < 0:
             return
         self._sent += 1
-        history = self._history
-        sums, squares, _ = history[number % HISTORY]
-        history[(number + 1) % HISTORY] = (
-            tuple([a + b for a, b in zip(sums, frame, strict=True)]),
-            tuple([a + b * b for a, b in zip(squares, frame, strict=True)]),
-            fades,
-        )
+        sums = self._sums
+        sums.add(frame)
+        self._history[(number + 1) % HISTORY] = sums.total, sums.squares, fades
         if number - HISTORY in self._missing:
             self._missing.discard(number - HISTORY)
         self._settle(number + 1)
@@ -236,38 +244,50 @@ class LineReceiver:
         self._settled = best
         self._settled_fades = fades
         self._lost = [a - b for a, b in zip(total, sums, strict=True)]
-        self._lost_square = [a - b for a, b in zip(square, squares, strict=True)]
+        lost = [a - b for a, b in zip(square, squares, strict=True)]
+        # what may be rounding alone lends nothing; where nothing is lost both ends have added up alike
+        self._lost_square = [less - BANK_SHARE * sent if less else 0.0 for less, sent in zip(lost, square, strict=True)]
         self._disturbed = self._disturbed or any(self._lost) or any(self._lost_square)
 
     def _allowance(self, axis: int, fades: Frame) -> float:
         """Squares that may still be played beyond the frames themselves; the tank is in it."""
         unsettled = fades[axis] - self._settled_fades[axis]
-        return self._lost_square[axis] - self._spent[axis] + self._tank - unsettled
+        return self._lost_square[axis] - self._repaid.squares[axis] + self._tank - unsettled
 
     def _books(self) -> tuple[list[float], list[float]]:
         """What is owed, and the squares that may pay for it; the tank is not for that."""
         assert self._cursor is not None
         fades = self._history[self._cursor % HISTORY][2]
         debt, bank = [], []
-        for axis, spent in enumerate(self._spent):
-            debt.append(self._lost[axis] - self._repaid[axis])
+        repaid = self._repaid
+        for axis, spent in enumerate(repaid.squares):
+            debt.append(self._lost[axis] - repaid.total[axis])
             bank.append(max(0.0, min(self._lost_square[axis] - spent, self._allowance(axis, fades))))
         return debt, bank
+
+    @property
+    def owed(self) -> list[float]:
+        """Sum of the waves sent less sum of those played, shape (axes,) [sqrt(W)], as far as that is known."""
+        return [lost - repaid for lost, repaid in zip(self._lost, self._repaid.total, strict=True)]
 
     def _fill(self, fades: Frame, late: Frame | None, silent: bool) -> tuple[Frame, Frame]:
         """In place of a frame that is not there: what the concealment says, as far as bank and tank lend it."""
         room = [sqrt(max(0.0, self._allowance(axis, fades))) for axis in range(self._axes)]
         filled = self._concealment.fill(self._last, room, late, silent)
         frame = [max(-most, min(most, x)) for x, most in zip(filled, room, strict=True)]
-        return tuple(frame), tuple([book + x * x for book, x in zip(fades, frame, strict=True)])
+        books, excess = [], []
+        for axis, x in enumerate(frame):  # as `RunningSum` adds
+            term = x * x - fades[self._axes + axis]
+            book = fades[axis] + term
+            excess.append((book - fades[axis]) - term)
+            books.append(book)
+        return tuple(frame), (*books, *excess)
 
     def _bridge(self, number: int, late: Frame | None) -> Frame:
         """A take that no frame belongs to: filled as well, but what it plays is owed by the sender."""
-        fades = self._history[number % HISTORY][2] if number >= 0 else self._zero
+        fades = self._history[number % HISTORY][2] if number >= 0 else self._no_fades
         frame, _ = self._fill(fades, late, self._newest < number)
-        for axis, value in enumerate(frame):
-            self._repaid[axis] += value
-            self._spent[axis] += value * value
+        self._repaid.add(frame)
         return self._play(frame)
 
     def _play(self, frame: Frame) -> Frame:
@@ -277,20 +297,21 @@ class LineReceiver:
         square = 0.0
         for value in frame:
             square += value * value
-        self.played_j += square * self._half_frame_s
+        self._played_j.add(square * self._half_frame_s)
         self._last = frame
         return frame
 
     def _repay(self, frame: Frame) -> Frame:
         debt, bank = self._books()
-        out = []
+        out, repaid, spent = [], [], []
         for axis, pay in enumerate(self._concealment.pay(frame, debt, bank, self._last, self.gap)):
             value = frame[axis]
             reach = sqrt(value * value + bank[axis])  # (value + p)^2 - value^2 <= bank
             paid = max(-reach, min(reach, value + pay))
-            self._repaid[axis] += paid - value
-            self._spent[axis] += paid * paid - value * value
+            repaid.append(paid - value)
+            spent.append(paid * paid - value * value)
             out.append(paid)
+        self._repaid.book(repaid, spent)
         return tuple(out)
 
     @property
@@ -302,9 +323,7 @@ class LineReceiver:
     def forgo(self, row: Sequence[float]) -> None:
         """The end has taken `row` [sqrt(W)] for played in the frame before, at no energy: so much less is owed."""
         self._disturbed = True
-        self._concealment.forgo(row)
-        for axis, value in enumerate(row):
-            self._repaid[axis] += value
+        self._repaid.book(row, self._zero)
 
     def _pass_over(self) -> None:
         """The loop was not there when this frame was due: it is late, if it had come at all."""
@@ -316,4 +335,4 @@ class LineReceiver:
             else:
                 self._missing.add(number)
         self._marks.pop(number, None)
-        self._advance(number, self._zero, self._history[number % HISTORY][2] if number >= 0 else self._zero)
+        self._advance(number, self._zero, self._history[number % HISTORY][2] if number >= 0 else self._no_fades)

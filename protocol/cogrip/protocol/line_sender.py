@@ -2,19 +2,20 @@
 
 from collections import deque
 
+from cogrip.protocol.running_sum import WaveSums
+
 Frame = tuple[float, ...]
 
 
 class LineSender:
     """Numbers frames and keeps what a datagram has to carry. Waves are tuples of shape (axes,) [sqrt(W)]."""
 
-    __slots__ = ("_most", "_square", "_total", "_values", "next_number")
+    __slots__ = ("_before", "_most", "_values", "next_number")
 
     def __init__(self, axes: int, redundancy: int) -> None:
         self._most = redundancy * axes
         self._values: deque[float] = deque()  # of the newest frames, frame by frame, axis by axis
-        self._total = (0.0,) * axes
-        self._square = (0.0,) * axes
+        self._before = WaveSums(axes)  # of the frames that are in no datagram any more
         self.next_number = 0
 
     def push(self, wave: Frame) -> None:
@@ -22,11 +23,10 @@ class LineSender:
         values.extend(wave)
         self.next_number += 1
         if len(values) > self._most:
-            oldest = [values.popleft() for _ in wave]
-            self._total = tuple([total + value for total, value in zip(self._total, oldest, strict=True)])
-            self._square = tuple([square + value * value for square, value in zip(self._square, oldest, strict=True)])
+            self._before.add([values.popleft() for _ in wave])
 
     def contents(self) -> tuple[int, Frame, Frame, Frame]:
         """(number of the oldest frame, waves frame by frame, totals before it, squares before it)."""
         waves = tuple(self._values)
-        return self.next_number - len(waves) // len(self._total), waves, self._total, self._square
+        before = self._before
+        return self.next_number - len(waves) // len(before.total), waves, before.total, before.squares

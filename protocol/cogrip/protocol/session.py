@@ -40,7 +40,7 @@ from cogrip.protocol.messages import (
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000
 HEARTBEAT_EVERY_NS = 250_000_000
-STALE_NS = 100_000_000  # no datagram for so long: the hand's force goes to zero, the seat is kept
+STALE_NS = 100_000_000  # no new frame for so long: the hand's force goes to zero, the seat is kept
 LOST_NS = 2_000_000_000  # no datagram for so long: the other end is gone
 QUIET_NS = 500_000_000  # nothing heard for so long: the client tries to come back
 RESUME_GIVE_UP_NS = 10_000_000_000  # nothing heard for so long: nor does it try any more
@@ -84,6 +84,7 @@ class ClientSession:
     """The client's half. `outbox` is what to send; `failed` says why it ended badly, "" if it did not.
 
     welcome          the newest: another session number in it than before means that the seat is a new one
+    fresh_ns         when something last came that a force can be made of: a frame newer than all before, once there are any
     away_ns          how long the last silence was that a session came back from
     resumed, renewed how often it came back: to its own seat, and to a new one
     """
@@ -99,7 +100,8 @@ class ClientSession:
         self.clock = Clock()
         self.welcome: Welcome | None = None
         self.farewell: Farewell | None = None
-        self.last_heard_ns = 0
+        self.last_heard_ns = self.fresh_ns = 0
+        self._begun = False  # frames of this session were taken in
         self.away_ns = 0
         self.resumed = self.renewed = 0
         self.failed = ""
@@ -174,8 +176,14 @@ class ClientSession:
             return None
         if isinstance(message, Heartbeat):
             self.clock.read(message.stamp, now_ns)
+            if not self._begun:  # the server's line begins once it has heard of the hand
+                self.fresh_ns = now_ns
             return None
         return message
+
+    def took(self, now_ns: int) -> None:
+        """A frame was taken in that is newer than all before."""
+        self._begun, self.fresh_ns = True, now_ns
 
     def _answer(self, message: Welcome | Refuse, now_ns: int) -> None:
         if message.nonce != self._asked.nonce:
@@ -192,6 +200,8 @@ class ClientSession:
         elif self._step("welcome"):
             if before is not None:
                 self._back(now_ns, message.session != before.session)
+            if before is None or message.session != before.session:
+                self._begun, self.fresh_ns = False, now_ns
             self.welcome = message
             self.hello = messages.padded(_resuming(self._asked, message))
             self.last_heard_ns = now_ns
@@ -205,7 +215,7 @@ class ClientSession:
             self.resumed += 1
 
     def stale(self, now_ns: int) -> bool:
-        return now_ns - self.last_heard_ns > STALE_NS
+        return now_ns - self.fresh_ns > STALE_NS
 
     def poll(self, now_ns: int) -> None:
         """Time passes: repeat what is unanswered, give up what has been silent too long."""

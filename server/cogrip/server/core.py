@@ -54,8 +54,8 @@ class ServerCore:
         self.events: deque[Happening] = deque()
         self.dropped: dict[str, int] = {}
 
-    def drop(self, reason: str) -> None:
-        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+    def drop(self, reason: str, count: int = 1) -> None:
+        self.dropped[reason] = self.dropped.get(reason, 0) + count
 
     def socket_failed(self, reason: str) -> None:
         """The socket refused to send or receive: counted as a drop."""
@@ -115,16 +115,15 @@ class ServerCore:
         if seat.state != "seated":  # our farewell was lost
             self._repeat_farewell(seat, now_ns)
             return
-        seat.last_heard_ns = now_ns
         rtt_ns = seat.clock.read(message.stamp, now_ns)
         if rtt_ns is not None:
             seat.rtt_ns = rtt_ns
         elif message.stamp.echo_ns:
             self.drop("wild stamp")
-        if isinstance(message, Heartbeat):
+        if not isinstance(message, Heartbeat) and (seat.port is None or not seat.port.receive(message)):
+            self.drop("unfit")  # it keeps no seat: whoever can bring nothing in is as silent
             return
-        if seat.port is None or not seat.port.receive(message):
-            self.drop("unfit")
+        seat.last_heard_ns = now_ns
 
     def _hear_observer(self, place: tuple[Room, int], message: messages.AnyMessage, now_ns: int) -> None:
         """An observer may say that it is there, and goodbye. Whoever sends more is shown out."""
@@ -170,9 +169,14 @@ class ServerCore:
         self.outbox.extend(room.tick(now_ns, frames))
         for seat in room.seats:
             follower = seat.follower
-            if follower is not None and follower.told:
+            if follower is None:
+                continue
+            if follower.told:
                 self._tell("stiffness", room, seat, f"is told: {follower.told}")
                 follower.told = ""
+            if follower.withheld:
+                self.drop("stiffness word", follower.withheld)
+                follower.withheld = 0
 
     def stop(self, reason: str) -> None:
         """Tell everyone goodbye; their accounts may still come (`awaits_accounts`)."""

@@ -13,13 +13,18 @@ from cogrip.protocol.settings import SeatSettings
 
 FOLLOW_S = 1.0
 LOOKS_HZ = 4
+WORDS, WORD_EVERY_S = 4, 60
 ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
 
 
 class StiffnessFollower:
-    """`heed` once a frame; `told` is what people should hear of, "" once it was taken."""
+    """`heed` once a frame. `told` is what people should hear of, `withheld` how many changes they do not: taken by setting
+    them back."""
 
-    __slots__ = ("_aim", "_every", "_frames", "_goal", "_grows", "_loops", "_seat", "_seen", "_used", "reached", "told")
+    __slots__ = (
+        "_aim", "_every", "_frames", "_goal", "_grows", "_heard", "_loops", "_seat", "_seen", "_used", "_words",
+        "_words_every", "reached", "told", "withheld",
+    )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, loops: LoopMeter) -> None:
         self._seat = seat
@@ -30,12 +35,19 @@ class StiffnessFollower:
         self._frames = 0
         self._seen: int | None = None  # loop at the last look
         self._used: int | None = None  # loop that the goal is for
+        self._words = WORDS  # that may be said now
+        self._words_every = WORD_EVERY_S * seat.rates.network_hz
+        self._heard = True  # `reached` as people heard it last
         self.reached = True
         self.told = ""
+        self.withheld = 0
 
     def heed(self) -> float | None:
         """The stiffness to aim at from now on [N/m], None if nothing changes."""
         self._frames += 1
+        if self._frames % self._words_every == 0 and self._words < WORDS:
+            self._words += 1
+            self._say()
         if self._frames % self._every == 0 and self._loops.full:
             self._look()
         aim, goal = self._aim, self._goal
@@ -58,10 +70,18 @@ class StiffnessFollower:
         reached = coupling.stiffness_npm * compliance < 1.0
         if reached is not self.reached:
             self.reached = reached
-            self.told = self._words(loop, compliance)
+            self.withheld += not self._words
+            self._say()
 
-    def _words(self, loop: int, compliance_mpn: float) -> str:
-        coupling = self._seat.coupling
+    def _say(self) -> None:
+        """What holds now, where people have heard something else and a word is left."""
+        if self._words and self._used is not None and self.reached is not self._heard:
+            self._words -= 1
+            self._heard = self.reached
+            self.told = self._text(self._used)
+
+    def _text(self, loop: int) -> str:
+        coupling, compliance_mpn = self._seat.coupling, self._seat.line_compliance(loop)
         wanted = f"a felt stiffness of {coupling.stiffness_npm:g} N/m is"
         by = f"by the delay now measured ({(loop - 1) * self._seat.rates.frame_s * 1e3:.0f} ms both ways together)"
         if self.reached:

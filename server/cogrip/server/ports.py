@@ -3,17 +3,17 @@
 from collections.abc import Callable
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line import LineReceiver
 from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, State, Waves
+from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.limits import SeatLimits, StateLimiter, WaveLimiter
+from cogrip.server.limits import SeatLimits, WaveLimiter
+from cogrip.server.newest_port import NewestPort, Row
 from cogrip.server.power_port import PowerPort
 
 MOST_M = 1e3  # from the middle of a person's own frame
-Row = tuple[float, ...]
 
 
 class WavePort:
@@ -27,9 +27,11 @@ class WavePort:
         self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits, power_left)
         self._axes = axes
         self._port_j: float | None = None
+        self._brought_j = 0.0  # energy of the forward waves where they were made, as last heard of
+        self._made_j = RunningSum()
+        self._rounding = rounding_share(seat.rates.ticks_per_frame)
         self.origin: Row | None = None  # the hand before its first frame [m]
         self.hand: Row | None = None  # the hand after its newest frame [m]
-        self.made_j = 0.0
         self.up_margin_j: float | None = 0.0
         self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None  # of the last second
 
@@ -53,7 +55,8 @@ class WavePort:
         self._port_j = None
         if receiver.mark is not None:
             made_j, self._port_j, heard = receiver.mark
-            margin = made_j - receiver.played_j
+            self._brought_j = made_j
+            margin = made_j - receiver.played_j + self._rounding * made_j
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
             if heard and self.loops is not None:  # from a returning frame to the step that hears of its being felt
@@ -61,6 +64,16 @@ class WavePort:
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
+
+    @property
+    def made_j(self) -> float:
+        """Energy of the returning waves sent so far."""
+        return self._made_j.value
+
+    @property
+    def rounding_j(self) -> float:
+        """What rounding alone can put the books of both directions together out by."""
+        return self._rounding * (self._brought_j + self._made_j.value)
 
     @property
     def used_j(self) -> float:
@@ -73,6 +86,11 @@ class WavePort:
         return self._limiter.fullness
 
     @property
+    def owed(self) -> list[float]:
+        """Of the forward waves, shape (axes,) [sqrt(W)]: sent and not played."""
+        return self._receiver.owed
+
+    @property
     def limited(self) -> dict[str, int]:
         """Waves that were taken down, by reason."""
         return self._limiter.counts
@@ -83,7 +101,7 @@ class WavePort:
         square = 0.0  # of all axes first, as the receiver adds them: else rounding alone would make a margin
         for value in row:
             square += value * value
-        self.made_j += square * self._half_frame_s
+        self._made_j.add(square * self._half_frame_s)
 
     def port_in_j(self) -> float | None:
         """Energy that had gone in at the client's port up to the frame just taken, where that is known."""
@@ -106,69 +124,43 @@ class WavePort:
         return self._receiver.count()
 
 
-class StatePort:
+class StatePort(NewestPort[State]):
     """Virtual coupling: the newest device state in, the object's state out."""
 
     power_left = 1.0  # there is no such bucket
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
-        self._axes = seat.object.axes
-        self._limiter = StateLimiter(seat.rates.frame_s, limits)
-        self._receiver: StateReceiver[State] = StateReceiver()
-        self._number = -1
+        super().__init__(seat, limits)
         self._row: Row = (0.0,) * (2 * self._axes)
-        self._fresh = False
-        self.origin: Row | None = None
-        self.hand: Row | None = None
         self.made_j = self.used_j = 0.0
         self.up_margin_j: float | None = None
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, State) or len(message.position_m) != self._axes:
             return False
-        if not self._limiter.fits(message):
-            return True  # counted there
-        if not self._receiver.receive(message):
-            return False
-        self._limiter.took(message)
-        self.hand = message.position_m
-        if self.origin is None:
-            self.origin = message.position_m
-        return True
+        return self._accept(message)
 
     @property
     def limited(self) -> dict[str, int]:
         """States that were not believed."""
-        return self._limiter.counts
+        return self._states.counts
 
     def take(self, frames: int) -> Row:
-        self._limiter.step(frames)
-        self._fresh = self._receiver.take()
-        if self._receiver.latest:
-            return self._receiver.latest.position_m + self._receiver.latest.velocity_mps
-        return (0.0,) * (2 * self._axes)
+        newest = self._take(frames)
+        return newest.position_m + newest.velocity_mps if newest else (0.0,) * (2 * self._axes)
 
     def put(self, row: Row) -> None:
         self._row = row
         self._number += 1
 
-    def port_in_j(self) -> float | None:
-        return self._receiver.latest.port_j if self._fresh and self._receiver.latest else None
+    @property
+    def rounding_j(self) -> float:
+        """What rounding alone can put the books out by, at least: of what went both ways only the difference is known."""
+        return self._rounding * abs(self._receiver.latest.port_j) if self._receiver.latest else 0.0
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
         row, axes = self._row, self._axes
         return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.heard, stamp)
-
-    @property
-    def lost(self) -> int:
-        """Frames that were sent and never came."""
-        return self._receiver.lost
-
-    def playout_account(self) -> PlayoutAccount | None:
-        return None
-
-    def count(self) -> LinkCount:
-        return self._receiver.count()
 
 
 Port = WavePort | StatePort | PowerPort

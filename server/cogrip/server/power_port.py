@@ -9,61 +9,46 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.power import CHARGE_DOWN_J, LENT_J
+from cogrip.protocol.running_sum import RunningSum
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.limits import EnergyLimiter, SeatLimits, StateLimiter
+from cogrip.server.limits import EnergyLimiter, SeatLimits
+from cogrip.server.newest_port import NewestPort, Row
 
-Row = tuple[float, ...]
 
-
-class PowerPort:
+class PowerPort(NewestPort[Power]):
     """Where the proxy is to go and what that may take, to the world; force and energy, back to the client."""
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
-        self._axes = axes = seat.object.axes
+        super().__init__(seat, limits)
+        axes = self._axes
         self._frame_s = frame_s = seat.rates.frame_s
-        self._states = StateLimiter(frame_s, limits)
         self._energy = EnergyLimiter(frame_s, limits, power_left)
-        self._receiver: StateReceiver[Power] = StateReceiver()
-        self._number = -1
         self._lent = LENT_J / axes
         self._received = self._pace = self._still = (0.0,) * axes
-        self._in = [0.0] * axes
-        self._out = [0.0] * axes
+        self._in = [RunningSum() for _ in range(axes)]
+        self._out = [RunningSum() for _ in range(axes)]
         self._force = (0.0,) * axes
-        self._fresh = False
-        self.origin: Row | None = None  # the hand before the first frame that came [m]
-        self.hand: Row | None = None
-        self.made_j = self.used_j = 0.0
         self.up_margin_j: float | None = 0.0
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, Power) or not message.of_axes(self._axes):
             return False
-        if not self._states.fits(message):
-            return True  # counted there
-        if not self._receiver.receive(message):
-            return False
-        self._states.took(message)
-        self.hand = message.position_m
-        if self.origin is None:
-            moved = [speed * self._frame_s for speed in message.velocity_mps]
-            self.origin = tuple([place - step for place, step in zip(message.position_m, moved, strict=True)])
-        return True
+        return self._accept(message)
+
+    def _origin(self, message: Power) -> Row:
+        moved = [speed * self._frame_s for speed in message.velocity_mps]
+        return tuple([place - step for place, step in zip(message.position_m, moved, strict=True)])
 
     def take(self, frames: int) -> Row:
         """An axis after the other: where the proxy is to be [m], how it is to go there [m/s], what may come out [J], and how
         much of what it should have at least, of 1, the client has to take."""
-        self._states.step(frames)
-        self._fresh = self._receiver.take()
-        newest = self._receiver.latest
+        newest = self._take(frames)
         assert newest is not None  # the seat is on the object since its first message
         self._received = newest.entered_j
-        left = [got + self._lent - out for got, out in zip(newest.entered_j, self._out, strict=True)]
-        there = [put - taken for put, taken in zip(self._in, newest.taken_j, strict=True)]
+        left = [got + self._lent - out.value for got, out in zip(newest.entered_j, self._out, strict=True)]
+        there = [put.value - taken for put, taken in zip(self._in, newest.taken_j, strict=True)]
         filled = tuple([min(1.0, max(0.0, energy) / CHARGE_DOWN_J) for energy in there])
         self._pace = newest.velocity_mps if self._fresh else self._still
         return newest.position_m + self._pace + self._energy.limit(left) + filled
@@ -79,20 +64,34 @@ class PowerPort:
             net += energy
             asked = max(asked, force * self._pace[axis] * frame_s)
             if energy > 0.0:
-                self._out[axis] += energy
-                self.used_j += energy
-                margin = self._received[axis] - self._out[axis]
+                self._out[axis].add(energy)
+                received = self._received[axis]
+                margin = received - self._out[axis].value + self._rounding * received
                 if self.up_margin_j is None or margin < self.up_margin_j:
                     self.up_margin_j = margin
             elif energy < 0.0:
-                self._in[axis] -= energy
-                self.made_j -= energy
+                self._in[axis].add(-energy)
         self._energy.book(net, asked)
+
+    @property
+    def made_j(self) -> float:
+        """Energy that has gone in here."""
+        return sum([energy.value for energy in self._in])
+
+    @property
+    def used_j(self) -> float:
+        """Energy that was taken out here."""
+        return sum([energy.value for energy in self._out])
+
+    @property
+    def rounding_j(self) -> float:
+        """What rounding alone can put the books of both directions together out by."""
+        return self._rounding * (sum(self._received) + self.made_j)
 
     @property
     def left_j(self) -> Row:
         """W of each axis."""
-        return tuple([got - out for got, out in zip(self._received, self._out, strict=True)])
+        return tuple([got - out.value for got, out in zip(self._received, self._out, strict=True)])
 
     @property
     def power_left(self) -> float:
@@ -104,24 +103,10 @@ class PowerPort:
         """What was not believed, by reason."""
         return {**self._states.counts, **self._energy.counts}
 
-    def port_in_j(self) -> float | None:
-        """Energy that had gone in at the client's port, less what came out, up to the message just taken."""
-        return self._receiver.latest.port_j if self._fresh and self._receiver.latest else None
-
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Power:
         axes = self._axes
+        entered, taken = [tuple([energy.value for energy in way]) for way in (self._in, self._out)]
         return Power(
-            session, self._number, object_state[:axes], object_state[axes:], self._force, tuple(self._in),
-            tuple(self._out), port_j, self._receiver.heard, stamp,
+            session, self._number, object_state[:axes], object_state[axes:], self._force, entered, taken, port_j,
+            self._receiver.heard, stamp,
         )  # fmt: skip
-
-    @property
-    def lost(self) -> int:
-        """Frames that were sent and never came."""
-        return self._receiver.lost
-
-    def playout_account(self) -> PlayoutAccount | None:
-        return None
-
-    def count(self) -> LinkCount:
-        return self._receiver.count()

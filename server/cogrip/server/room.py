@@ -98,7 +98,6 @@ class Room:
         self.seats = [Seat(seat_settings(settings, number)) for number in range(len(settings.users))]
         self.world = make_world([seat.settings for seat in self.seats])
         self._idle = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
-        self._port_before = [0.0] * len(self.seats)
         self.gallery = Gallery(settings.admission.observers, settings.rates.network_hz)
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)  # the loop sets its own
@@ -124,7 +123,7 @@ class Room:
         seat.on_object = False
         seat.line_margin_j = 0.0
         seat.close_sitting()
-        self._port_before[number] = self.world.worked()[number]
+        self.world.open_books(number)
         return seat.settings
 
     def limits(self, number: int) -> SeatLimits:
@@ -225,7 +224,7 @@ class Room:
         self.travel_m += dist(here, before)
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
-        work = [now - then for now, then in zip(world.worked(), self._port_before, strict=True)]
+        work = world.worked()
         out = []
         for number, seat in enumerate(seats):
             port = seat.port
@@ -237,7 +236,7 @@ class Room:
             port.put(tuple(answers[number]))
             port_in_j = port.port_in_j()
             if port_in_j is not None:
-                seat.line_margin_j = min(seat.line_margin_j, port_in_j - work[number])
+                seat.line_margin_j = min(seat.line_margin_j, port_in_j - work[number] + port.rounding_j)
             message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
             out.append((seat.address, messages.encode(message)))
         if self.gallery.observers:

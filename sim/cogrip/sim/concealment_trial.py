@@ -4,17 +4,21 @@ Half of all datagrams are lost, in bursts; the rest jitters by 50 ms; every 3 s 
 hands go to and fro by STROKE_S and rest for REST_S, which is no part of 3 s: outages strike at all phases of a stroke.
 
 Drift is how far the gap from proxy to hand is from what it is at that moment on the clean link. It is taken once for each
-recovery: at the last border before the next outage at which the hands have rested for QUIET_S.
+recovery: at the last border before the next outage at which the hands have rested for QUIET_S. Part of it is the object
+that still swings on its lines, with another phase than on the clean link. What the lines themselves still owe of the way is
+T_n |D_up - D_down| / sqrt(2b), D [sqrt(W)] the waves sent and not played; the rest of the drift will swing out by itself.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import dist, hypot
+from math import dist, hypot, sqrt
 from typing import Any
 
+from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.concealment import CONCEALMENTS
 from cogrip.protocol.playout import Frames
 from cogrip.protocol.settings import resolve
+from cogrip.server.ports import WavePort
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.sweep.cell import Result
 
@@ -44,6 +48,7 @@ class Trial:
     missing: float  # share of the frames down that were not there in time
     longest_gap: int  # frames
     gaps_m: Gaps
+    owed_m: float  # the most that lines owed of the way from proxy to hand, at the moments that count
     diverged: str
 
 
@@ -112,6 +117,7 @@ class Watch:
         self._wish = list(self._last)
         self.peak_n = self.step_n = self.law_peak_n = self.law_step_n = 0.0
         self.gaps_m: list[tuple[float, ...]] = []
+        self.owed_m = 0.0
 
     def tick(self, laboratory: Laboratory) -> None:
         for number, person in enumerate(laboratory.people):
@@ -133,6 +139,12 @@ class Watch:
                     for hand, proxy in zip(person.core.position_m, world.proxy_of(number), strict=True)
                 )
             )
+            for seat, person in zip(laboratory.room.seats, laboratory.people, strict=True):
+                port, coupling = seat.port, person.core.coupling
+                if isinstance(port, WavePort) and isinstance(coupling, WaveCoupling):
+                    way_m = seat.settings.rates.frame_s / sqrt(2.0 * seat.settings.coupling.impedance_nspm)
+                    owed = (abs(up - down) for up, down in zip(port.owed, coupling.owed, strict=True))
+                    self.owed_m = max(self.owed_m, way_m * max(owed))
 
 
 def try_out(setup: Setup, name: str) -> Trial:
@@ -161,6 +173,7 @@ def try_out(setup: Setup, name: str) -> Trial:
         missing=missing / max(1, sent),
         longest_gap=longest,
         gaps_m=tuple(watch.gaps_m),
+        owed_m=watch.owed_m,
         diverged=laboratory.diverged,
     )
 

@@ -81,7 +81,7 @@ def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:
             )
             who = WHO
         header = Header(role, who, core.start, rate_hz, settings.seed, 0, True, versions_here(), topics, settings.name)
-        writer = RecordingWriter(files.enter_context((folder / path).open("xb")), header)
+        writer = RecordingWriter(files.enter_context((folder / path).open("xb")), header, folder)
         files.callback(writer.finish)
         return writer
 

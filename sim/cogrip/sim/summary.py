@@ -45,8 +45,9 @@ def summarise(
     users: Sequence[UserRecord],
     room: RoomAccount | None,
     dropped: Mapping[str, int],
+    playout_frames: int | str | None = None,
 ) -> dict[str, Any]:
-    """The summary of a run. What an end that was not heard alone knew is null."""
+    """The summary of a run. What an end that was not heard alone knew is null. playout_frames: as the settings have it."""
     rows = [{**_user(user), "earlier": [_user(before) for before in user.earlier]} for user in users]
     sittings = [sitting for user in users for sitting in (*user.earlier, user)]
     lent_j = tank_mj * 1e-3
@@ -64,6 +65,7 @@ def summarise(
         "seconds": seconds,
         "passive": all(margin >= -lent - TOLERANCE_J for margin, lent in margins if margin is not None),
         "diverged": diverged,
+        "playout_frames": playout_frames,
         "object": {
             "position_m": list(room.position_m) if room else None,
             "velocity_mps": list(room.velocity_mps) if room else None,
@@ -87,6 +89,7 @@ def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
         seed=settings.seed,
         seconds=laboratory.seconds,
         tank_mj=lent_mj(settings.coupling, settings.playout),
+        playout_frames=settings.playout.frames,
         users=[
             UserRecord(
                 person.name,
@@ -109,6 +112,7 @@ def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str,
         seed=settings.seed,
         seconds=seconds,
         tank_mj=lent_mj(settings.coupling, settings.playout),
+        playout_frames=settings.playout.frames,
         users=[
             UserRecord(seat.settings.user, seat.account, room.seat_account(number), _earlier(room, number))
             for number, seat in enumerate(room.seats)
@@ -127,6 +131,7 @@ def of_client(
         seed=seat.seed,
         seconds=seconds,
         tank_mj=lent_mj(seat.coupling, seat.playout),
+        playout_frames=seat.playout.frames,
         users=[UserRecord(seat.user, account, farewell.seat if farewell else None)],
         room=farewell.room if farewell else None,
         dropped=dropped,
@@ -140,6 +145,7 @@ def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]
         seed=settings.seed,
         seconds=settings.seconds,
         tank_mj=lent_mj(settings.coupling, settings.playout),
+        playout_frames=settings.playout.frames,
         users=[UserRecord(name, account, None) for name, account in accounts.items()],
         room=None,
         dropped={},

@@ -10,6 +10,7 @@ MARGINS = {"up_margin_j": "line up", "down_margin_j": "line down", "line_margin_
 _ROUNDING_J = 1e-12  # what summary.json's `passive` allows for rounding
 _BALANCE_J = 1e-9  # what rounding can put the books of one step out by, generously
 _SHOWN_PEOPLE = 6
+MUCH_LATE, MANY_LATE = 0.05, 20  # share, and number, of one direction's frames from which on a depth is too shallow
 
 
 def dig(table: Any, *keys: str) -> Any:
@@ -105,7 +106,14 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[str, st
     """Sentences, each with its tone: `good`, `warn`, `bad`. tank_j: what the lines may lend (settings), None if not known."""
     if not summary:
         return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
-    return [_passive(summary, tank_j), _diverged(summary), *_balance(summary), *_states(summary), *_loops(summary)]
+    return [
+        _passive(summary, tank_j),
+        _diverged(summary),
+        *_balance(summary),
+        *_states(summary),
+        *_late(summary),
+        *_loops(summary),
+    ]
 
 
 def _passive(summary: Summary, tank_j: float | None) -> tuple[str, str]:
@@ -162,6 +170,29 @@ def _states(summary: Summary) -> Iterator[tuple[str, str]]:
                 ("bad" if state == "fault" else "warn"),
                 f"{name_of(user)} ended in {state}: {reason or 'no reason given'}.",
             )
+
+
+def _late(summary: Summary) -> Iterator[tuple[str, str]]:
+    """A depth of playout that was set, and is too shallow for the network that there was; only waves are played out."""
+    frames = summary.get("playout_frames")
+    if not is_number(frames):
+        return  # it follows the network, or nobody says
+    found = []
+    for user in sittings(people(summary)):
+        for way in ("up", "down"):
+            late, sent = dig(user, "link", way, "late"), dig(user, "link", way, "sent")
+            if not (dig(user, "playout", way) and is_number(late) and is_number(sent)):
+                continue
+            if late >= max(MANY_LATE, MUCH_LATE * sent):
+                found.append((late / max(late, sent), "from" if way == "up" else "to", name_of(user)))
+    if found:
+        part, way, name = max(found)
+        others = f" (and 5 % or more in {len(found) - 1} of the other directions)" if len(found) > 1 else ""
+        text = (
+            f"{100.0 * part:.0f} % of the frames {way} {name}{others} came too late for playout.frames = {frames} and were "
+            'not played: a larger number waits for more of them, "auto" follows the network.'
+        )
+        yield "warn", text
 
 
 def _loops(summary: Summary) -> Iterator[tuple[str, str]]:

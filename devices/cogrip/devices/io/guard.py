@@ -37,7 +37,7 @@ class Goodbye(msgspec.Struct, frozen=True):
     """zero: the frame for no torque; a reply to it begins with reply_head and has reply_bytes bytes.
 
     last_resort: frames, each in one write, that take the torque off a board that does not understand `zero` any more.
-    stall_ns: how long a torque may stay on without a write.
+    stall_ns: how long a torque may stay on without a write; reply_s: how long a reply is waited for, and a write.
     """
 
     zero: bytes
@@ -45,6 +45,7 @@ class Goodbye(msgspec.Struct, frozen=True):
     reply_bytes: int
     last_resort: tuple[bytes, ...] = ()
     stall_ns: int = STALL_NS
+    reply_s: float = REPLY_S
 
 
 class StallWatch:
@@ -71,19 +72,19 @@ def take_off(port: int, goodbye: Goodbye) -> bool:
     good = 0
     for _ in range(TRIES):
         _drop_input(port)
-        _write(port, goodbye.zero)
+        _write(port, goodbye.zero, goodbye.reply_s)
         good += _reply(port, goodbye)
         if good >= GOOD:
             return True
     for frame in goodbye.last_resort:
-        _write(port, frame)
+        _write(port, frame, goodbye.reply_s)
         select.select([], [], [], 0.002)  # the board reads a frame at a time
     return False
 
 
-def _write(port: int, frame: bytes) -> None:
-    """As much of it as the port takes in REPLY_S."""
-    until_s = time.monotonic() + REPLY_S
+def _write(port: int, frame: bytes, within_s: float) -> None:
+    """As much of it as the port takes in that time."""
+    until_s = time.monotonic() + within_s
     while frame and (rest_s := until_s - time.monotonic()) > 0.0:
         if select.select([], [port], [], rest_s)[1]:
             with suppress(BlockingIOError):
@@ -97,9 +98,9 @@ def _drop_input(port: int) -> None:
 
 
 def _reply(port: int, goodbye: Goodbye) -> bool:
-    """Whether a good one came in REPLY_S."""
+    """Whether a good one came in time."""
     data = b""
-    until_s = time.monotonic() + REPLY_S
+    until_s = time.monotonic() + goodbye.reply_s
     while len(data) < goodbye.reply_bytes and (rest_s := until_s - time.monotonic()) > 0.0:
         if select.select([port], [], [], rest_s)[0]:
             with suppress(BlockingIOError):

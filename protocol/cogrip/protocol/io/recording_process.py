@@ -48,8 +48,8 @@ class WholePieces:
         return self._at + len(self._held)
 
     def flush(self) -> None:
-        piece, whole = memoryview(bytes(self._held)), len(self._held)
-        self._held.clear()
+        held, self._held = self._held, bytearray()
+        piece, whole = memoryview(held), len(held)
         try:
             while piece:
                 piece = piece[os.write(self.fd, piece) :]
@@ -73,7 +73,7 @@ class Task:
         self._last_ns = 0
         self._well = True
         self._stream = WholePieces(fd)
-        self._writer = RecordingWriter(cast(IO[bytes], self._stream), header)
+        self._writer = RecordingWriter(cast(IO[bytes], self._stream), header, self._path.parent)
         self._try(self._writer.flush)
 
     def _try(self, act: Callable[..., None], *arguments: object) -> None:

@@ -87,10 +87,11 @@ class Recording:
                     self.damage[-1] = self.damage[-1]._replace(from_ns=last_ns)
 
     def _date(self, time_ns: int) -> None:
-        """What comes next tells until when something is missing."""
-        for number, each in enumerate(self.damage):
-            if each.to_ns is None:
-                self.damage[number] = each._replace(to_ns=time_ns)
+        """What comes next tells until when something is missing: whatever was found since the chunk before."""
+        for number in range(len(self.damage) - 1, -1, -1):
+            if self.damage[number].to_ns is not None:
+                return
+            self.damage[number] = self.damage[number]._replace(to_ns=time_ns)
 
     def _read(self, file: IO[bytes]) -> Iterator[list[Message]]:
         """Chunks; an empty one stands for the damage that was noted last."""

@@ -48,7 +48,7 @@ def recover(path: Path) -> Recovered:
     try:
         with unfinished.open("wb") as file:
             header = msgspec.structs.replace(recording.header, cut=cut or recording.header.cut)
-            messages, seconds = _copy(recording, RecordingWriter(file, header))
+            messages, seconds = _copy(recording, RecordingWriter(file, header, path.parent))
         unfinished.rename(target)
     except OSError:
         unfinished.unlink(missing_ok=True)

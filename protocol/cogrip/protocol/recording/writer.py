@@ -1,42 +1,126 @@
-"""A recording being written: MCAP with zstd chunks of 64 KiB, each readable once it is on the disk."""
+"""A recording being written: MCAP with zstd chunks of 64 KiB, each readable once it is on the disk.
 
+The file is what the writer of the `mcap` library would make of the same messages, byte for byte. That one keeps an object for
+every chunk until the end, 800 bytes of memory each and ten of them a second; this one keeps none (`summary.py`).
+
+    message: channel u16, sequence u32, log_time u64, publish_time u64, JSON text
+    message index: channel u16, u32 bytes of entries; an entry: log_time u64, place in the chunk's records u64
+"""
+
+import zlib
+from pathlib import Path
+from struct import Struct
 from typing import IO
 
-from mcap.writer import CompressionType, Writer
+import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Metadata, MetadataIndex, Schema
+from mcap.records import Header as FileHeader
 
 from cogrip.protocol.recording.header import NAME, Header
+from cogrip.protocol.recording.reader import MAGIC
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.recording.schema import json_schema
+from cogrip.protocol.recording.summary import Summary, record_bytes
 
 CHUNK_BYTES = 64 * 1024
 LIBRARY = "cogrip"
+COMPRESSION = "zstd"
+_MESSAGE = Struct("<BQHIQQ")
+_MESSAGE_BYTES = 22  # of its record before the text
+_INDEX = Struct("<BQHI")
+_INDEX_BYTES = 6  # of its record before the entries
+_ENTRY = Struct("<QQ")
 
 
 class RecordingWriter:
     """Writes to `stream`; OSError is the caller's. Topics are numbered as they stand in the header."""
 
-    def __init__(self, stream: IO[bytes], header: Header) -> None:
+    def __init__(self, stream: IO[bytes], header: Header, folder: Path | None = None) -> None:
+        """What is kept for the summary lies in `folder`, without a name; where that is None, among temporary files."""
+        self._stream = stream
+        self._at = stream.tell()
         self._epoch_ns = header.epoch_ns
-        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(library=LIBRARY)
-        self._writer.add_metadata(NAME, header.metadata())
+        self._compress = zstandard.ZstdCompressor().compress
+        self._write(MAGIC + record_bytes(FileHeader("", LIBRARY)))
+        metadata = record_bytes(Metadata(NAME, header.metadata()))
+        self._summary = Summary(MetadataIndex(self._at, len(metadata), NAME), folder)
+        self._write(metadata)
+        self._records = bytearray()  # of the chunk that is being filled
+        self._entries: dict[int, bytearray] = {}  # of it, by channel, in the order in which the channels came
+        self._first_ns = self._last_ns = 0  # of it
+        self._channels = list(range(1, len(header.topics) + 1))
+        self._register(header.topics)
+
+    def _register(self, topics: tuple[str, ...]) -> None:
+        """Schemas and channels stand in the first chunk, before its messages."""
         schemas: dict[str, int] = {}
-        self._channels = []
-        for topic in header.topics:
+        for number, topic in zip(self._channels, topics, strict=True):
             record = KINDS[kind_of(topic)]
-            if record.__name__ not in schemas:
-                name = record.__name__
-                schemas[name] = self._writer.register_schema(f"cogrip.{name}", "jsonschema", json_schema(record))
-            self._channels.append(self._writer.register_channel(topic, "json", schemas[record.__name__]))
+            name = record.__name__
+            if name not in schemas:
+                schemas[name] = len(schemas) + 1
+                schema = Schema(schemas[name], json_schema(record), "jsonschema", f"cogrip.{name}")
+                self._records += self._summary.add_schema(schema)
+            self._records += self._summary.add_channel(Channel(number, topic, "json", {}, schemas[name]))
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
-        log_time = time_ns + self._epoch_ns
-        self._writer.add_message(self._channels[topic], log_time, payload, log_time)
+        """A message of the topic with this number, at `time_ns` of the recording's own clock."""
+        channel, log_time, records = self._channels[topic], time_ns + self._epoch_ns, self._records
+        entries = self._entries.get(channel)
+        if entries is None:
+            if not self._entries:
+                self._first_ns = log_time
+            entries = self._entries[channel] = bytearray()
+        if log_time < self._first_ns:
+            self._first_ns = log_time
+        if log_time > self._last_ns:
+            self._last_ns = log_time
+        entries += _ENTRY.pack(log_time, len(records))
+        records += _MESSAGE.pack(
+            Opcode.MESSAGE, _MESSAGE_BYTES + len(payload), channel, 0, log_time, log_time
+        )  # fmt: skip
+        records += payload
+        if len(records) > CHUNK_BYTES:
+            self._end_chunk()
+
+    def _end_chunk(self) -> None:
+        """Write the chunk that is being filled, and its messages' index. Without a message it waits for one."""
+        if not self._entries:
+            return
+        size, crc = len(self._records), zlib.crc32(self._records)
+        packed = self._compress(self._records)
+        chunk = record_bytes(Chunk(COMPRESSION, packed, self._last_ns, self._first_ns, crc, size))
+        begin = self._at
+        self._write(chunk)
+        indexes, places = self._at, {}
+        for channel, entries in self._entries.items():
+            places[channel] = self._at
+            self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX_BYTES + len(entries), channel, len(entries)) + entries)
+        self._summary.add_chunk(
+            ChunkIndex(
+                len(chunk), begin, COMPRESSION, len(packed), self._last_ns, self._at - indexes, places, self._first_ns, size
+            ),
+            {channel: len(entries) // _ENTRY.size for channel, entries in self._entries.items()},
+        )  # fmt: skip
+        self._records.clear()
+        self._entries.clear()
+        self._last_ns = 0
 
     def flush(self) -> None:
         """Everything so far is in whole chunks, and with the system."""
-        self._writer.flush()
+        self._end_chunk()
+        self._stream.flush()
 
     def finish(self) -> None:
         """Write the index. The stream stays open."""
-        self._writer.finish()
+        self._end_chunk()
+        self._write(record_bytes(DataEnd(0)))
+        for piece in self._summary.pieces(self._at):
+            self._write(piece)
+        self._write(MAGIC)
+        self._summary.close()
+
+    def _write(self, data: bytes | bytearray) -> None:
+        self._stream.write(data)
+        self._at += len(data)

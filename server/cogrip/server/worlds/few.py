@@ -37,6 +37,7 @@ class FewGripWorld(GripWorld):
         self._ports: list[Port] = []
         super().__init__(seats)
         self._paid_j = [0.0] * len(seats)  # the ledger
+        self._excess_j = [0.0] * len(seats)  # of `_work` over the true sum
         self._follows: list[bool] = self.follows.tolist()
 
     def _weigh(self) -> list[Port]:
@@ -103,8 +104,11 @@ class FewGripWorld(GripWorld):
                 relatives += relative * relative
                 springs += now * now - was * was
             work = (0.5 * period) * squares
-            self._work[number] += work
             came += work
+            before = self._work[number]  # as `RunningSum` adds
+            work -= self._excess_j[number]
+            self._work[number] = total = before + work
+            self._excess_j[number] = (total - before) - work
             gained += K * springs
             lost += B * relatives
             answers.append(answer)
@@ -157,6 +161,9 @@ class FewGripWorld(GripWorld):
 
     def worked(self) -> Sequence[float]:
         return self._work
+
+    def open_books(self, user: int) -> None:
+        self._work[user] = self._excess_j[user] = 0.0
 
     @property
     def position(self) -> Array:

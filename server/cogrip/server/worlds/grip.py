@@ -75,7 +75,7 @@ class GripWorld(World):
         supplied = sum(port.tolist()) + period * dot(self.external_force, mid)
         self.balance_error_j = max(self.balance_error_j, abs(supplied - (stored - stored_before) - lost))
 
-        self.port_work += port
+        self._book(port)
         self.force = force
         self.stretch = grown
         self.position = self.position + period * mid

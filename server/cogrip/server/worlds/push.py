@@ -64,7 +64,7 @@ class PushWorld(HandWorld):
         supplied = port.sum() + period * dot(self.external_force, velocity)
         self.balance_error_j = max(self.balance_error_j, (stored - stored_before) + lost - supplied)
 
-        self.port_work += port
+        self._book(port)
         self.force, self.hand, self.position, self.velocity = force, hand, position, velocity
         if self._saving:
             squares, before = np.maximum(grown, 0.0) ** 2, np.maximum(depth, 0.0) ** 2

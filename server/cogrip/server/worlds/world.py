@@ -53,6 +53,7 @@ class World(ABC):
         self.offset = np.zeros((len(seats), axes))
         self.force = np.zeros((len(seats), axes))
         self.port_work = np.zeros(len(seats))  # energy that came out of each user's line so far [J]
+        self._work_excess = np.zeros(len(seats))  # of that over the true sum (`running_sum`)
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
 
@@ -80,6 +81,17 @@ class World(ABC):
         """`step` in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
         return answers
+
+    def open_books(self, user: int) -> None:
+        """Somebody sits down: the user's work is counted from here."""
+        self.port_work[user] = self._work_excess[user] = 0.0
+
+    def _book(self, work: Array) -> None:
+        """Add what came out of each line in this step [J], shape (n,), as `RunningSum` does."""
+        term = work - self._work_excess
+        total = self.port_work + term
+        self._work_excess = (total - self.port_work) - term
+        self.port_work = total
 
     def rest(self) -> None:
         """The object is put down."""

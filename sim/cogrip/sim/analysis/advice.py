@@ -6,7 +6,7 @@ words about what each of them knows. A finding that warns says why and what to d
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 from typing import Literal
@@ -20,11 +20,12 @@ from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.feel import on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
-from cogrip.sim.analysis.stability import Limit, Verdict, largest_stable, verdict
+from cogrip.sim.analysis.stability import Limit, Verdict, hoped_stable, largest_stable, verdict
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
 _TINY = 1e-9
+_NEAR = 1e-4  # of a stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +73,29 @@ class Advice:
         return tuple(finding.text for finding in self.findings if finding.warns)
 
 
-def advise(settings: Settings) -> Advice:
+def largest(model: LiftedModel) -> Limit:
+    """Up to which stiffness a session is stable."""
+    return largest_stable(model, relative=_NEAR, beyond=False)
+
+
+def ample(model: LiftedModel) -> Limit:
+    """The same, looked for no further than what is ample: all that warnings need."""
+    to_npm = AMPLE * max(model.session.stiffness_npm) * (1.0 + _TINY)
+    return largest_stable(model, relative=_NEAR, to_npm=to_npm, beyond=False)
+
+
+def hoped(model: LiftedModel) -> Limit:
+    """What that can be at best, by a few looks."""
+    most = max(model.session.stiffness_npm)
+    return hoped_stable(model, [share * most for share in (0.1, 0.2, 0.4, 0.7, 1.0, AMPLE)])
+
+
+def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest) -> Advice:
     """What there is to say of a room. Raises ModelError or DeviceError where there is no model, or no such device."""
     session = linear_session(settings, estimated=True)
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     records = [make_for(user, settings.object.axes).capability for user in settings.users]
-    return _advise(session, seats, records)
+    return _advise(session, seats, records, search)
 
 
 def advise_seat(seat: SeatSettings, record: Capability) -> Advice:
@@ -85,20 +103,20 @@ def advise_seat(seat: SeatSettings, record: Capability) -> Advice:
     return _advise(seat_session(seat, record), [seat], [record])
 
 
-def _advise(session: LinearSession, seats: Sequence[SeatSettings], records: Sequence[Capability]) -> Advice:
+def _advise(
+    session: LinearSession,
+    seats: Sequence[SeatSettings],
+    records: Sequence[Capability],
+    search: Callable[[LiftedModel], Limit] = largest,
+) -> Advice:
     model = LiftedModel(session)
-    found, limit, most = verdict(model), _limit(model), max(session.stiffness_npm)
+    found, most = verdict(model), max(session.stiffness_npm)
+    limit = search(model) if most else Limit(None, 0.0)  # nobody holds the object by a spring
     users = tuple(_user(session, number, *one) for number, one in enumerate(zip(seats, records, strict=True)))
     findings = [_stability(found, limit, most), *_passivity(seats)]
     for user, seat, record in zip(users, seats, records, strict=True):
         findings += _seat(user, seat, record)
     return Advice(found, limit, most, users, tuple(findings))
-
-
-def _limit(model: LiftedModel) -> Limit:
-    if not any(model.session.stiffness_npm):
-        return Limit(None, 0.0)  # nobody holds the object by a spring
-    return largest_stable(model, relative=1e-4)
 
 
 def _stability(found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, log
 from typing import Any
@@ -12,8 +13,10 @@ import msgspec
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.analysis.advice import AMPLE, Advice, advise, rounded_down
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, hoped, rounded_down
+from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError
+from cogrip.sim.analysis.stability import Limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,20 +45,37 @@ class _Score:
         return self.warnings, -round(self.reach, 6), round(self.missed, 2)
 
 
-def best_change(settings: Settings, now: Advice) -> Change | None:
-    """What helps most of all candidates; None when nothing does."""
+def best_change(
+    settings: Settings, now: Advice, progress: Callable[[int, int], None] = lambda tried, total: None
+) -> Change | None:
+    """What helps most of all candidates; None when nothing does. Of equals the one that costs least.
+
+    Up to which stiffness a candidate is stable takes long to find where delays are long. So first everybody gets a few looks,
+    which say what they can be at best; then they are looked at closely, the most hopeful first, until nobody can be better.
+    progress: how many candidates were looked at, of how many.
+    """
     asked = [user.asked_npm for user in now.users]
     before = _score(now, asked)
+    candidates = list(_candidates(settings, now))
     table = msgspec.to_builtins(settings)
-    best, best_key = None, before.key()
-    for key, value in _candidates(settings, now):
-        try:
-            after = _score(advise(resolve(table, {key: value})), asked)
-        except (SettingsError, ModelError, DeviceError):
-            continue
-        if after.key() < best_key:
-            best, best_key = Change(key, value, _effect(before, after)), after.key()
-    return best
+
+    def score(number: int, search: Callable[[LiftedModel], Limit]) -> _Score:
+        key, value = candidates[number]
+        return _score(advise(resolve(table, {key: value}), search), asked)
+
+    hopes: list[tuple[tuple[float, ...], int]] = []
+    for number in range(len(candidates)):
+        progress(number, len(candidates))
+        with suppress(SettingsError, ModelError, DeviceError):  # it cannot be set, or has no model: no candidate
+            hopes.append((score(number, hoped).key(), number))
+    best, found = (before.key(), -1), before
+    for hope in sorted(hopes):
+        if hope >= best:
+            break
+        after = score(hope[1], ample)
+        if (after.key(), hope[1]) < best:
+            best, found = (after.key(), hope[1]), after
+    return Change(*candidates[best[1]], _effect(before, found)) if best[1] >= 0 else None
 
 
 def _score(advice: Advice, asked_npm: Sequence[float]) -> _Score:

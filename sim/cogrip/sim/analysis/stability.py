@@ -7,7 +7,8 @@ unit circle (P eq. 36).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from cogrip.sim.analysis.state_space import Array
 SEARCHED_TO_NPM = 1e7
 SEARCHED_FROM_NPM = 1.0
 _STEPS_A_DECADE = 24
+_AT_ONCE = 8  # of the grid, where the first that is unstable ends it
+_PIECES, _SMALL = 9, 64  # into which a bracket is cut: of a model with more states each matrix costs more than a round
 _CHUNK = 1024  # matrices at a time: more do not fit into a cache
 
 
@@ -42,7 +45,7 @@ class Verdict:
 def verdict(model: LiftedModel) -> Verdict:
     """What the eigenvalues of a session say."""
     rigid = Rigid(model)
-    decaying = float(_radius(rigid.removed(model.matrix())))
+    decaying = float(_along(modes(model), np.ones(1))[0])
     whole = max(1.0, decaying) if rigid.names else decaying
     return Verdict(model.session.scheme, whole, decaying, rigid.names, model.states)
 
@@ -63,6 +66,34 @@ def _radius(matrices: Array) -> Array:
     return largest
 
 
+def modes(model: LiftedModel, direction: Sequence[float] | None = None) -> tuple[Mode, ...]:
+    """The session along a ray of stiffnesses as parts that do not know of each other; together they have its eigenvalues.
+
+    Of N people who are alike in everything, what they do together sees one of them at an N-th of the object, and what they do
+    against each other leaves the object where it is: N - 1 times one of them at a wall. Each has an N-th of the states, and
+    eigenvalues take the cube of them. Where anybody differs the session itself is its only part.
+    """
+    session = model.session
+    ray = np.array(session.stiffness_npm if direction is None else direction, dtype=float)
+    first = replace(session.people[0], name="", stiffness_npm=0.0)
+    alike = all(replace(person, name="", stiffness_npm=0.0) == first for person in session.people)
+    if not alike or model.users == 1 or ray.min() < ray.max():
+        return (Mode(model, ray),)
+    one, ray = replace(session, people=session.people[:1]), ray[:1]
+    against = Mode(LiftedModel(replace(one, fixed=True)), ray)
+    if session.fixed:
+        return (against,)
+    mass, damping = session.object_mass_kg / model.users, session.object_damping_nspm / model.users
+    return against, Mode(LiftedModel(replace(one, object_mass_kg=mass, object_damping_nspm=damping)), ray)
+
+
+class Mode(NamedTuple):
+    """A part of a session, and its share of the direction, shape (N',)."""
+
+    model: LiftedModel
+    ray: Array
+
+
 @dataclass(frozen=True, slots=True)
 class Limit:
     """End of the stable stretch that begins at no stiffness; None: there is none up to `searched_to_npm`; 0: none is stable.
@@ -75,33 +106,57 @@ class Limit:
     stable_again: bool = False
 
 
-def largest_stable(model: LiftedModel, direction: Sequence[float] | None = None, relative: float = 1e-6) -> Limit:
+def largest_stable(
+    model: LiftedModel,
+    direction: Sequence[float] | None = None,
+    relative: float = 1e-6,
+    to_npm: float = SEARCHED_TO_NPM,
+    beyond: bool = True,
+) -> Limit:
     """The largest s such that K_i = s direction_i [N/m] is stable, and every smaller s too.
 
     direction: shape (N,); default: the session's stiffnesses in proportion to the largest. Looked for on a logarithmic grid
-    from SEARCHED_FROM_NPM to SEARCHED_TO_NPM, then halved to `relative`. Raises ValueError for a direction without length.
+    from SEARCHED_FROM_NPM to `to_npm`, then halved to `relative`. beyond: whether to look for what is `stable_again`, which
+    takes the whole grid; without it the first that is unstable ends it. Raises ValueError for a direction without length.
     """
     ray = np.array(model.session.stiffness_npm if direction is None else direction, dtype=float)
     if not (ray >= 0.0).all() or not ray.max() > 0.0:
         raise ValueError(f"direction {ray.tolist()} must have a part above 0 and none below: give K of somebody")
-    ray = ray / ray.max()
-    decades = np.log10(SEARCHED_TO_NPM / SEARCHED_FROM_NPM)
-    sizes = np.geomspace(SEARCHED_FROM_NPM, SEARCHED_TO_NPM, round(decades * _STEPS_A_DECADE) + 1)
-    stable = _along(model, ray, sizes) < 1.0
+    parts = modes(model, (ray / ray.max()).tolist())
+    to_npm = max(to_npm, SEARCHED_FROM_NPM)
+    decades = np.log10(to_npm / SEARCHED_FROM_NPM)
+    sizes = np.geomspace(SEARCHED_FROM_NPM, to_npm, int(np.ceil(round(decades * _STEPS_A_DECADE, 6))) + 1)
+    stable = np.empty(0, dtype=bool)
+    at_once = len(sizes) if beyond else _AT_ONCE
+    for start in range(0, len(sizes), at_once):
+        stable = np.append(stable, _along(parts, sizes[start : start + at_once]) < 1.0)
+        if not beyond and not stable.all():
+            break
     if stable.all():
-        return Limit(None, SEARCHED_TO_NPM)
+        return Limit(None, to_npm)
     first = int(np.argmin(stable))
-    again = bool(stable[first:].any())
+    again = bool(stable[first:].any()) and beyond
     if first == 0:
-        return Limit(0.0, SEARCHED_TO_NPM, again)
+        return Limit(0.0, to_npm, again)
     low, high = float(sizes[first - 1]), float(sizes[first])
+    pieces = _PIECES if max(part.model.states for part in parts) <= _SMALL else 2
     while high - low > relative * high:
-        between = np.linspace(low, high, 10)[1:-1]
-        inside = _along(model, ray, between) < 1.0
+        between = np.linspace(low, high, pieces + 1)[1:-1]
+        inside = _along(parts, between) < 1.0
         count = len(between) if inside.all() else int(np.argmin(inside))
         low, high = (low, *between.tolist(), high)[count], (low, *between.tolist(), high)[count + 1]
-    return Limit(low, SEARCHED_TO_NPM, again)
+    return Limit(low, to_npm, again)
 
 
-def _along(model: LiftedModel, ray: Array, sizes: Array) -> Array:
-    return _decaying(model, sizes[:, None] * ray)
+def hoped_stable(model: LiftedModel, sizes_npm: Sequence[float]) -> Limit:
+    """What `largest_stable` can find at most: of these few sizes, rising, the first that is unstable."""
+    stable = _along(modes(model), np.array(sizes_npm) / max(model.session.stiffness_npm)) < 1.0
+    return Limit(None if stable.all() else float(sizes_npm[int(np.argmin(stable))]), float(sizes_npm[-1]))
+
+
+def _along(parts: Sequence[Mode], sizes: Array) -> Array:
+    """Spectral radius at each size of the direction, (k,)."""
+    largest = _decaying(parts[0].model, sizes[:, None] * parts[0].ray)
+    for model, ray in parts[1:]:
+        largest = np.maximum(largest, _decaying(model, sizes[:, None] * ray))
+    return largest

@@ -2,5 +2,5 @@
 
 `method` (what is compared), `hand` (the hands come to rest), `watch` (what is kept of a session), `measures` (what is read
 of it, with units and formulas), `felt` (stiffness under a static load), `cell` (one session, pure), `question` (all of
-them), `table`, `plots`, `page` (what is shown).
+them), `table`, `latex`, `plots`, `page` (what is shown).
 """

@@ -13,9 +13,9 @@ from typing import Any
 
 from cogrip.protocol.settings import Settings
 from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.methods.felt import measure_felt
+from cogrip.sim.methods.felt import furthest_off, measure_felt
 from cogrip.sim.methods.hand import let_rest
-from cogrip.sim.methods.measures import at_rest, created_at_rest_j, is_oscillating, read
+from cogrip.sim.methods.measures import FELT_MEASURES, at_rest, created_at_rest_j, is_oscillating, read
 from cogrip.sim.methods.method import CLEAN, ideal_settings, session_settings
 from cogrip.sim.methods.watch import Array, Trace, Watch, sketch
 from cogrip.sim.summary import of_laboratory
@@ -27,7 +27,8 @@ from cogrip.sim.sweep.measures import finite
 class Job:
     """base: settings as JSON text; rest_s: when the hands begin to rest.
 
-    felt: measure the felt stiffness as well; drawn: keep a sketch of the forces, as `trace` beside the columns.
+    felt: measure the felt stiffness as well, of each person as `felt` beside the columns; drawn: keep a sketch of the forces,
+    as `trace`.
     """
 
     cell: int
@@ -90,11 +91,19 @@ def _measure(job: Job) -> dict[str, Any]:
     session = clean if job.network == CLEAN else run_session(settings, job.rest_s)
     ideal = _ideal(job.base, job.seed, job.rest_s)
     measures = read(session.trace, session.summary, session.diverged, clean.trace.force_n, ideal)
-    felt = measure_felt(settings) if job.felt else None
-    measures["felt_npm"] = felt.felt_npm if felt else None
-    measures["asked_npm"] = felt.asked_npm if felt else None
-    measures["felt_error_percent"] = 100.0 * (felt.felt_npm / felt.asked_npm - 1.0) if felt and felt.felt_npm else None
-    found = {name: finite(value) for name, value in measures.items()}
+    people = measure_felt(settings) if job.felt else ()
+    furthest = furthest_off(people)
+    measures["felt_error_percent"] = furthest.error_percent if furthest else None
+    measures["felt_person"] = furthest.person if furthest else None
+    found: dict[str, Any] = {name: finite(value) for name, value in measures.items()}
+    found["felt"] = [
+        {
+            "person": person.person,
+            "asked_npm": person.asked_npm,
+            **{name: finite(getattr(person, name)) for name in FELT_MEASURES},
+        }
+        for person in people
+    ]
     if job.drawn:
         found["trace"] = {"seconds": session.summary["seconds"], "force_n": sketch(session.trace.force_n)}
     return found

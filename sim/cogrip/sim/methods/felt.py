@@ -32,17 +32,28 @@ SHAKING = 2.0  # swing of the force against the load, from which on nothing rest
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """felt_npm is None where it never came to rest."""
+    """Of one person. felt_npm is None where the probe diverged, or where the force on this hand never came to rest."""
 
-    felt_npm: float | None
+    person: str
     asked_npm: float
+    felt_npm: float | None
+
+    @property
+    def error_percent(self) -> float | None:
+        """K_felt / K - 1 [%]: people of unlike K can be held against each other by it."""
+        return 100.0 * (self.felt_npm / self.asked_npm - 1.0) if self.felt_npm else None
+
+    @property
+    def added_mm_per_n(self) -> float | None:
+        """1 / K_felt - 1 / K [mm/N]: the softness that the method and the network have added, which of waves no K changes."""
+        return 1e3 * (1.0 / self.felt_npm - 1.0 / self.asked_npm) if self.felt_npm else None
 
 
-def measure_felt(settings: Settings) -> Felt | None:
-    """Of the person for whom it is furthest off the K asked for. None where no balanced load can be put on."""
+def measure_felt(settings: Settings) -> tuple[Felt, ...]:
+    """Of every person with a spring. Empty where no balanced load can be put on."""
     loads = balanced_loads(settings)
     if loads is None:
-        return None
+        return ()
     probe = probe_settings(settings, loads)
     laboratory = Laboratory(probe)
     watch = Watch(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
@@ -53,16 +64,22 @@ def measure_felt(settings: Settings) -> Felt | None:
     found: list[Felt] = []
     for number, (user, load) in enumerate(zip(settings.users, loads, strict=True)):
         asked = coupling_of(settings, user).stiffness_npm
-        if not load or not asked:
+        if not asked:
             continue
-        if laboratory.diverged:
-            return Felt(None, asked)
         force = trace.force_n[-ticks:, number, 0]
-        stretch = trace.position_m[-frames:, number, 0] - trace.object_m[-frames:, 0]
-        if np.ptp(force) > SHAKING * abs(load) or not stretch.mean():
-            return Felt(None, asked)
-        found.append(Felt(float(force.mean() / stretch.mean()), asked))
-    return max(found, key=lambda felt: abs((felt.felt_npm or 0.0) / felt.asked_npm - 1.0), default=None)
+        stretch = float((trace.position_m[-frames:, number, 0] - trace.object_m[-frames:, 0]).mean())
+        rests = not laboratory.diverged and np.ptp(force) <= SHAKING * abs(load) and stretch != 0.0
+        found.append(Felt(user.name, asked, float(force.mean()) / stretch if rests else None))
+    return tuple(found)
+
+
+def furthest_off(people: Sequence[Felt]) -> Felt | None:
+    """The person whose felt stiffness is off the K asked for by the largest share, or who feels none; None of nobody."""
+    errors = [(person, person.error_percent) for person in people]
+    return next(
+        (person for person, error in errors if error is None),
+        max(people, key=lambda person: abs(person.error_percent or 0.0), default=None),
+    )
 
 
 def balanced_loads(settings: Settings) -> Sequence[float] | None:

@@ -20,6 +20,7 @@ from cogrip.sim.verdict import Summary, is_number, people, worst_margin
 LAST_S = 0.5  # of the rest at the end, over which it is judged
 SWING_N = 1.0  # swing of a force between hands that hold still
 SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings makes none
+ACTIVE_SHARE = 0.1  # of what hands have put in: what encoders leak is far less
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +71,15 @@ MEASURES: Mapping[str, Measure] = {
     ),
     "felt_error_percent": Measure(
         "felt stiffness error", "%",
-        "By how much the stiffness that a person feels under a static load is off the K asked for, K_felt / K - 1; of the "
-        "person whom it is furthest off for.", 1,
+        "By how much the stiffness that a person feels under a static load is off the K asked for that person, K_felt / K - 1; "
+        "of the person for whom this share is largest (felt.csv has everybody).", 1,
     ),
 }  # fmt: skip
 COLUMNS = (
-    "diverged", "diverged_s", "reason", "oscillates", "passive", "margin_mj", "leak_mj", *MEASURES, "felt_npm",
-    "asked_npm", "lost", "late",
+    "diverged", "diverged_s", "reason", "oscillates", "active", "passive", "margin_mj", "leak_mj", *MEASURES, "felt_person",
+    "lost", "late",
 )  # fmt: skip
+FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each person, beside the K asked for
 
 
 def created_j(work_j: Array, object_j: Array) -> float:
@@ -136,6 +138,16 @@ def is_oscillating(swing_n: float, created_mj: float) -> bool:
     return swing_n > SWING_N and created_mj > SWING_MJ
 
 
+def put_in_j(work_j: Array) -> float:
+    """What hands have put in, frame by frame, whatever came out in others [J]; work_j as in `Trace`."""
+    return float(np.maximum(0.0, np.diff(work_j, prepend=0.0)).sum())
+
+
+def is_active(created_mj: float, put_in_mj: float) -> bool:
+    """Whether so much was made of nothing that it drove the session, though in the end it came to rest."""
+    return created_mj > max(SWING_MJ, ACTIVE_SHARE * put_in_mj)
+
+
 def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
     """All columns but those of the felt stiffness. Of a session that diverged, up to then; its rest never came.
 
@@ -145,15 +157,18 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     users = people(summary)
     worst = worst_margin(users)
     apart_m, swing = at_rest(trace)
+    oscillates = not diverged and is_oscillating(swing, created_at_rest_j(trace) * 1e3)
+    created_mj = created_j(trace.work_j, trace.object_j) * 1e3
     return {
         "diverged": bool(diverged),
         "diverged_s": summary["seconds"] if diverged else None,
         "reason": diverged,
-        "oscillates": not diverged and is_oscillating(swing, created_at_rest_j(trace) * 1e3),
+        "oscillates": oscillates,
+        "active": not diverged and not oscillates and is_active(created_mj, put_in_j(trace.work_j) * 1e3),
         "passive": summary["passive"],
         "margin_mj": worst[0] * 1e3 if worst else None,
         "leak_mj": -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users),
-        "created_mj": created_j(trace.work_j, trace.object_j) * 1e3,
+        "created_mj": created_mj,
         "peak_force_n": largest(user["peak_force_n"] for user in users),
         "force_step_n": largest(user["peak_force_step_n"] for user in users),
         "coherence_rms_mm": rms * 1e3,

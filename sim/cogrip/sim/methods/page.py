@@ -1,25 +1,28 @@
-"""What a comparison leaves: `summary.json`, `table.md`, `table.tex`, pictures (PNG, SVG), `report.html`: self-contained."""
+"""What a comparison leaves: `summary.json`, `felt.csv`, `table.md`, `table.tex`, pictures (PNG, SVG), `report.html`."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from cogrip.sim.figures.page import svg
-from cogrip.sim.methods.measures import MEASURES
+from cogrip.sim.methods.latex import latex
+from cogrip.sim.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.methods.method import METHODS, OURS
 from cogrip.sim.methods.plots import draw_all
 from cogrip.sim.methods.question import Comparison
-from cogrip.sim.methods.table import cells, gather, headings, latex, markdown, note, unstable
+from cogrip.sim.methods.table import cells, gather, headings, markdown, note, unstable
 from cogrip.sim.plots.style import png
 from cogrip.sim.report import Picture, figure, notes_list, page
 from cogrip.sim.report_tables import plain, settings_tables, table
 from cogrip.sim.run_folder import SUMMARY, summary_text
 from cogrip.sim.sweep.cell import Result
+from cogrip.sim.sweep.folder import as_text
 
-REPORT, MARKDOWN, LATEX, PLOTS = "report.html", "table.md", "table.tex", "plots"
+REPORT, MARKDOWN, LATEX, PLOTS, PEOPLE = "report.html", "table.md", "table.tex", "plots", "felt.csv"
 KIND = "comparison of methods"
 
 
@@ -29,6 +32,7 @@ def write_outcome(folder: Path, asked: Comparison, results: Mapping[int, Result]
     (folder / SUMMARY).write_text(summary_text(summary), encoding="utf-8")
     (folder / MARKDOWN).write_text(markdown(summary), encoding="utf-8")
     (folder / LATEX).write_text(latex(summary), encoding="utf-8")
+    write_people(folder / PEOPLE, asked, results)
     plots = folder / PLOTS
     plots.mkdir(exist_ok=True)
     pictures = []
@@ -39,6 +43,18 @@ def write_outcome(folder: Path, asked: Comparison, results: Mapping[int, Result]
         pictures.append(Picture(plot.heading, plot.caption, drawn, ""))
     (folder / REPORT).write_text(render(summary, pictures), encoding="utf-8")
     return summary
+
+
+def write_people(path: Path, asked: Comparison, results: Mapping[int, Result]) -> None:
+    """A line a person and session in which the felt stiffness was measured."""
+    columns = ("person", "asked_npm", *FELT_MEASURES)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["cell", *asked.keys, *columns])
+        for cell in sorted(results):
+            for person in results[cell].measures.get("felt", ()):
+                values = [*asked.values(cell).values(), *(person[column] for column in columns)]
+                writer.writerow([cell, *map(as_text, values)])
 
 
 def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
@@ -84,6 +100,8 @@ def _verdict(summary: Mapping[str, Any]) -> str:
             tone, text = "bad", f"unstable in {bad} of {runs} sessions: on {', '.join(where)}"
         else:
             tone, text = "good", f"stable in all {runs} sessions"
+        if active := sum(row["active"] for row in rows):
+            tone, text = ("warn" if tone == "good" else tone), f"{text}; driven by created energy in {active}"
         if method == OURS and (leaks := sum(row["not_passive"] for row in rows)):
             tone, text = "bad", f"{text}; not passive in {leaks}"
         mark = {"good": "✓", "warn": "!", "bad": "✗"}[tone]

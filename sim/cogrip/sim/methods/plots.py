@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from cogrip.sim.methods.measures import MEASURES
 from cogrip.sim.methods.method import METHODS
 from cogrip.sim.methods.question import Comparison
 from cogrip.sim.methods.table import unstable as unstable_row
-from cogrip.sim.plots.style import ALARM, DOTTED, FAINT, INK, NotDrawnError, Sheet, Style, colour, label, title
+from cogrip.sim.plots.style import ALARM, COLOURS, DOTTED, FAINT, INK, NotDrawnError, Sheet, Style, colour, label, title
 from cogrip.sim.sweep.cell import Result
 from cogrip.sim.verdict import is_number
 
 _MARKS = "osD^v"
-_SHOWN_PEOPLE = 6  # in a legend
 _WIDTH = 0.8  # of the room of a network that its methods take
-_LOG_FROM, _LOG_SPAN = 1e-3, 300.0  # of values that spread more than this a logarithmic axis is drawn
+_LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # of values that spread more than this a logarithmic axis is drawn
+_DIVERGED: Style = {}
+_OSCILLATES: Style = {"alpha": 0.45, "hatch": "///", "edgecolor": "white", "lw": 0}
+_ACTIVE: Style = {"alpha": 0.25}
+_MARGIN = 1.2  # above the largest force of a row's stable sessions
 
 
 class Plot(NamedTuple):
@@ -65,29 +69,35 @@ class Rows:
     def judged(self, network: str, method: str, measure: str) -> list[tuple[float, bool]]:
         """Each number with whether its session was unstable."""
         found = self._values.get((network, method), ())
-        return [(float(row[measure]), row["diverged"] or row["oscillates"]) for row in found if is_number(row[measure])]
+        return [
+            (float(row[measure]), row["diverged"] or row["oscillates"] or row["active"])
+            for row in found
+            if is_number(row[measure])
+        ]
 
 
 def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> Iterator[Plot]:
     """Every picture of which there is anything to draw."""
     rows = Rows(asked, results, summary)
     marks = (
-        "A mark is a session, hollow if it diverged (measured up to then) or oscillates, a bar the median of a method; methods "
-        "stand beside each other in the order of the legend."
+        "A mark is a session, hollow if it diverged (measured up to then), oscillates or is active, a bar the median of a "
+        "method; methods stand beside each other in the order of the legend. On a logarithmic axis what is less than its first "
+        "number stands on its edge."
     )
     entries = (
         _Entry(
             "stability",
             "Stability and energy",
-            "Above, the share of sessions that diverged or oscillate; below, the most energy that the network had given out "
-            f"beyond what the hands had put in. {marks} What is below the axis's first number stands on its edge.",
+            "Above, the share of sessions that diverged, oscillate or are active; below, the most energy that the network "
+            f"had given out beyond what the hands had put in. {marks}",
             partial(_stability, rows),
         ),
         _Entry(
             "traces",
             "Forces over time",
             f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour a "
-            "person. What ends early, at the dotted line, has diverged.",
+            "person. What ends early, at the dotted line, has diverged. A row is as high as its stable sessions need: others "
+            "are cut off, and say how far they go.",
             partial(_traces, rows),
         ),
         _Entry(
@@ -113,8 +123,9 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
         _Entry(
             "felt",
             "Felt stiffness",
-            "The stiffness that a person feels under a static load; the line is the K that was asked for. Where a method is "
-            "unstable nobody can feel it, and none is drawn.",
+            "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
+            "mark a person, the median over seeds; the number is the softest one in N/m. A grey cross: the method is unstable, "
+            "or the probe never came to rest.",
             partial(_felt, rows),
         ),
     )
@@ -159,26 +170,22 @@ def _stability(rows: Rows) -> Figure:
     for network, name in enumerate(asked.networks):
         for number, method in enumerate(asked.methods):
             row, place = rows.summary[name, method], _place(rows, network, number)
-            if row["runs"]:
-                lost, swinging = 100.0 * row["diverged"] / row["runs"], 100.0 * row["oscillates"] / row["runs"]
-                shares.bar(place, lost, width, color=colour(number))
-                shares.bar(
-                    place,
-                    swinging,
-                    width,
-                    bottom=lost,
-                    color=colour(number),
-                    alpha=0.45,
-                    hatch="///",
-                    edgecolor="white",
-                    lw=0,
-                )
-                if not lost + swinging:
-                    shares.plot(place, 0.0, **style_of(number), ms=5, clip_on=False, zorder=3)
+            foot = 0.0
+            for count, look in (
+                (row["diverged"], _DIVERGED),
+                (row["oscillates"], _OSCILLATES),
+                (row["active"], _ACTIVE),
+            ):
+                if count:
+                    share = 100.0 * count / row["runs"]
+                    shares.bar(place, share, width, bottom=foot, color=colour(number), **look)
+                    foot += share
+            if row["runs"] and not foot:
+                shares.plot(place, 0.0, **style_of(number), ms=5, clip_on=False, zorder=3)
     shares.set_ylim(0.0, 104.0)
     title(
         shares,
-        "full: diverged; hatched: oscillates between hands at rest; mark: stable",
+        "full: diverged; hatched: oscillates between hands at rest; pale: active while they move; mark: stable",
     )
     _scatter(rows, energy, "created_mj")
     for panel in (shares, energy):
@@ -188,27 +195,62 @@ def _stability(rows: Rows) -> Figure:
 
 def _traces(rows: Rows) -> Figure:
     asked = rows.asked
+    whole_s = float(asked.base["seconds"])
     sheet = Sheet(len(asked.networks), len(asked.methods), row_in=1.25)
-    people = 0
+    found = False
     for network, panels in zip(asked.networks, sheet.panels, strict=True):
+        traces = {method: trace for method in asked.methods if (trace := rows.traces(network, method))}
+        found = found or bool(traces)
+        height = _height(rows, network, traces)
         for method, panel in zip(asked.methods, panels, strict=True):
-            panel.set_xlim(0.0, float(asked.base["seconds"]))
-            found = rows.traces(network, method)
-            if found is None:
-                continue
-            seconds, forces = found
-            people = max(people, len(forces))
-            for person, values in enumerate(forces):
-                panel.plot(np.linspace(0.0, seconds, len(values)), values, color=colour(person), lw=0.7, alpha=0.8)
-            if rows.summary[network, method]["diverged"] and seconds < asked.base["seconds"]:
-                panel.axvline(seconds, color=ALARM, lw=1.0, ls=DOTTED)
-    if not people:
+            panel.set_xlim(0.0, whole_s)
+            if height:
+                panel.set_ylim(-height, height)
+            if method in traces:
+                _trace(panel, *traces[method], whole_s, height)
+    if not found:
         raise NotDrawnError("no forces were kept")
     for method, panel in zip(asked.methods, sheet.panels[0], strict=True):
         title(panel, METHODS[method].title)
-    names = [str(user["name"]) for user in asked.base["users"]][:_SHOWN_PEOPLE]
-    legend: list[tuple[str, Style]] = [(label(name), {"color": colour(n), "lw": 1.5}) for n, name in enumerate(names)]
-    return sheet.finish("time [s]", [f"{network}\n[N]" for network in asked.networks], legend)
+    return sheet.finish("time [s]", [f"{network}\n[N]" for network in asked.networks], _people(asked))
+
+
+def _height(rows: Rows, network: str, traces: Mapping[str, tuple[float, list[list[float]]]]) -> float:
+    """Of a row: what its stable sessions need; where none is stable, all. 0 where there are no forces at all [N]."""
+    stable = [trace for method, trace in traces.items() if not unstable_row(rows.summary[network, method])]
+    return _MARGIN * max((_largest(forces) for _, forces in stable or traces.values()), default=0.0)
+
+
+def _largest(forces: list[list[float]]) -> float:
+    return max((abs(value) for values in forces for value in values), default=0.0)
+
+
+def _trace(panel: Axes, seconds: float, forces: list[list[float]], whole_s: float, height: float) -> None:
+    """One session's forces; what it was cut off at, and when it ended if that was early."""
+    for person, values in enumerate(forces):
+        panel.plot(np.linspace(0.0, seconds, len(values)), values, color=colour(person), lw=0.7, alpha=0.8)
+    words = []
+    if seconds < whole_s:
+        panel.axvline(seconds, color=ALARM, lw=1.0, ls=DOTTED)
+        words.append(f"diverged at {seconds:.2g} s")
+    if (most := _largest(forces)) > height:
+        words.append(f"up to {most:.3g} N")
+    if words:
+        panel.text(
+            0.985, 0.95, "\n".join(words), transform=panel.transAxes, ha="right", va="top", fontsize=8, color=ALARM,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
+        )  # fmt: skip
+
+
+def _people(asked: Comparison) -> list[tuple[str, Style]]:
+    """Everybody, as far as colours go; of the others, how many they are."""
+    names = [str(user["name"]) for user in asked.base["users"]]
+    legend: list[tuple[str, Style]] = [
+        (label(name), {"color": colour(number), "lw": 1.5}) for number, name in enumerate(names[:COLOURS])
+    ]
+    if len(names) > COLOURS:
+        legend.append((f"and {len(names) - COLOURS} more, in the same colours again", {"lw": 0}))
+    return legend
 
 
 def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
@@ -228,12 +270,9 @@ def _any(rows: Rows, measure: str) -> bool:
 
 
 def _scatter(rows: Rows, panel: Axes, measure: str) -> None:
-    """Dots spread over a method's room in the order of their seeds; a logarithmic axis where the medians spread far."""
+    """Dots spread over a method's room in the order of their seeds."""
     asked = rows.asked
-    everything = [abs(value) for key in rows.summary for value in rows.numbers(*key, measure)]
-    positive = [value for value in everything if value >= _LOG_FROM]
-    log = bool(positive) and max(positive) > _LOG_SPAN * min(positive)
-    floor = 10.0 ** np.floor(np.log10(min(positive))) if log else 0.0
+    floor = _scale(panel, [value for key in rows.summary for value in rows.numbers(*key, measure)])
     room = 0.7 * _WIDTH / len(asked.methods)
     for network, name in enumerate(asked.networks):
         for number, method in enumerate(asked.methods):
@@ -242,40 +281,79 @@ def _scatter(rows: Rows, panel: Axes, measure: str) -> None:
                 continue
             values = np.maximum(np.abs([value for value, _ in judged]), floor)
             bad = np.array([unstable for _, unstable in judged])
-            place = _place(rows, network, number)
-            jitter = room * ((np.arange(len(values)) + 0.5) / len(values) - 0.5)
-            look: Style = {**style_of(number), "ms": 3.4, "lw": 0, "alpha": 0.6, "clip_on": False}
-            panel.plot((place + jitter)[~bad], values[~bad], **look, mew=0)
-            panel.plot((place + jitter)[bad], values[bad], **look, mfc="none", mew=0.9)
-            middle = float(np.median(values))
+            places = _place(rows, network, number) + _spread(len(values), room)
+            look: Style = {**style_of(number), "ms": 3.6, "lw": 0, "alpha": 0.8, "clip_on": False}
+            panel.plot(places[~bad], values[~bad], **look, mew=0)
+            panel.plot(places[bad], values[bad], **look, mfc="none", mew=0.9)
+            middle, place = float(np.median(values)), _place(rows, network, number)
             panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], color=INK, lw=1.6, zorder=3)
-    if log:
-        panel.set_yscale("log")
-        panel.set_ylim(bottom=floor)
-        panel.minorticks_off()
-    else:
-        panel.set_ylim(bottom=0.0)
+
+
+def _spread(count: int, room: float) -> NDArray[np.float64]:
+    """Places of so many marks beside each other, around 0."""
+    return room * ((np.arange(count) + 0.5) / count - 0.5)
+
+
+def _scale(panel: Axes, values: Sequence[float]) -> float:
+    """The panel's axis, logarithmic where values spread far. Returns where it begins: what is less stands there."""
+    most = max((abs(value) for value in values), default=0.0)
+    positive = [abs(value) for value in values if abs(value) >= _LOG_FROM]
+    if not positive or most <= _LOG_SPAN * min(positive):
+        panel.set_ylim(0.0, 1.06 * most or 1.0)
+        return 0.0
+    first, last = int(np.floor(np.log10(min(positive)))), int(np.floor(np.log10(most)))
+    floor = 10.0**first
+    powers = range(first, last + 1, 1 + (last - first) // 7)
+    steps = (1, 2, 5) if last - first < 2 else (1, 3) if last - first < 3 else (1,)
+    ticks = [step * 10.0**power for power in powers for step in steps]
+    texts = [f"{tick:g}" if 1e-2 <= tick < 1e3 else f"$10^{{{round(np.log10(tick))}}}$" for tick in ticks]
+    if any(abs(value) < floor for value in values):
+        texts[0] = f"≤ {texts[0]}"
+    panel.set_yscale("log")
+    panel.set_yticks(ticks, texts)
+    panel.set_ylim(floor, 1.4 * most)
+    panel.minorticks_off()
+    return floor
 
 
 def _felt(rows: Rows) -> Figure:
-    asked, found = rows.asked, False
+    asked = rows.asked
     sheet = Sheet(1, 1, row_in=3.4)
     panel: Axes = sheet.panels[0, 0]
+    shares = {key: [] if unstable_row(row) else _felt_shares(row) for key, row in rows.summary.items()}
+    everything = [share for people in shares.values() for share, _ in people]
+    if not everything:
+        raise NotDrawnError("no felt stiffness was measured")
+    floor = _scale(panel, [*everything, 100.0])
+    panel.set_ylim(top=160.0 if floor else 115.0)
+    panel.axhline(100.0, color=FAINT, lw=1.0, zorder=0)
+    room = 0.6 * _WIDTH / len(asked.methods)
     for network, name in enumerate(asked.networks):
         for number, method in enumerate(asked.methods):
-            row = rows.summary[name, method]
-            if row["felt_npm"] is None or unstable_row(row):
+            people, place = shares[name, method], _place(rows, network, number)
+            if not people:
+                panel.plot(place, 0.04, marker="x", color=FAINT, ms=5, transform=panel.get_xaxis_transform())
                 continue
-            found, place, felt = True, _place(rows, network, number), row["felt_npm"]
-            panel.plot([place, place], [row["asked_npm"], felt], color=colour(number), lw=1.2, alpha=0.6)
-            panel.plot(place, felt, **style_of(number), ms=7, clip_on=False)
+            softest = min(people)[1]
+            heights = [max(share, floor) for share, _ in people]
+            panel.plot([place, place], [100.0, min(heights)], color=colour(number), lw=1.2, alpha=0.4, zorder=1)
+            panel.plot(
+                place + _spread(len(people), room), heights, **style_of(number), ms=5, lw=0, mew=0, clip_on=False
+            )
+            text = f"{softest:.{0 if softest >= 100.0 else 1}f}"
             panel.annotate(
-                f"{felt:.0f}", (place, felt), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8, color=INK,
+                text, (place, min(heights)), xytext=(0, -6), textcoords="offset points", ha="center", va="top",
+                fontsize=8, color=INK,
             )  # fmt: skip
-    if not found:
-        raise NotDrawnError("no felt stiffness was measured")
-    for stiffness in sorted({row["asked_npm"] for row in rows.summary.values() if row["asked_npm"]}):
-        panel.axhline(stiffness, color=FAINT, lw=1.0, zorder=0)
-    panel.set_ylim(bottom=0.0)
+    panel.set_ylim(bottom=0.5 * floor)  # room for the crosses
     _across(panel, asked.networks)
-    return sheet.finish("network", ["felt stiffness [N/m]"], _legend(rows))
+    return sheet.finish("network", ["felt stiffness / K asked for [%]"], _legend(rows))
+
+
+def _felt_shares(row: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """K_felt / K [%] and K_felt [N/m] of each person who feels any."""
+    return [
+        (100.0 * person["felt_npm"]["median"] / person["asked_npm"], person["felt_npm"]["median"])
+        for person in row["felt"]
+        if person["felt_npm"]
+    ]

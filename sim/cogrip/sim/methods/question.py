@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import msgspec
@@ -14,12 +14,13 @@ from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.version import VERSION
+from cogrip.sim.files_read import files_read
 from cogrip.sim.methods.cell import Job
 from cogrip.sim.methods.hand import FADE_S
 from cogrip.sim.methods.measures import COLUMNS, LAST_S
 from cogrip.sim.methods.method import CLEAN, METHODS, ChoiceError, described, ideal_settings, session_settings
 from cogrip.sim.sweep.cell import Result
-from cogrip.sim.sweep.folder import Kind, SweepFolder
+from cogrip.sim.sweep.folder import FILES, Kind, SweepFolder
 
 COMPARISON = Kind("comparison", "comparison.json")
 MOST_SESSIONS = 100_000
@@ -42,6 +43,7 @@ class Comparison:
     networks: tuple[str, ...]
     seeds: tuple[int, ...]
     rest_s: float
+    files: Mapping[str, str]  # that sessions read, and the digest of what stands there
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -72,6 +74,7 @@ class Comparison:
             "seeds": list(self.seeds),
             "rest_s": self.rest_s,
             "columns": list(COLUMNS),
+            FILES: dict(self.files),
         }
 
     def jobs(self, finished: Mapping[int, Result]) -> list[Job]:
@@ -115,18 +118,20 @@ def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str],
         networks,
         tuple(range(settings.seed, settings.seed + seeds)),
         rest_s,
+        {},
     )
+    files: dict[str, str] = {}
     for method in asked.methods:
         for network in asked.networks:
             try:
-                session_settings(asked.base, method, network, asked.seeds[0])
+                files |= files_read(session_settings(asked.base, method, network, asked.seeds[0]))
             except SettingsError as error:
                 raise ChoiceError(f"{method} on {network}: {error}") from None
     try:
         ideal_settings(asked.base, asked.seeds[0])
     except SettingsError as error:
         raise ChoiceError(f"the object in the hands, without a network: {error}") from None
-    return asked
+    return replace(asked, files=dict(sorted(files.items())))
 
 
 def run_comparison(

@@ -1,4 +1,4 @@
-"""A comparison's results: gathered over seeds, and as the table of a paper (Markdown, LaTeX, rows of text for a terminal)."""
+"""A comparison's results: gathered over seeds, and as the table of a paper (Markdown, rows of text for a terminal)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cogrip.protocol.version import VERSION
-from cogrip.sim.methods.measures import MEASURES
-from cogrip.sim.methods.method import METHODS, OURS
+from cogrip.sim.methods.measures import FELT_MEASURES, MEASURES
+from cogrip.sim.methods.method import OURS
 from cogrip.sim.methods.question import Comparison
 from cogrip.sim.sweep.cell import Result
 from cogrip.sim.verdict import is_number
@@ -19,24 +19,24 @@ NONE = "–"
 
 
 class Column(NamedTuple):
-    """A measure in the table: heading with its unit, as text and as LaTeX."""
+    """A measure in the table: heading with its unit; its symbol in a paper, in LaTeX."""
 
     measure: str
     heading: str
     unit: str
-    latex: str
+    symbol: str
 
 
 TABLE = (
-    Column("created_mj", "created", "mJ", "$E_\\mathrm{created}$"),
-    Column("peak_force_n", "peak", "N", "$F_\\mathrm{peak}$"),
-    Column("force_step_n", "step", "N", "$\\Delta F_\\mathrm{max}$"),
-    Column("coherence_rms_mm", "views", "mm", "$\\Delta x_o$ rms"),
-    Column("coherence_max_mm", "max", "mm", "$\\Delta x_o$ max"),
-    Column("rest_mm", "rest", "mm", "drift"),
-    Column(FELT, "felt", "%", "$K_\\mathrm{felt}/K-1$"),
-    Column("error_clean_n", "to clean", "N", "$e_F$ clean"),
-    Column("error_ideal_n", "to ideal", "N", "$e_F$ ideal"),
+    Column("created_mj", "created", "mJ", "E^{+}"),
+    Column("peak_force_n", "peak", "N", "F_{\\max}"),
+    Column("force_step_n", "step", "N", "\\Delta F"),
+    Column("coherence_rms_mm", "views", "mm", "\\delta_{\\mathrm{rms}}"),
+    Column("coherence_max_mm", "max", "mm", "\\delta_{\\max}"),
+    Column("rest_mm", "rest", "mm", "d"),
+    Column(FELT, "felt", "%", "\\epsilon_K"),
+    Column("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
+    Column("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
 )
 
 
@@ -73,22 +73,32 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
         "diverged_s": {"median": statistics.median(ends), "first": ends[0]} if ends else None,
         "reasons": dict(Counter(row["reason"].partition(" at ")[0] for row in ran if row["diverged"])),
         "oscillates": sum(row["oscillates"] for row in ran),
+        "active": sum(row["active"] for row in ran),
         "not_passive": sum(not row["passive"] for row in ran),
-        "felt_npm": _median([row["felt_npm"] for row in ran]),
-        "asked_npm": next((row["asked_npm"] for row in ran if row["asked_npm"] is not None), None),
+        "felt": _felt([row["felt"] for row in ran if row["felt"]]),
         **{name: spread([row[name] for row in ran]) for name in MEASURES},
     }
 
 
 def spread(values: Sequence[Any]) -> dict[str, float] | None:
-    """Median, and the worst: the value furthest from 0. None where nobody has a number."""
+    """Median, quartiles, and the worst: the value furthest from 0. None where nobody has a number."""
     numbers = [float(value) for value in values if is_number(value)]
-    return {"median": statistics.median(numbers), "worst": max(numbers, key=abs)} if numbers else None
+    if not numbers:
+        return None
+    first, median, third = statistics.quantiles(numbers, n=4, method="inclusive") if len(numbers) > 1 else numbers * 3
+    return {"median": median, "q1": first, "q3": third, "worst": max(numbers, key=abs)}
 
 
-def _median(values: Sequence[Any]) -> float | None:
-    found = spread(values)
-    return found["median"] if found else None
+def _felt(sessions: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+    """Each person over seeds; the K asked for is the same in all."""
+    return [
+        {
+            "person": seeds[0]["person"],
+            "asked_npm": seeds[0]["asked_npm"],
+            **{name: spread([seed[name] for seed in seeds]) for name in FELT_MEASURES},
+        }
+        for seeds in zip(*sessions, strict=True)
+    ]
 
 
 def ours_failed(summary: Mapping[str, Any]) -> bool:
@@ -102,12 +112,14 @@ def unstable(row: Mapping[str, Any]) -> bool:
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, and how many sessions could not be run."""
+    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, and how many could not be run."""
     runs, words = row["runs"], []
     if row["diverged"]:
         words.append(f"diverged {row['diverged']}/{runs} at {row['diverged_s']['median']:.2g} s")
     if row["oscillates"]:
         words.append(f"oscillates {row['oscillates']}/{runs}")
+    if row["active"]:
+        words.append(f"active {row['active']}/{runs}")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
     return ", ".join(words) or ("stable" if runs else NONE)
@@ -171,34 +183,3 @@ def markdown(summary: Mapping[str, Any]) -> str:
 
 def _bars(texts: Sequence[str]) -> str:
     return f"| {' | '.join(text.replace('|', '/') for text in texts)} |"
-
-
-def latex(summary: Mapping[str, Any]) -> str:
-    """The table in LaTeX, with booktabs and graphicx."""
-    head = " & ".join(["network", "method", "stability", *(f"{column.latex}" for column in TABLE)])
-    units = " & ".join(["", "", "", *(f"[{_tex(column.unit)}]" for column in TABLE)])
-    lines = [
-        "% \\usepackage{booktabs,graphicx}",
-        "\\begin{table*}",
-        "\\centering",
-        f"\\caption{{{_tex(note(summary))}}}",
-        "\\resizebox{\\textwidth}{!}{%",
-        f"\\begin{{tabular}}{{lll{'r' * len(TABLE)}}}",
-        "\\toprule",
-        f"{head} \\\\",
-        f"{units} \\\\",
-    ]
-    last = None
-    for row in summary["rows"]:
-        if row["network"] != last:
-            lines.append("\\midrule")
-        name = _tex(row["network"]) if row["network"] != last else ""
-        last = row["network"]
-        lines.append(" & ".join([name, _tex(METHODS[row["method"]].title), *map(_tex, cells(row))]) + " \\\\")
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}}", "\\end{table*}", ""])
-
-
-def _tex(text: str) -> str:
-    for mark in "&%$#_{}":
-        text = text.replace(mark, f"\\{mark}")
-    return text.replace("−", "$-$").replace(NONE, "--")

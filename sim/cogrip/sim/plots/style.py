@@ -18,6 +18,7 @@ Legend = Sequence[tuple[str, Style]]
 
 # Okabe and Ito's palette, told apart with any colour vision; yellow is too pale for a line on white.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+COLOURS = 3 * len(_PALETTE)  # that `colour` has
 INK = "#1f2328"  # the object, the server, text
 FAINT = "#8b949e"
 ALARM = "#b3261e"

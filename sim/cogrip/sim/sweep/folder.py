@@ -19,6 +19,7 @@ from cogrip.sim.sweep.cell import Result
 from cogrip.sim.sweep.grid import Grid
 
 MANIFEST, CELLS, TABLE = "sweep.json", "cells.jsonl", "table.csv"
+FILES = "files"  # in a manifest
 
 
 class FolderError(Exception):
@@ -44,13 +45,14 @@ class Cells(Protocol):
     def values(self, cell: int) -> Mapping[str, Any]: ...
 
 
-def manifest(grid: Grid, columns: Sequence[str]) -> dict[str, Any]:
-    """What makes a sweep this one and no other."""
+def manifest(grid: Grid, columns: Sequence[str], files: Mapping[str, str]) -> dict[str, Any]:
+    """What makes a sweep this one and no other. files: what sessions read, and the digest of what stands there."""
     return {
         "version": VERSION,
         "settings": dict(grid.base),
         "vary": [{"key": axis.key, "values": list(axis.values), "log": axis.log} for axis in grid.axes],
         "columns": list(columns),
+        FILES: dict(files),
     }
 
 
@@ -79,7 +81,11 @@ class SweepFolder:
         word = self._kind.word
         try:
             found = json.loads(file.read_text(encoding="utf-8"))
-            differ = [key for key in self._asked if found.get(key) != self._asked[key]]
+            differ = [
+                _difference(key, found.get(key), self._asked[key])
+                for key in self._asked
+                if found.get(key) != self._asked[key]
+            ]
         except (OSError, ValueError, AttributeError):
             raise FolderError(
                 f"{self.path} is no {word}'s folder ({file.name} is missing or unreadable); name another"
@@ -121,13 +127,20 @@ class SweepFolder:
             writer.writerow(["cell", *cells.keys, *columns, "error"])
             for cell in sorted(self.finished):
                 result = self.finished[cell]
-                measures = [_text(result.measures.get(column)) for column in columns]
-                writer.writerow([cell, *map(_text, cells.values(cell).values()), *measures, result.error])
+                measures = [as_text(result.measures.get(column)) for column in columns]
+                writer.writerow([cell, *map(as_text, cells.values(cell).values()), *measures, result.error])
         partial.replace(path)
         return path
 
     def close(self) -> None:
         self._lines.close()
+
+
+def _difference(key: str, found: Any, asked: Any) -> str:
+    """What differs, by name: a settings file's text does not show that a file it names holds something else by now."""
+    if key != FILES or not isinstance(found, dict):
+        return key
+    return f"{key}: {', '.join(sorted(path for path in {*found, *asked} if found.get(path) != asked.get(path)))}"
 
 
 def _result(line: str) -> Result | None:
@@ -140,7 +153,8 @@ def _result(line: str) -> Result | None:
         return None
 
 
-def _text(value: Any) -> str:
+def as_text(value: Any) -> str:
+    """A value as a table has it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return "" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)

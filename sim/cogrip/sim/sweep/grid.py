@@ -116,6 +116,13 @@ class Grid:
         """Raises SettingsError for values that cannot be set."""
         return resolve(self.base, self.values(cell))
 
+    def each_value(self) -> Iterator[Settings]:
+        """Settings in which each value of each axis stands once, the other axes at their first: a sum, not a product."""
+        first = self.values(0)
+        for axis in self.axes:
+            for value in axis.values:
+                yield resolve(self.base, {**first, axis.key: value})
+
     def check(self) -> None:
         """Resolve every cell before any is run. Raises GridError with the cell's values."""
         for cell in self:

@@ -13,9 +13,9 @@ from types import TracebackType
 from typing import Any, Protocol
 
 from cogrip.protocol.io.stop import Stop
+from cogrip.sim.blas_threads import BLAS_THREADS
 from cogrip.sim.sweep.cell import Result, at_once, run_cells
 
-BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 MOST_DEATHS = 3  # of a worker, before its cells are given up
 _LOOK_EVERY_S = 0.2
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import msgspec
 
 from cogrip.protocol.settings import Settings
+from cogrip.sim.files_read import files_read
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.sweep.cell import Job, Result
 from cogrip.sim.sweep.folder import SweepFolder, digest, manifest
@@ -31,10 +32,11 @@ class Sweep:
 
     grid: Grid
     columns: tuple[str, ...]
+    files: Mapping[str, str]
 
     @property
     def asked(self) -> dict[str, Any]:
-        return manifest(self.grid, self.columns)
+        return manifest(self.grid, self.columns, self.files)
 
     @property
     def digest(self) -> str:
@@ -56,11 +58,14 @@ def prepare(settings: Settings, axes: Sequence[Axis], measures: Sequence[str]) -
     grid = Grid(base, axes)
     grid.check()
     example: dict[str, Any] = {}
+    files: dict[str, str] = {}
     if needs_session(measures):
         first = grid.settings(0)
         short = msgspec.structs.replace(first, seconds=_EXAMPLE_FRAMES / first.rates.network_hz)
         example = run_laboratory(short).summary
-    return Sweep(grid, expanded(measures, example))
+        for settings in grid.each_value():
+            files |= files_read(settings)
+    return Sweep(grid, expanded(measures, example), dict(sorted(files.items())))
 
 
 def run_sweep(

@@ -1,0 +1,44 @@
+"""What the couplings have in common whose newest message wins: virtual coupling and power variables."""
+
+from typing import Generic, TypeVar
+
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.latest_state import StateReceiver
+from cogrip.protocol.messages import Power, State
+
+M = TypeVar("M", State, Power)
+
+
+class NewestCoupling(Generic[M]):
+    """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
+
+    A message that is missing leaves no gap: the last one stands.
+    """
+
+    gap = False
+
+    def __init__(self, axes: int) -> None:
+        self._receiver: StateReceiver[M] = StateReceiver()
+        self._number = -1
+        self.forward = self.returning = self.sent = (0.0,) * axes
+        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest frame heard of; -1 before the first."""
+        return self._receiver.newest
+
+    def lost(self) -> int:
+        """Frames from the server that were lost so far."""
+        return self._receiver.lost
+
+    def playout_account(self) -> PlayoutAccount | None:
+        """There is no playout."""
+        return None
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+    def loop_frames(self) -> float | None:
+        """The loop that was measured last: frames from a message to the frame in which its answer is applied."""
+        return None

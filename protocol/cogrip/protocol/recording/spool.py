@@ -1,0 +1,60 @@
+"""Bytes kept until the end of a recording, however long it is: the last in memory, the others in a file without a name."""
+
+import tempfile
+from collections.abc import Iterator
+from io import FileIO
+from pathlib import Path
+
+HELD_BYTES = 64 * 1024
+
+
+class Spool:
+    """Keeps what is appended, in order. Short recordings make no file; a killed process leaves none behind."""
+
+    def __init__(self, folder: Path | None) -> None:
+        """The file lies in `folder` where it can, else where the system keeps such files."""
+        self._folder = folder
+        self._held = bytearray()
+        self._file: FileIO | None = None
+        self.length = 0  # bytes, of all that was appended
+
+    @property
+    def held_bytes(self) -> int:
+        """In memory: at most HELD_BYTES."""
+        return len(self._held)
+
+    def append(self, data: bytes) -> None:
+        """Raises OSError where the disk is full."""
+        self._held += data
+        self.length += len(data)
+        if len(self._held) > HELD_BYTES:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self._file is None:
+            self._file = _file_in(self._folder)
+        rest = memoryview(bytes(self._held))
+        self._held.clear()
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def pieces(self) -> Iterator[bytes]:
+        """All of it, in pieces of HELD_BYTES at most. Raises OSError."""
+        if self._file is not None:
+            self._file.seek(0)
+            while piece := self._file.read(HELD_BYTES):
+                yield piece
+        yield bytes(self._held)
+
+    def close(self) -> None:
+        """Let everything go."""
+        self._held.clear()
+        if self._file is not None:
+            self._file.close()
+
+
+def _file_in(folder: Path | None) -> FileIO:
+    try:
+        return tempfile.TemporaryFile("w+b", buffering=0, dir=folder)
+    except OSError:  # the folder was removed, perhaps, and comes back only when the recording is flushed
+        return tempfile.TemporaryFile("w+b", buffering=0)

@@ -1,0 +1,58 @@
+"""The files that a session reads besides its settings: recorded delay traces, and recorded hands.
+
+Settings name them; what stands in them makes a session just as much. Whoever keeps results holds them against it.
+"""
+
+import hashlib
+from pathlib import Path
+
+from cogrip.devices.device import DeviceError
+from cogrip.devices.for_user import address_of
+from cogrip.devices.recorded_motion import find, split_user
+from cogrip.devices.settings import parse_address
+from cogrip.protocol.settings import Settings
+
+UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
+
+
+def files_read(settings: Settings) -> dict[str, str]:
+    """Each file by its path as the settings have it, with the SHA-256 of its content."""
+    paths = {settings.link.trace_of(way) for way in ("up", "down")} - {""}
+    found = {path: _digest(Path(path)) for path in paths}
+    for user in settings.users:
+        found |= _recorded(address_of(user))
+    return found
+
+
+def _recorded(address: str) -> dict[str, str]:
+    """What the device at this address, or the hand in it, is read from."""
+    try:
+        parsed = parse_address(address)
+    except DeviceError:
+        return {}
+    kind, _, name = parsed.query.get("hand", "").partition(":")
+    if kind == "csv":
+        return {name: _digest(Path(name))}
+    if kind == "recording":
+        return _run(*split_user(name))
+    if parsed.scheme != "replay":
+        return {}
+    if parsed.name.endswith(".csv"):
+        return {parsed.name: _digest(Path(parsed.name))}
+    return _run(parsed.name, parsed.query.get("user", "0"))
+
+
+def _run(path: str, user: str) -> dict[str, str]:
+    """One person's recording in a run."""
+    try:
+        return {f"{path}#user={user}": _digest(find(path, user).path)}
+    except DeviceError:
+        return {f"{path}#user={user}": UNREADABLE}
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return UNREADABLE

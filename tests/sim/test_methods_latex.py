@@ -1,0 +1,171 @@
+"""The table of a paper, read back strictly: every row has its columns, every bracket its partner."""
+
+import re
+from typing import Any
+
+import pytest
+
+from cogrip.sim.methods.latex import latex
+from cogrip.sim.methods.table import TABLE
+
+MEASURES = [column.measure for column in TABLE]
+
+
+def row(network: str, method: str, **changes: Any) -> dict[str, Any]:
+    numbers = {measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0} for measure in MEASURES}
+    counts = {"runs": 20, "failed": 0, "diverged": 0, "diverged_s": None, "oscillates": 0, "active": 0}
+    return {"network": network, "method": method, **counts, **numbers, **changes}
+
+
+def of(median: float, q1: float | None = None, q3: float | None = None) -> dict[str, float]:
+    return {"median": median, "q1": median if q1 is None else q1, "q3": median if q3 is None else q3, "worst": median}
+
+
+def table(*rows: dict[str, Any], seeds: int = 20) -> str:
+    asked = {"seeds": list(range(seeds)), "settings": {"users": [{}, {}], "seconds": 10.0}}
+    return latex({"rows": list(rows), "asked": asked})
+
+
+def parse(text: str) -> list[list[str]]:
+    """Rows of cells of the one tabular. Fails for anything that is not just so."""
+    environments: list[str] = []
+    for word, name in re.findall(r"\\(begin|end)\{([a-z*]+)\}", text):
+        if word == "begin":
+            environments.append(name)
+        else:
+            assert environments.pop() == name
+    assert environments == []
+    for opening, closing in ("{}", "()"):
+        assert text.count(opening) == text.count(closing)
+    assert text.isascii()
+    body = re.search(r"\\begin\{tabular\}\{@\{\}([lrc]+)@\{\}\}\n(.*)\n\\end\{tabular\}", text, re.DOTALL)
+    assert body is not None
+    rows = []
+    for line in body[2].splitlines():
+        if line in ("\\toprule", "\\midrule", "\\bottomrule"):
+            continue
+        assert line.endswith(" \\\\")
+        cells = re.split(r"(?<!\\)&", line.removesuffix("\\\\"))
+        assert len(cells) == len(body[1])
+        rows.append([cell.strip() for cell in cells])
+        for cell in cells:
+            assert cell.count("$") % 2 == 0
+            for mathematics in cell.split("$")[1::2]:
+                assert_scripts(mathematics)
+            assert not re.search(r"(?<!\\)[%#]", cell)
+            if "$" not in cell:
+                assert not re.search(r"(?<!\\)[_^]", cell)
+    return rows
+
+
+def assert_scripts(text: str) -> None:
+    """No symbol has two indices, or two exponents: TeX takes none such."""
+    levels = [set()]  # type: list[set[str]]
+    script = False  # whether what comes next is one
+    for token in re.findall(r"\\[A-Za-z]+|\\.|.", text):
+        if token in "_^":
+            assert token not in levels[-1]
+            assert not script
+            levels[-1].add(token)
+            script = True
+        elif token == "{":
+            if not script:
+                levels[-1].clear()
+            levels.append(set())
+            script = False
+        elif token == "}":
+            levels.pop()
+        else:
+            if not script:
+                levels[-1].clear()
+            script = False
+    assert len(levels) == 1
+
+
+@pytest.mark.parametrize("text", ["10^{7}_{1}^{2}", "x_{1}_2", "x^2^3", "x^_2"])
+def test_what_tex_would_not_take(text: str) -> None:
+    with pytest.raises(AssertionError):
+        assert_scripts(text)
+    assert_scripts("\\mathbf{1.2}_{1.1{\\cdot}10^{7}}^{1.3} + x_i^2")
+
+
+def cell(text: str, line: int, measure: str) -> str:
+    return parse(text)[2 + line][3 + MEASURES.index(measure)]
+
+
+def test_a_head_of_symbols_a_row_of_units_and_a_row_each() -> None:
+    text = table(*(row(network, method) for network in ("clean", "wan") for method in ("wave", "tdpa")))
+    symbols, units, *rows = parse(text)
+    assert symbols[:3] == ["Network", "Method", "Stability"]
+    assert all(cell.startswith("$") for cell in symbols[3:])
+    assert units[3:] == [f"({column.unit})".replace("%", "\\%") for column in TABLE]
+    assert [(cells[0], cells[2]) for cells in rows] == [
+        ("clean", "stable"), ("", "stable"), ("wan", "stable"), ("", "stable"),
+    ]  # fmt: skip
+    assert text.count("\\midrule") == 2
+    assert "\\label{tab:methods}" in text
+    assert text.index("\\caption") < text.index("\\begin{tabular}")
+    for column in TABLE:
+        assert f"${column.symbol}$:" in text  # the caption says what each is
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (of(1.234), "$1.23$"),
+        (of(1.234, 1.2341, 1.2339), "$1.23$"),
+        (of(1.234, 1.1, 1.3), "$1.23_{1.10}^{1.30}$"),
+        (of(0.01234, 0.0, 12.34), "$0.012_{0}^{12.3}$"),
+        (of(123.4), "$123$"),
+        (of(3.3e7, 1e7, 1.3e8), "$3.3{\\cdot}10^{7}$"),
+        (of(0.5, 0.1, 3e4), "$0.50$"),
+        (None, "--"),
+    ],
+)
+def test_numbers_as_they_are_printed(value: Any, text: str) -> None:
+    assert cell(table(row("wan", "wave", created_mj=value)), 0, "created_mj") == text
+
+
+def test_the_best_of_each_network_is_bold() -> None:
+    text = table(
+        row("lan", "wave", peak_force_n=of(2.0), felt_error_percent=of(-20.0)),
+        row("lan", "coupling", peak_force_n=of(1.5), felt_error_percent=of(1.0), oscillates=20),
+        row("lan", "tdpa", peak_force_n=of(3.0), felt_error_percent=of(-60.0)),
+        row("wan", "wave", peak_force_n=of(2.0001)),
+        row("wan", "tdpa", peak_force_n=of(2.0)),
+        row("wan", "paper", peak_force_n=of(9.0)),
+    )
+    peaks = [cell(text, line, "peak_force_n") for line in range(6)]
+    assert peaks == ["$\\mathbf{2.00}$", "$1.50$", "$3.00$", "$\\mathbf{2.00}$", "$\\mathbf{2.00}$", "$9.00$"]
+    felt = [cell(text, line, "felt_error_percent") for line in range(3)]
+    assert felt == ["$\\mathbf{-20.0}$", "--", "$-60.0$"]
+    assert "mathbf" not in cell(text, 0, "force_step_n")  # all are equal
+    alone = table(row("wan", "wave"), row("wan", "paper", oscillates=20))
+    assert "mathbf" not in alone  # nothing to hold it against
+    pair = [row("wan", "wave", peak_force_n=of(2.0)), row("wan", "tdpa", peak_force_n=of(3.0))]
+    for active, best in ((9, 2), (10, 1)):
+        driven = row("wan", "coupling", peak_force_n=of(1.0), active=active)
+        assert "mathbf" in cell(table(*pair, driven), 2 if best == 2 else 0, "peak_force_n")
+
+
+def test_the_clean_link_is_not_held_against_itself() -> None:
+    rows = [row(network, method, error_clean_n=of(error)) for network in ("clean", "wan")
+            for method, error in (("wave", 0.0), ("tdpa", 0.1))]  # fmt: skip
+    text = table(*rows)
+    assert [("mathbf" in cell(text, line, "error_clean_n")) for line in range(4)] == [False, False, True, False]
+
+
+@pytest.mark.parametrize(("diverged", "hidden"), [(9, False), (10, True)])
+def test_what_was_cut_short_has_no_numbers_but_what_it_created(diverged: int, hidden: bool) -> None:
+    text = table(row("wan", "paper", diverged=diverged, diverged_s={"median": 0.291, "first": 0.2}))
+    assert parse(text)[2][2] == f"div. {diverged}/20 (0.29~s)"
+    for measure in MEASURES:
+        shown = cell(text, 0, measure)
+        assert (shown == "--") == (hidden and measure != "created_mj")
+
+
+def test_stability_in_short() -> None:
+    both = {"diverged": 1, "diverged_s": {"median": 7.4, "first": 7.4}, "oscillates": 17, "active": 2, "failed": 2}
+    rows = parse(table(row("lan", "coupling", **both), row("lan", "wave", runs=0)))[2:]
+    assert [cells[2] for cells in rows] == ["div. 1/20 (7.4~s), osc. 17/20, act. 2/20, not run 2", "--"]
+    assert "One seed." in table(row("lan", "wave"), seeds=1)
