@@ -32,9 +32,11 @@ def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0) -> 
 class Client:
     """A seated core with a server of our own: what it sends is read back, waves are handed to it frame by frame."""
 
-    def __init__(self, axes: int = 1, gives_velocity: bool = True, latency: int = 0, **coupling: object) -> None:
+    def __init__(
+        self, axes: int = 1, gives_velocity: bool = True, latency: int = 0, frames: int = 0, **coupling: object
+    ) -> None:
         settings = resolve(
-            {"object": {"axes": axes}, "coupling": coupling, "playout": {"frames": 0}, "users": [{"name": "anna"}]}
+            {"object": {"axes": axes}, "coupling": coupling, "playout": {"frames": frames}, "users": [{"name": "anna"}]}
         )
         hello = make_hello(
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0

@@ -1,4 +1,4 @@
-"""What keeps the force: a wave newer than all before, not that somebody says something (SPEC 4.2)."""
+"""What keeps the force: a wave that is newer than all before, or one that is played in its time (SPEC 4.2)."""
 
 from collections.abc import Callable
 
@@ -70,6 +70,31 @@ def test_waves_that_come_too_late_are_new_all_the_same() -> None:
     )
     assert set(late) == {"live"}
     assert client.waves.count().late > 8
+
+
+def test_what_is_in_hand_and_played_in_its_time_keeps_the_force() -> None:
+    """A way with so much jitter that frames come in clumps: 24 at once, every 187 ms, to a playout of 32 frames."""
+    client = Client(frames=32)
+
+    def clumps(now_ns: int, number: int) -> None:
+        if number % 24 == 0:
+            for one in range(max(0, number - 24), number):
+                heard(client, now_ns, one)
+
+    states = stream(client, range(2048), clumps)
+    assert client.waves.count().late == client.waves.count().lost == 0
+    assert set(states[512:]) == {"live"}
+    states = stream(client, range(2048, 4096), lambda now_ns, number: None)
+    assert states[-1] == "degraded", "nothing is in hand any more"
+
+
+def test_a_number_far_ahead_takes_no_force() -> None:
+    """From then on nothing that comes is newer than all before; it is played in its time all the same."""
+    client = Client()
+    stream(client, range(512), lambda now_ns, number: heard(client, now_ns, number))
+    heard(client, due_ns(0, 511, DEVICE_HZ), 2000)
+    states = stream(client, range(512, 2048), lambda now_ns, number: heard(client, now_ns, number))
+    assert set(states) == {"live"}
 
 
 def test_before_the_first_wave_a_server_that_is_there_is_enough() -> None:

@@ -292,7 +292,7 @@ def test_a_folder_removed_at_the_last_moment_comes_back_too(start, words):
 
 def test_a_folder_that_cannot_come_back_is_said(start, words):
     recorder = start()
-    put_until(recorder, 0, lambda: flushed(recorder.path))
+    first = put_until(recorder, 0, lambda: flushed(recorder.path))
     stop(recorder)
     shutil.rmtree(recorder.path.parent)
     recorder.path.parent.write_text("something else has that name now")
@@ -304,7 +304,8 @@ def test_a_folder_that_cannot_come_back_is_said(start, words):
     put(recorder, 10**9 + 64, 10**9 + 1000)
     recorder.close()
     assert len(words) == 1, "said once"
-    assert str(recorder.path) in recorder.trouble
+    assert f"{recorder.path}: the file is gone" in recorder.trouble
+    assert recorder.lost == first + 1000, "what had been written before too"
 
 
 # -- a full disk --------------------------------------------------------------------------------------------------------

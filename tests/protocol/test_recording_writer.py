@@ -2,7 +2,10 @@
 
 import gc
 import io
+import os
+import resource
 import sys
+import tempfile
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -270,6 +273,46 @@ def test_one_byte_more_makes_one_and_where_the_folder_is_gone_it_lies_elsewhere(
         assert b"".join(spool.pieces()) == bytes(HELD_BYTES) + b"xy", "it goes on where it was"
         assert not list(tmp_path.iterdir())
         spool.close()
+
+
+def test_a_spool_without_a_place_keeps_all_and_goes_there_when_it_can(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "no temporary files"))
+    spool, rest = Spool(tmp_path / "not there"), b""
+    for number in range(10):
+        spool.append(bytes([number]) * (HELD_BYTES // 2))
+        rest += bytes([number]) * (HELD_BYTES // 2)
+    assert spool._file is None
+    assert spool.held_bytes == len(rest)
+    pieces = list(spool.pieces())
+    assert b"".join(pieces) == rest
+    assert max(map(len, pieces)) <= HELD_BYTES
+    (tmp_path / "not there").mkdir()
+    for number in range(3):  # HELD_BYTES and one half: it was tried with the last but one
+        spool.append(bytes([number]) * (HELD_BYTES // 2))
+        rest += bytes([number]) * (HELD_BYTES // 2)
+    assert spool._file is not None
+    assert spool.held_bytes < HELD_BYTES, "one try took all"
+    assert b"".join(spool.pieces()) == rest
+    spool.close()
+
+
+def test_half_a_write_to_a_full_spool_is_taken_back(tmp_path):
+    """A file may have three pieces and a half; then it may have more."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    spool, rest = Spool(tmp_path), b""
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (7 * HELD_BYTES // 2, limits[1]))
+        for number in range(12):
+            spool.append(bytes([number]) * (HELD_BYTES // 2 + 1))
+            rest += bytes([number]) * (HELD_BYTES // 2 + 1)
+        assert spool._file is not None
+        assert os.fstat(spool._file.fileno()).st_size == len(rest) - spool.held_bytes == 3 * HELD_BYTES + 6
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    spool.append(bytes(HELD_BYTES + 1))
+    assert spool.held_bytes == 0
+    assert b"".join(spool.pieces()) == rest + bytes(HELD_BYTES + 1)
+    spool.close()
 
 
 # -- on the way to the disk -------------------------------------------------------------------------------------------

@@ -16,11 +16,13 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
 from cogrip.sim.methods import question
 from cogrip.sim.methods.cell import run_cells
+from cogrip.sim.methods.measures import COLUMNS
 from cogrip.sim.methods.page import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
 from cogrip.sim.methods.question import COMPARISON, prepare, run_comparison
 from cogrip.sim.methods.table import TABLE as COLUMNS_SHOWN
-from cogrip.sim.methods.table import gather, markdown, ours_failed, shown, spread, unstable, verdict
+from cogrip.sim.methods.table import gather, markdown, of_probes, ours_failed, shown, spread, unstable, verdict
 from cogrip.sim.run_folder import SUMMARY
+from cogrip.sim.sweep.cell import Result
 from cogrip.sim.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
 from cogrip.sim.sweep.local import LocalWorkers
 
@@ -210,7 +212,7 @@ def row_of(**changes: Any) -> dict[str, Any]:
     row: dict[str, Any] = {
         "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
         "oscillates": 0, "active": 0, "not_passive": 0, "felt": [],
-        **{column.measure: {"median": 1.0, "worst": 2.0} for column in COLUMNS_SHOWN},
+        **{column.measure: {"median": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in COLUMNS_SHOWN},
     }  # fmt: skip
     return {**row, **changes}
 
@@ -241,6 +243,7 @@ def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool) -> No
     [
         ({"median": 1.234, "worst": 1.234}, "1.23"),
         ({"median": 0.0123, "worst": 123.4}, "0.012 (123)"),
+        ({"median": 9.996, "worst": 10.0}, "10.0"),
         ({"median": 1e-5, "worst": 94349706.0}, "0 (9.4e7)"),
         (None, "–"),
     ],
@@ -251,9 +254,33 @@ def test_numbers_as_they_are_shown(value: Any, text: str) -> None:
 
 def test_nobody_feels_what_is_unstable() -> None:
     felt = next(column for column in COLUMNS_SHOWN if column.measure == "felt_error_percent")
-    value = {"median": -16.25, "worst": -20.0}
+    value = {"median": -16.25, "worst": -20.0, "n": 3, "of": 5}
     assert shown(row_of(felt_error_percent=value), felt) == "−16.2 (−20.0)"
     assert shown(row_of(felt_error_percent=value, oscillates=20), felt) == "–"
+    assert shown(row_of(felt_error_percent={**value, "n": 2}), felt) == "–"
+    assert shown(row_of(felt_error_percent={**value, "n": 2, "of": 4}), felt) == "–"
+
+
+def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
+    """And has no worst: what is furthest from 0 would be the best."""
+    asked = small(seeds=3)
+    people = [
+        [{"person": "a", "asked_npm": 1e3, "felt_npm": felt, "error_percent": error, "added_mm_per_n": 1.0}]
+        for felt, error in ((500.0, -50.0), (None, None), (900.0, -10.0))
+    ]
+    columns = {
+        **dict.fromkeys(COLUMNS, 1.0), "diverged": False, "oscillates": False, "active": False, "passive": True, "reason": "",
+    }  # fmt: skip
+    results = {
+        cell: Result(cell, {**columns, "felt": felt, "felt_error_percent": felt[0]["error_percent"]})
+        for cell in range(asked.cells)
+        for felt in [people[asked.values(cell)["seed"] - asked.seeds[0]]]
+    }
+    row = gather(asked, results)["rows"][0]
+    assert row["felt"][0]["felt_npm"] == {"median": 700.0, "q1": 600.0, "q3": 800.0, "n": 2, "of": 3}
+    assert row["felt"][0]["error_percent"]["worst"] == -50.0
+    assert (row["felt_error_percent"]["n"], row["felt_error_percent"]["of"]) == (2, 3)
+    assert of_probes([None, None]) is None
 
 
 def test_spread_is_the_median_and_the_furthest_from_nothing() -> None:

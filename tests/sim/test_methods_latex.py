@@ -6,19 +6,22 @@ from typing import Any
 import pytest
 
 from cogrip.sim.methods.latex import latex
-from cogrip.sim.methods.table import TABLE
+from cogrip.sim.methods.question import FELT_SEEDS
+from cogrip.sim.methods.table import TABLE, note
 
 MEASURES = [column.measure for column in TABLE]
 
 
 def row(network: str, method: str, **changes: Any) -> dict[str, Any]:
-    numbers = {measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0} for measure in MEASURES}
+    numbers = {measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0, "n": 5, "of": 5} for measure in MEASURES}
     counts = {"runs": 20, "failed": 0, "diverged": 0, "diverged_s": None, "oscillates": 0, "active": 0}
     return {"network": network, "method": method, **counts, **numbers, **changes}
 
 
-def of(median: float, q1: float | None = None, q3: float | None = None) -> dict[str, float]:
-    return {"median": median, "q1": median if q1 is None else q1, "q3": median if q3 is None else q3, "worst": median}
+def of(median: float, q1: float | None = None, q3: float | None = None, n: int = 5) -> dict[str, float]:
+    """Of n probes of five, for the felt stiffness."""
+    first, third = median if q1 is None else q1, median if q3 is None else q3
+    return {"median": median, "q1": first, "q3": third, "worst": median, "n": n, "of": 5}
 
 
 def table(*rows: dict[str, Any], seeds: int = 20) -> str:
@@ -119,6 +122,12 @@ def test_a_head_of_symbols_a_row_of_units_and_a_row_each() -> None:
         (of(123.4), "$123$"),
         (of(3.3e7, 1e7, 1.3e8), "$3.3{\\cdot}10^{7}$"),
         (of(0.5, 0.1, 3e4), "$0.50$"),
+        (of(9.994), "$9.99$"),
+        (of(9.996), "$10.0$"),  # as 10.0 is
+        (of(99.96), "$100$"),
+        (of(0.0996), "$0.10$"),
+        (of(9999.4), "$9999$"),
+        (of(9999.6), "$1.0{\\cdot}10^{4}$"),
         (None, "--"),
     ],
 )
@@ -146,6 +155,34 @@ def test_the_best_of_each_network_is_bold() -> None:
     for active, best in ((9, 2), (10, 1)):
         driven = row("wan", "coupling", peak_force_n=of(1.0), active=active)
         assert "mathbf" in cell(table(*pair, driven), 2 if best == 2 else 0, "peak_force_n")
+
+
+def test_what_prints_alike_is_bold_alike_whatever_its_sign() -> None:
+    """The least in absolute value is."""
+    text = table(
+        row("wan", "wave", felt_error_percent=of(-20.01), peak_force_n=of(9.996)),
+        row("wan", "tdpa", felt_error_percent=of(20.0), peak_force_n=of(10.0)),
+        row("wan", "coupling", felt_error_percent=of(-30.0), peak_force_n=of(11.0)),
+    )
+    for measure, bold in (("felt_error_percent", [True, True, False]), ("peak_force_n", [True, True, False])):
+        assert ["mathbf" in cell(text, line, measure) for line in range(3)] == bold
+
+
+@pytest.mark.parametrize(("rested", "shown"), [(2, False), (3, True), (5, True)])
+def test_a_felt_stiffness_is_that_of_more_than_half_of_the_probes(rested: int, shown: bool) -> None:
+    text = table(
+        row("wan", "wave", felt_error_percent=of(-20.0, n=rested)), row("wan", "tdpa", felt_error_percent=of(-30.0))
+    )
+    assert (cell(text, 0, "felt_error_percent") != "--") == shown
+    assert ("mathbf" in cell(text, 0, "felt_error_percent")) == shown
+    assert "or at least half of the probes never came to rest" in text
+
+
+@pytest.mark.parametrize(("seeds", "said"), [(FELT_SEEDS, False), (FELT_SEEDS + 1, True)])
+def test_the_caption_says_with_how_many_seeds_a_stiffness_was_felt(seeds: int, said: bool) -> None:
+    text = table(row("wan", "wave"), seeds=seeds)
+    assert (f"with the largest (first {FELT_SEEDS} seeds);" in text) == said
+    assert ("first" in note({"asked": {"seeds": range(seeds)}})) == said
 
 
 def test_the_clean_link_is_not_held_against_itself() -> None:

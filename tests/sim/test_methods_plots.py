@@ -88,6 +88,16 @@ def test_an_axis_is_logarithmic_where_values_spread_far(
     assert panel.get_yticklabels()[0].get_text().startswith(first)
 
 
+@pytest.mark.parametrize(("least", "begins", "first"), [(0.97, 0.5, "0.5"), (0.078, 0.03, "0.03"), (2.5, 2.0, "2")])
+def test_an_axis_begins_just_below_the_least_value(least: float, begins: float, first: str) -> None:
+    asked = made_up()
+    panel = draw(asked, results_of(asked, force_step_n=(least, 90.0 if least > 2.0 else 9.0 if least < 0.1 else 30.0)))[
+        "forces"
+    ].axes[1]
+    assert panel.get_ylim()[0] == pytest.approx(begins)
+    assert panel.get_yticklabels()[0].get_text() == first
+
+
 def test_what_is_less_than_the_axis_stands_on_its_edge_and_the_axis_says_so() -> None:
     asked = made_up()
     results = results_of(asked, created_mj=(0.2, 5e7))
@@ -119,4 +129,13 @@ def test_everybodys_felt_stiffness_is_a_share_of_their_own() -> None:
     assert [list(each) for each in shares] == [[50.0, 25.0]] * 2
     assert sum(line.get_marker() == "x" for line in panel.get_lines()) == 2
     assert [text.get_text() for text in panel.texts] == ["500"] * 2
+    for text, marks in zip(panel.texts, (line for line in panel.get_lines() if line.get_marker() == "o"), strict=True):
+        assert text.xy == (marks.get_xdata()[1], 25.0)  # at the lowest mark
+    one = [felt[0], none[1]]
+    panel = draw(asked, results_of(asked, felt=[one, one]))["felt"].axes[0]
+    crosses = [line for line in panel.get_lines() if line.get_marker() == "x"]
+    assert [len(line.get_xdata()) for line in crosses] == [1] * 4  # who feels none has a place
+    assert [list(line.get_ydata()) for line in panel.get_lines() if line.get_marker() == "o"] == [[50.0]] * 2
+    much = [{**felt[0], "felt_npm": 1300.0}, felt[1]]
+    assert draw(asked, results_of(asked, felt=[much, much]))["felt"].axes[0].get_ylim()[1] > 130.0
     assert "felt" not in draw(asked, results_of(asked, felt=[none, none]))

@@ -107,7 +107,7 @@ def bench_concealment(
     recoveries = len(clean.gaps_m)
     console.print(
         f"drift: the largest of {recoveries} recoveries, against the clean link, hands at rest for 1 s or more, with what the "
-        "object still swings; owed: the part of it that lines lost and have not paid back; "
+        "object still swings; owed: the way that lines had lost by then and not paid back; "
         f"{trials[BEST].missing:.1%} of the frames were not there in time"
     )
     failures = shortfalls(trials, setup.seconds)

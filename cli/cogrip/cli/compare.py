@@ -1,10 +1,11 @@
 """`cogrip compare`: the same hands under every method and on every network, and the table of it."""
 
+import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -28,7 +29,7 @@ _PIPED_WIDTH = 120
 _TELL_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
 
 
-def compare(
+def compare_methods(
     config: Path,
     /,
     *,
@@ -82,6 +83,12 @@ def compare(
     with on_signals(stop), _Shown(console, asked.cells) as progress, these:
         run_comparison(asked, folder, these, progress)
     return _tell(asked, folder, stop, json, console)
+
+
+# The list of commands has the first paragraph; the others stand below the parameters.
+_paragraphs = inspect.cleandoc(compare_methods.__doc__ or "").partition("\nParameters\n")[0].split("\n\n")
+compare = App(name="compare", help_epilogue="\n\n".join(_paragraphs[1:]).strip())
+compare.default(compare_methods)
 
 
 def _prepare(

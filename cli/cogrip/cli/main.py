@@ -64,10 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Exit codes: 0 well, 1 a run that failed or was not passive, 2 bad input, 130 interrupted.
     """
-    for (
-        name
-    ) in BLAS_THREADS:  # our matrices are small: threads that wait for each other took eleven times the processor
-        os.environ.setdefault(name, "1")
+    # Our matrices are small: threads that wait for each other took eleven times the processor. What the user set stays.
+    if not any(os.environ.get(name) for name in BLAS_THREADS):
+        os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     errors = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     try:
         code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")

@@ -353,6 +353,10 @@ class ClientCore:
         coupling = self.coupling
         if self.tick % self._ticks_per_frame == 0:
             coupling.start_frame()
+            if (
+                coupling.played
+            ):  # records come in clumps: what was in hand, and is played in its time, is as good as new
+                self.session.took(now_ns)
         self._acted = self.tick
         if self.session.state == "resuming" or self.session.stale(now_ns):
             self.safety.event("stale", "nothing new from the server")

@@ -15,7 +15,7 @@ class NewestCoupling(Generic[M]):
     A message that is missing leaves no gap: the last one stands.
     """
 
-    gap = False
+    gap = played = False
 
     def __init__(self, axes: int) -> None:
         self._receiver: StateReceiver[M] = StateReceiver()

@@ -183,6 +183,11 @@ class WaveCoupling:
         return taken
 
     @property
+    def played(self) -> bool:
+        """Whether the frame that plays now had come in its time."""
+        return self._receiver.played
+
+    @property
     def newest(self) -> int:
         """Number of the newest frame heard of; -1 before the first."""
         return self._receiver.newest

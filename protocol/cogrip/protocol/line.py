@@ -19,7 +19,7 @@ from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.concealment import CONCEALMENTS, Concealed
 from cogrip.protocol.line_sender import Frame
 from cogrip.protocol.playout import PLAY, REPEAT, Frames, make_playout
-from cogrip.protocol.running_sum import BANK_SHARE, RunningSum, WaveSums
+from cogrip.protocol.running_sum import BANK_SHARE, BOUND_SHARE, RunningSum, WaveSums
 
 FURTHEST_JUMP = (
     1 << 14
@@ -70,6 +70,7 @@ class LineReceiver:
         self._played_j = RunningSum()
         self.mark: Mark | None = None  # of the frame just taken, where a datagram ended with it
         self.gap = False  # whether the frame just taken was not there
+        self.played = False  # whether it was
 
     @property
     def played_j(self) -> float:
@@ -146,6 +147,7 @@ class LineReceiver:
     def take(self, frames: int = 1) -> Frame:
         """The wave to apply now, shape (axes,). `frames` > 1: the loop missed frames - 1 calls; those frames are not played."""
         self.mark = None
+        self.played = False
         if self._cursor is None:
             if self._newest < 0:
                 return self._zero
@@ -166,6 +168,7 @@ class LineReceiver:
         frame = self._waiting.pop(number, None)
         fades = self._history[number % HISTORY][2] if number >= 0 else self._no_fades
         if frame is not None:
+            self.played = True
             self._applied += 1
             self._run = 0
         else:
@@ -245,14 +248,16 @@ class LineReceiver:
         self._settled_fades = fades
         self._lost = [a - b for a, b in zip(total, sums, strict=True)]
         lost = [a - b for a, b in zip(square, squares, strict=True)]
-        # what may be rounding alone lends nothing; where nothing is lost both ends have added up alike
-        self._lost_square = [less - BANK_SHARE * sent if less else 0.0 for less, sent in zip(lost, square, strict=True)]
-        self._disturbed = self._disturbed or any(self._lost) or any(self._lost_square)
+        self._disturbed = self._disturbed or any(self._lost) or any(lost)
+        if self._disturbed:  # what may be rounding alone lends nothing; on a clean line both ends have added up alike
+            lost = [less - BANK_SHARE * sent for less, sent in zip(lost, square, strict=True)]
+        self._lost_square = lost
 
     def _allowance(self, axis: int, fades: Frame) -> float:
         """Squares that may still be played beyond the frames themselves; the tank is in it."""
-        unsettled = fades[axis] - self._settled_fades[axis]
-        return self._lost_square[axis] - self._repaid.squares[axis] + self._tank - unsettled
+        fade, spent, tank = fades[axis], self._repaid.squares[axis], self._tank
+        rounding = BOUND_SHARE * (tank + fade + abs(spent))
+        return self._lost_square[axis] - spent + tank - (fade - self._settled_fades[axis]) - rounding
 
     def _books(self) -> tuple[list[float], list[float]]:
         """What is owed, and the squares that may pay for it; the tank is not for that."""
@@ -309,7 +314,8 @@ class LineReceiver:
             reach = sqrt(value * value + bank[axis])  # (value + p)^2 - value^2 <= bank
             paid = max(-reach, min(reach, value + pay))
             repaid.append(paid - value)
-            spent.append(paid * paid - value * value)
+            before, after = value * value, paid * paid
+            spent.append(after - before + BOUND_SHARE * (after + before))
             out.append(paid)
         self._repaid.book(repaid, spent)
         return tuple(out)

@@ -84,7 +84,8 @@ class ClientSession:
     """The client's half. `outbox` is what to send; `failed` says why it ended badly, "" if it did not.
 
     welcome          the newest: another session number in it than before means that the seat is a new one
-    fresh_ns         when something last came that a force can be made of: a frame newer than all before, once there are any
+    fresh_ns         when there was last something that a force can be made of: a frame that came, newer than all before, or
+                     one that is played in its time; before there are any, a sign of life
     away_ns          how long the last silence was that a session came back from
     resumed, renewed how often it came back: to its own seat, and to a new one
     """
@@ -182,7 +183,7 @@ class ClientSession:
         return message
 
     def took(self, now_ns: int) -> None:
-        """A frame was taken in that is newer than all before."""
+        """A frame was taken in that is newer than all before, or one was played in its time."""
         self._begun, self.fresh_ns = True, now_ns
 
     def _answer(self, message: Welcome | Refuse, now_ns: int) -> None:

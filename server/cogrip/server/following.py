@@ -18,8 +18,8 @@ ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
 
 
 class StiffnessFollower:
-    """`heed` once a frame. `told` is what people should hear of, `withheld` how many changes they do not: taken by setting
-    them back."""
+    """`heed` once a frame. `told` is what people should hear of, `withheld` how many changes they do not hear of at
+    once: taken by setting them back."""
 
     __slots__ = (
         "_aim", "_every", "_frames", "_goal", "_grows", "_heard", "_loops", "_seat", "_seen", "_used", "_words",

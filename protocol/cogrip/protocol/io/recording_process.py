@@ -38,6 +38,10 @@ class WholePieces:
         self._held = bytearray()
         self._at = 0
 
+    @property
+    def held_bytes(self) -> int:
+        return len(self._held)
+
     def write(self, data: bytes) -> int:
         self._held += data
         if len(self._held) >= MOST_HELD_BYTES:
@@ -72,6 +76,7 @@ class Task:
         self._lost = self._put = self._dated = 0
         self._last_ns = 0
         self._well = True
+        self._gone = False
         self._stream = WholePieces(fd)
         self._writer = RecordingWriter(cast(IO[bytes], self._stream), header, self._path.parent)
         self._try(self._writer.flush)
@@ -93,6 +98,8 @@ class Task:
                 self._note_gap(self.ring.missed - self._lost)
             self._try(self._writer.put, topic, time_ns, payload)
             self._put += self._well
+            if self._stream.held_bytes >= MOST_HELD_BYTES // 2:
+                self.flush()  # before the stream does it by itself: what is in the file is counted
 
     def anchor(self) -> None:
         """Read both clocks together, if there is anything to date."""
@@ -104,28 +111,40 @@ class Task:
 
     def flush(self) -> None:
         self._try(self._writer.flush)
-        self._count()
         self._keep_the_file()
+        self._count()
 
     def _keep_the_file(self) -> None:
-        if self._well and os.name == "posix" and not os.fstat(self._stream.fd).st_nlink:
-            self._try(self._rescue)
+        if self._gone or os.name != "posix" or os.fstat(self._stream.fd).st_nlink:
+            return
+        try:
+            self._rescue()
+        except OSError as error:
+            self._well, self._gone = False, True
+            self.ring.saved = 0
+            self.ring.say(f"{self._path}: the file is gone: it was removed and cannot be put back: {error.strerror}")
 
     def _count(self) -> None:
         if self._well:
             self.ring.saved = self._put
 
     def _rescue(self) -> None:
-        """The file was removed under us: what it held is still here, so it is put back and goes on."""
+        """The file was removed under us: what it held is still here, so it is put back and goes on.
+
+        Raises OSError where it cannot be: what a disk had room for stays there, and can be recovered, but is not counted.
+        """
         self._path.parent.mkdir(parents=True, exist_ok=True)
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
-        size = os.fstat(self._stream.fd).st_size
-        done = 0
-        while done < size:
-            done += os.sendfile(fd, self._stream.fd, done, size - done)
-        os.dup2(fd, self._stream.fd)
-        os.close(fd)
-        lock(self._stream.fd)
+        try:
+            size = os.fstat(self._stream.fd).st_size
+            done = 0
+            while done < size:
+                done += os.sendfile(fd, self._stream.fd, done, size - done)
+            os.dup2(fd, self._stream.fd)
+        finally:
+            os.close(fd)
+        with suppress(OSError):
+            lock(self._stream.fd)
 
     def finish(self) -> None:
         self.take()

@@ -16,35 +16,52 @@ class Spool:
         self._folder = folder
         self._held = bytearray()
         self._file: FileIO | None = None
+        self._let_go_above = HELD_BYTES
         self.length = 0  # bytes, of all that was appended
 
     @property
     def held_bytes(self) -> int:
-        """In memory: at most HELD_BYTES."""
+        """In memory: at most HELD_BYTES, but for what could not be written to the file."""
         return len(self._held)
 
     def append(self, data: bytes) -> None:
-        """Raises OSError where the disk is full."""
+        """Where the file cannot be made or is full, all stays in memory, and it is tried again HELD_BYTES later.
+
+        Raises OSError only where half a write cannot be taken back: a broken disk.
+        """
         self._held += data
         self.length += len(data)
-        if len(self._held) > HELD_BYTES:
-            self._let_go()
+        if len(self._held) > self._let_go_above:
+            self._let_go_above = HELD_BYTES if self._let_go() else len(self._held) + HELD_BYTES
 
-    def _let_go(self) -> None:
-        if self._file is None:
-            self._file = _file_in(self._folder)
+    def _let_go(self) -> bool:
+        """Whether the file took all that was in memory; if not, file and memory are as they were."""
+        try:
+            if self._file is None:
+                self._file = _file_in(self._folder)
+        except OSError:
+            return False
+        at = self.length - len(self._held)
+        self._file.seek(at)
         rest = memoryview(bytes(self._held))
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError:  # a full disk takes a part first
+            self._file.truncate(at)
+            return False
         self._held.clear()
-        while rest:
-            rest = rest[self._file.write(rest) :]
+        return True
 
     def pieces(self) -> Iterator[bytes]:
-        """All of it, in pieces of HELD_BYTES at most. Raises OSError."""
+        """All of it, in pieces of HELD_BYTES at most, one even if there is nothing. Raises OSError."""
         if self._file is not None:
             self._file.seek(0)
             while piece := self._file.read(HELD_BYTES):
                 yield piece
-        yield bytes(self._held)
+        yield bytes(self._held[:HELD_BYTES])
+        for begin in range(HELD_BYTES, len(self._held), HELD_BYTES):
+            yield bytes(self._held[begin : begin + HELD_BYTES])
 
     def close(self) -> None:
         """Let everything go."""

@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cogrip.sim.methods.method import CLEAN, METHODS
-from cogrip.sim.methods.table import FELT, NONE, TABLE, Column, unstable
+from cogrip.sim.methods.table import FELT, NONE, TABLE, Column, decimals, feels, first_seeds, unstable
 
 Row = Mapping[str, Any]
 LABEL = "tab:methods"
+_SYMBOLS = {column.measure: column.symbol for column in TABLE}
 _TO_ITSELF = "error_clean_n"  # on the clean link it is 0 by what it means
 
 
@@ -62,7 +63,7 @@ def _caption(summary: Mapping[str, Any]) -> str:
         "coherence_rms_mm": "distance between the places at which two people are told the object is, rms over time",
         "coherence_max_mm": "its maximum",
         "rest_mm": "distance left between hands at rest",
-        FELT: "$K_{\\mathrm{felt}}/K-1$ under a static load, of the person with the largest",
+        FELT: f"$K_{{\\mathrm{{felt}}}}/K-1$ under a static load, of the person with the largest{first_seeds(seeds)}",
         _TO_ITSELF: "rms difference of forces to the same method on the clean link",
         "error_ideal_n": "rms difference of forces to the object directly in the hands",
     }
@@ -70,7 +71,8 @@ def _caption(summary: Mapping[str, Any]) -> str:
     return (
         f"Methods compared, {people} {'people' if people > 1 else 'person'}, {asked['settings']['seconds']:g}~s a session. "
         f"{numbers}. {symbols}. Bold: least in absolute value of the methods that are stable on that network. "
-        "--: not measured, or at least half of the sessions diverged. div.: sessions that diverged, and when (median); "
+        f"--: not measured, or at least half of the sessions diverged; of ${_SYMBOLS[FELT]}$ also where at least half diverged "
+        "or oscillate, or at least half of the probes never came to rest. div.: sessions that diverged, and when (median); "
         "osc.: sessions that oscillate between hands at rest; act.: sessions driven by created energy until hands rest."
     )
 
@@ -90,7 +92,7 @@ def _stability(row: Row) -> str:
 
 def _hidden(row: Row, column: Column) -> bool:
     """Whether the number says nothing of a whole session: of one that diverged only what it had created does."""
-    if column.measure == FELT and unstable(row):
+    if column.measure == FELT and (unstable(row) or not feels(row[FELT])):
         return True
     return column.measure != "created_mj" and bool(row["runs"]) and 2 * row["diverged"] >= row["runs"]
 
@@ -103,9 +105,10 @@ def _holds(row: Row) -> bool:
 def _best(rows: Sequence[Row], column: Column) -> set[str]:
     """Methods whose median is least, as printed; none where fewer than two can be held against each other, or all are equal."""
     found = {
-        row["method"]: (abs(row[column.measure]["median"]), _print(row[column.measure]["median"], column))
+        row["method"]: (size, _print(size, column))
         for row in rows
         if row[column.measure] is not None and _holds(row) and not _hidden(row, column)
+        for size in [abs(row[column.measure]["median"])]
     }
     if len({text for _, text in found.values()}) < 2 or (column.measure == _TO_ITSELF and rows[0]["network"] == CLEAN):
         return set()
@@ -128,13 +131,10 @@ def _print(value: float, column: Column) -> str:
     """Three digits, in the mathematics of TeX; where there are many zeros, as a power of ten."""
     if column.measure == FELT:
         return f"{value:.1f}".replace("-0.0", "0.0")
-    size = abs(value)
-    if size >= 1e4:
+    if round(abs(value)) >= 1e4:
         digits, _, power = f"{value:.1e}".partition("e")
         return f"{digits}{{\\cdot}}10^{{{int(power)}}}"
-    if size < 0.0005:
-        return "0"
-    return f"{value:.{0 if size >= 100.0 else 1 if size >= 10.0 else 2 if size >= 0.1 else 3}f}"
+    return "0" if abs(value) < 0.0005 else f"{value:.{decimals(value)}f}"
 
 
 def _escaped(text: str) -> str:

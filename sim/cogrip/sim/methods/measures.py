@@ -20,7 +20,7 @@ from cogrip.sim.verdict import Summary, is_number, people, worst_margin
 LAST_S = 0.5  # of the rest at the end, over which it is judged
 SWING_N = 1.0  # swing of a force between hands that hold still
 SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings makes none
-ACTIVE_SHARE = 0.1  # of what hands have put in: what encoders leak is far less
+ACTIVE_SHARE = 0.1  # of what hands have put in, once what devices leak is taken off: of many people that alone is more
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,12 +144,17 @@ def put_in_j(work_j: Array) -> float:
 
 
 def is_active(created_mj: float, put_in_mj: float) -> bool:
-    """Whether so much was made of nothing that it drove the session, though in the end it came to rest."""
+    """Whether so much was made of nothing that it drove the session, though in the end it came to rest.
+
+    created_mj: beyond what the devices' sampled dampers have given out (`leak_mj`): that is no method's doing.
+    """
     return created_mj > max(SWING_MJ, ACTIVE_SHARE * put_in_mj)
 
 
 def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
     """All columns but those of the felt stiffness. Of a session that diverged, up to then; its rest never came.
+
+    What is of two people is None of one alone.
 
     clean, ideal: forces to hold against, (k, n, a); None where the ideal itself is not stable.
     """
@@ -159,22 +164,25 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     apart_m, swing = at_rest(trace)
     oscillates = not diverged and is_oscillating(swing, created_at_rest_j(trace) * 1e3)
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
+    leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
+    made_mj = created_mj - leak_mj  # by the method itself, at least
+    pair = trace.position_m.shape[1] > 1
     return {
         "diverged": bool(diverged),
         "diverged_s": summary["seconds"] if diverged else None,
         "reason": diverged,
         "oscillates": oscillates,
-        "active": not diverged and not oscillates and is_active(created_mj, put_in_j(trace.work_j) * 1e3),
+        "active": not diverged and not oscillates and is_active(made_mj, put_in_j(trace.work_j) * 1e3),
         "passive": summary["passive"],
         "margin_mj": worst[0] * 1e3 if worst else None,
-        "leak_mj": -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users),
+        "leak_mj": leak_mj,
         "created_mj": created_mj,
         "peak_force_n": largest(user["peak_force_n"] for user in users),
         "force_step_n": largest(user["peak_force_step_n"] for user in users),
-        "coherence_rms_mm": rms * 1e3,
-        "coherence_max_mm": most * 1e3,
-        "hands_rms_mm": furthest(trace.position_m)[0] * 1e3,
-        "rest_mm": None if diverged else apart_m * 1e3,
+        "coherence_rms_mm": rms * 1e3 if pair else None,
+        "coherence_max_mm": most * 1e3 if pair else None,
+        "hands_rms_mm": furthest(trace.position_m)[0] * 1e3 if pair else None,
+        "rest_mm": apart_m * 1e3 if pair and not diverged else None,
         "rest_swing_n": None if diverged else swing,
         "error_clean_n": force_error_n(trace.force_n, clean),
         "error_ideal_n": None if ideal is None else force_error_n(trace.force_n, ideal),

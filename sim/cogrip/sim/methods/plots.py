@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cogrip.sim.methods.measures import MEASURES
 from cogrip.sim.methods.method import METHODS
 from cogrip.sim.methods.question import Comparison
+from cogrip.sim.methods.table import feels, first_seeds
 from cogrip.sim.methods.table import unstable as unstable_row
 from cogrip.sim.plots.style import ALARM, COLOURS, DOTTED, FAINT, INK, NotDrawnError, Sheet, Style, colour, label, title
 from cogrip.sim.sweep.cell import Result
@@ -25,6 +26,7 @@ _LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # of values that spread more than this a loga
 _DIVERGED: Style = {}
 _OSCILLATES: Style = {"alpha": 0.45, "hatch": "///", "edgecolor": "white", "lw": 0}
 _ACTIVE: Style = {"alpha": 0.25}
+_NONE: Style = {"marker": "x", "color": FAINT, "ms": 5, "lw": 0}
 _MARGIN = 1.2  # above the largest force of a row's stable sessions
 
 
@@ -124,8 +126,9 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
             "felt",
             "Felt stiffness",
             "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
-            "mark a person, the median over seeds; the number is the softest one in N/m. A grey cross: the method is unstable, "
-            "or the probe never came to rest.",
+            f"mark a person, in the order of the settings, the median over seeds{first_seeds(len(asked.seeds))}; the number is "
+            "that of the lowest mark, in N/m. A grey cross in the middle: the method is unstable, or was not measured; in "
+            "somebody's place: at least half of that person's probes never came to rest.",
             partial(_felt, rows),
         ),
     )
@@ -302,10 +305,12 @@ def _scale(panel: Axes, values: Sequence[float]) -> float:
         panel.set_ylim(0.0, 1.06 * most or 1.0)
         return 0.0
     first, last = int(np.floor(np.log10(min(positive)))), int(np.floor(np.log10(most)))
-    floor = 10.0**first
     powers = range(first, last + 1, 1 + (last - first) // 7)
-    steps = (1, 2, 5) if last - first < 2 else (1, 3) if last - first < 3 else (1,)
+    span = most / min(positive)
+    steps = (1, 2, 5) if span < 1e2 else (1, 3) if span < 1e3 else (1,)
     ticks = [step * 10.0**power for power in powers for step in steps]
+    floor = max(tick for tick in ticks if tick <= min(positive))
+    ticks = [tick for tick in ticks if tick >= floor]
     texts = [f"{tick:g}" if 1e-2 <= tick < 1e3 else f"$10^{{{round(np.log10(tick))}}}$" for tick in ticks]
     if any(abs(value) < floor for value in values):
         texts[0] = f"≤ {texts[0]}"
@@ -321,39 +326,43 @@ def _felt(rows: Rows) -> Figure:
     sheet = Sheet(1, 1, row_in=3.4)
     panel: Axes = sheet.panels[0, 0]
     shares = {key: [] if unstable_row(row) else _felt_shares(row) for key, row in rows.summary.items()}
-    everything = [share for people in shares.values() for share, _ in people]
+    everything = [share for people in shares.values() for found in people if found for share in found[:1]]
     if not everything:
         raise NotDrawnError("no felt stiffness was measured")
     floor = _scale(panel, [*everything, 100.0])
-    panel.set_ylim(top=160.0 if floor else 115.0)
+    panel.set_ylim(top=max(160.0, 1.4 * max(everything)) if floor else max(115.0, 1.1 * max(everything)))
     panel.axhline(100.0, color=FAINT, lw=1.0, zorder=0)
     room = 0.6 * _WIDTH / len(asked.methods)
     for network, name in enumerate(asked.networks):
         for number, method in enumerate(asked.methods):
             people, place = shares[name, method], _place(rows, network, number)
-            if not people:
-                panel.plot(place, 0.04, marker="x", color=FAINT, ms=5, transform=panel.get_xaxis_transform())
+            places = place + _spread(len(people), room)
+            felt = [(*found, float(at)) for found, at in zip(people, places, strict=True) if found]
+            none = [float(at) for found, at in zip(people, places, strict=True) if not found] if people else [place]
+            if none:
+                panel.plot(none, [0.04] * len(none), **_NONE, transform=panel.get_xaxis_transform())
+            if not felt:
                 continue
-            softest = min(people)[1]
-            heights = [max(share, floor) for share, _ in people]
-            panel.plot([place, place], [100.0, min(heights)], color=colour(number), lw=1.2, alpha=0.4, zorder=1)
-            panel.plot(
-                place + _spread(len(people), room), heights, **style_of(number), ms=5, lw=0, mew=0, clip_on=False
-            )
-            text = f"{softest:.{0 if softest >= 100.0 else 1}f}"
+            heights = [max(share, floor) for share, _, _ in felt]
+            lowest, stiffness, at = min(felt)
+            foot = max(lowest, floor)
+            panel.plot([at, at], [100.0, foot], color=colour(number), lw=1.2, alpha=0.4, zorder=1)
+            panel.plot([at for _, _, at in felt], heights, **style_of(number), ms=5, lw=0, mew=0, clip_on=False)
+            text = f"{stiffness:.{0 if stiffness >= 100.0 else 1}f}"
             panel.annotate(
-                text, (place, min(heights)), xytext=(0, -6), textcoords="offset points", ha="center", va="top",
+                text, (at, foot), xytext=(0, -6), textcoords="offset points", ha="center", va="top",
                 fontsize=8, color=INK,
             )  # fmt: skip
-    panel.set_ylim(bottom=0.5 * floor)  # room for the crosses
+    panel.set_ylim(bottom=0.5 * floor if floor else -0.1 * panel.get_ylim()[1])  # room for crosses and numbers
     _across(panel, asked.networks)
     return sheet.finish("network", ["felt stiffness / K asked for [%]"], _legend(rows))
 
 
-def _felt_shares(row: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """K_felt / K [%] and K_felt [N/m] of each person who feels any."""
+def _felt_shares(row: Mapping[str, Any]) -> list[tuple[float, float] | None]:
+    """K_felt / K [%] and K_felt [N/m] of each person, None of who feels none."""
     return [
         (100.0 * person["felt_npm"]["median"] / person["asked_npm"], person["felt_npm"]["median"])
+        if feels(person["felt_npm"])
+        else None
         for person in row["felt"]
-        if person["felt_npm"]
     ]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from cogrip.protocol.version import VERSION
 from cogrip.sim.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.methods.method import OURS
-from cogrip.sim.methods.question import Comparison
+from cogrip.sim.methods.question import FELT_SEEDS, Comparison
 from cogrip.sim.sweep.cell import Result
 from cogrip.sim.verdict import is_number
 
@@ -76,7 +76,8 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
         "active": sum(row["active"] for row in ran),
         "not_passive": sum(not row["passive"] for row in ran),
         "felt": _felt([row["felt"] for row in ran if row["felt"]]),
-        **{name: spread([row[name] for row in ran]) for name in MEASURES},
+        **{name: spread([row[name] for row in ran]) for name in MEASURES if name != FELT},
+        FELT: of_probes([row[FELT] for row in ran if row["felt"]]),
     }
 
 
@@ -89,16 +90,26 @@ def spread(values: Sequence[Any]) -> dict[str, float] | None:
     return {"median": median, "q1": first, "q3": third, "worst": max(numbers, key=abs)}
 
 
+def of_probes(values: Sequence[float | None]) -> dict[str, float] | None:
+    """The spread of the felt stiffness, of the `n` probes that came to rest of all; None where none did."""
+    found = spread(values)
+    return found and {**found, "n": sum(map(is_number, values)), "of": len(values)}
+
+
 def _felt(sessions: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
     """Each person over seeds; the K asked for is the same in all."""
-    return [
-        {
-            "person": seeds[0]["person"],
-            "asked_npm": seeds[0]["asked_npm"],
-            **{name: spread([seed[name] for seed in seeds]) for name in FELT_MEASURES},
-        }
-        for seeds in zip(*sessions, strict=True)
-    ]
+    people = []
+    for seeds in zip(*sessions, strict=True):
+        found = {name: of_probes([seed[name] for seed in seeds]) for name in FELT_MEASURES}
+        if stiffness := found["felt_npm"]:
+            del stiffness["worst"]  # what is furthest from 0 is the best of a stiffness
+        people.append({"person": seeds[0]["person"], "asked_npm": seeds[0]["asked_npm"], **found})
+    return people
+
+
+def feels(found: Mapping[str, float] | None) -> bool:
+    """Whether more than half of the probes came to rest: else the number would be that of the few that did."""
+    return found is not None and 2 * found["n"] > found["of"]
 
 
 def ours_failed(summary: Mapping[str, Any]) -> bool:
@@ -128,7 +139,7 @@ def verdict(row: Mapping[str, Any]) -> str:
 def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:
     """The median, and the worst behind it where it differs as shown."""
     found = row[column.measure]
-    if found is None or (column.measure == FELT and unstable(row)):
+    if found is None or (column.measure == FELT and (unstable(row) or not feels(found))):
         return NONE
     show = _signed if column.measure == FELT else _short
     median, worst = show(found["median"]), show(found["worst"])
@@ -137,14 +148,20 @@ def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str
 
 def _short(value: float) -> str:
     """Three digits; powers of ten as people write them where there are many zeros."""
-    if abs(value) >= 1e5:
+    if round(abs(value)) >= 1e5:
         digits, _, power = f"{value:.1e}".partition("e")
         return f"{digits}e{int(power)}"
-    if abs(value) >= 100.0:
-        return f"{value:.0f}"
-    if abs(value) < 0.0005:
-        return "0"
-    return f"{value:.{3 if abs(value) < 0.1 else 2 if abs(value) < 10.0 else 1}f}"
+    return "0" if abs(value) < 0.0005 else f"{value:.{decimals(value)}f}"
+
+
+def decimals(value: float) -> int:
+    """Digits after the point, so that there are three at most: of what stands there once it is rounded (9.996 is 10.0)."""
+    return _decimals(float(f"{value:.{_decimals(value)}f}"))
+
+
+def _decimals(value: float) -> int:
+    size = abs(value)
+    return 0 if size >= 100.0 else 1 if size >= 10.0 else 2 if size >= 0.1 else 3
 
 
 def _signed(value: float) -> str:
@@ -164,14 +181,21 @@ def headings() -> list[str]:
 def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
     """What stands under the table."""
     seeds = len(summary["asked"]["seeds"])
+    felt = f"felt{first_seeds(seeds)}"
     return (
         f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, "
         "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance of what two "
         "people are told of the object, "
-        "rms and max over time; rest: distance left between hands that hold still at the end; felt: stiffness felt under a "
-        "static load against the K asked for; to clean, to ideal: rms force difference to the same method on a clean link, and "
-        "to the object directly in the hands."
+        "rms and max over time; rest: distance left between hands that hold still at the end; "
+        f"{felt}: stiffness felt under a static load against the K asked for, where more than half of the probes came to rest; "
+        "to clean, to ideal: rms force difference to the same method on a clean link, and to the object directly in the hands. "
+        "Sessions that diverged are measured up to then."
     )
+
+
+def first_seeds(seeds: int) -> str:
+    """What stands behind a felt stiffness, where it is not measured with all `seeds`."""
+    return f" (first {FELT_SEEDS} seeds)" if seeds > FELT_SEEDS else ""
 
 
 def markdown(summary: Mapping[str, Any]) -> str:
