@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.blas_threads import BLAS_THREADS
@@ -18,6 +18,7 @@ from cogrip.sim.sweep.cell import Result, at_once, run_cells
 
 MOST_DEATHS = 3  # of a worker, before its cells are given up
 _LOOK_EVERY_S = 0.2
+_KEEPER_S = 10.0  # for the pool's own thread to end, once its workers have
 
 
 def processors() -> int:
@@ -109,11 +110,15 @@ class LocalWorkers:
         if self._pool is None:
             return
         mine = list((self._pool._processes or {}).values())
+        # reaps them too: whoever comes second knows no exit code until it is through
+        keeper = cast(threading.Thread | None, self._pool._executor_manager_thread)
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in mine:
             process.terminate()
         for process in mine:
             process.join()
+        if keeper is not None:
+            keeper.join(_KEEPER_S)
         self._pool = None
 
 
