@@ -98,7 +98,9 @@ def test_peers_are_told_apart_by_port() -> None:
     doors = gate(peer=Budget(10, 1))
     assert doors.peer(ANNA, 1) == ""
     assert doors.peer(ANNA, 1) == "flood of a peer"
-    assert doors.peer((ANNA[0], 4009), 1) == ""
+    slot = doors._peer_slot  # differs from process to process
+    port = next(port for port in range(4009, 5000) if slot((ANNA[0], port)) != slot(ANNA))
+    assert doors.peer((ANNA[0], port), 1) == ""
 
 
 @pytest.mark.parametrize(

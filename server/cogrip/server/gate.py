@@ -67,7 +67,7 @@ class Gate:
 
     def peer(self, address: Address, now_ns: int) -> str:
         """A datagram of someone known: seated, or with an association."""
-        return "" if self._peers.take(hash((self._secret, address)) % PEER_SLOTS, now_ns) else "flood of a peer"
+        return "" if self._peers.take(self._peer_slot(address), now_ns) else "flood of a peer"
 
     def contact(self, address: Address, now_ns: int) -> str:
         """A first word of a stranger, whose address may be forged: a plain hello, a ClientHello without a cookie."""
@@ -88,6 +88,10 @@ class Gate:
     def proven(self, address: Address, now_ns: int) -> None:
         """A handshake was completed: a flood of forged addresses is not to keep this one out from now on."""
         self._proven_ns[self._slot(address)] = now_ns
+
+    def _peer_slot(self, address: Address) -> int:
+        """Two peers of a process share one once in PEER_SLOTS."""
+        return hash((self._secret, address)) % PEER_SLOTS
 
     def _slot(self, address: Address) -> int:
         text = network_of(address).encode("utf-8", "replace")
