@@ -18,6 +18,7 @@ from cogrip.protocol import clock, concealment, line, loop_meter, messages, play
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
+    DeviceAccount,
     LinkCount,
     Percentiles,
     PlayoutAccount,
@@ -202,7 +203,7 @@ def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     leave = section("3.9 Leave")
     small = (
         ("Counts", LinkCount), ("Percentiles", Percentiles), ("Ticks", TickCount), ("Playout", PlayoutAccount),
-        ("Delay", DelayAccount),
+        ("Delay", DelayAccount), ("Device", DeviceAccount),
     )  # fmt: skip
     for title, struct in small:
         text = leave.partition(f"{title}: ")[2].partition(".")[0]

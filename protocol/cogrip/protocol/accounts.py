@@ -68,6 +68,23 @@ class DelayAccount(msgspec.Struct, frozen=True, array_like=True):
     uncertainty_ms: float | None = None  # of that offset: half of the least ways there and back (`protocol.clock`)
 
 
+Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # of the ticks in which the device may give force
+
+
+class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
+    """The device port of one person: energy through the motors, and limits on the force (docs/device_port.md)."""
+
+    oscillates: bool = False  # the force reversed fast, or sat at its limit, and was taken down for it
+    at_limit: Share = 0.0  # ticks in which a limit of the device held the force
+    controlled: Share = 0.0  # ticks in which the passivity controller changed the force
+    leak_j: float = (
+        0.0  # most energy given to the hand beyond what came in, what the line gave and the device's damping takes
+    )
+    margin_j: float | None = (
+        None  # least of the port's energy balance, its stated reserve included; below 0: not passive
+    )
+
+
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     """What one person's client knows at the end of a session."""
 
@@ -88,6 +105,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
     playout: PlayoutAccount | None = None  # of the frames that came down; None without waves
     delay: DelayAccount = DelayAccount()
+    device: DeviceAccount = DeviceAccount()
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
