@@ -121,7 +121,6 @@ class ClientCore:
         self._parting: Sequence[float] = (0.0,) * axes  # how the hand moved when it was told to stop
         self.safety = Safety(self.capability, rates.tick_s)
         self.port = DevicePort(self.capability, rates.tick_s)
-        self._mean: Sequence[float] = (0.0,) * axes  # velocity of the tick that was booked last
         self._given_j = 0.0  # by all lines before the present one
         self._session_id = session
         self._ticks_per_frame = rates.ticks_per_frame
@@ -313,7 +312,6 @@ class ClientCore:
             worked = self.work_j + work
             self._work_excess_j = (worked - self.work_j) - work
             self.work_j = worked
-        self._mean = mean
         first = self.tick - elapsed + 1
         border, velocity = False, self.velocity_mps
         faulty, hold = self.safety.state == "fault", 1.0
@@ -336,8 +334,6 @@ class ClientCore:
                 coupling.end_frame(self.port.spare_j)
                 self._frame(position)
         self.port.book(self.work_j, self._given_j + coupling.given_j)
-        if self.port.ramped:
-            self.port.forgive()
         self.leak_j = leak = self.work_j - (self._past.port_j + coupling.port_j)
         if leak < self.least_leak_j:
             self.least_leak_j = leak
@@ -381,18 +377,15 @@ class ClientCore:
         port.elapse()
         coupling.carried_nspm = port.carried_nspm
         wish = coupling.force(self.position_m, self.velocity_mps) if safety.state != "fault" else None
-        law = wish if wish is None else port.limit(wish)
-        force = port.guard(safety.limit(law, coupling.gap))
+        force = port.guard(safety.limit(port.limit(wish) if wish is not None else None, coupling.gap))
         coupling.gain = safety.gain
         port.ramped = not safety.full
-        if safety.full:
-            law = safety.law_n
-            coupling.cut_n = None if law == wish else [a - b for a, b in zip(wish, law)]
-            port.watch(force, safety.clipped, coupling.local, self._mean)
-            if found := port.trouble():
+        coupling.cut_n = None
+        if wish is not None and safety.full:
+            if (kept := safety.law_n) is not wish:  # what limits took, the line is not told of either
+                coupling.cut_n = [law - left for law, left in zip(wish, kept, strict=True)]
+            if found := port.watch(force, safety.clipped, coupling.local_n):
                 self._let_go(found)
-        else:
-            coupling.cut_n = None
         step = abs(force[0] - self.force_n[0]) if len(force) == 1 else dist(force, self.force_n)
         if step > self.peak_step_n:
             self.peak_step_n = step
@@ -408,7 +401,9 @@ class ClientCore:
         coupling, safety = self.seat.coupling, self.safety
         if found == "oscillation":
             wave = coupling.kind == "wave"
-            key, value = ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
+            key, value = (
+                ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
+            )
             reason = f"the force oscillates at the hand; set coupling.{key} lower than {value:g}"
         else:
             reason = (

@@ -18,11 +18,10 @@ class NewestCoupling(Generic[M]):
     """
 
     gap = played = False
-    stored_j = 0.0
 
     def __init__(self, axes: int) -> None:
         self.carried_nspm = inf  # damping that the device renders at most
-        self.local: Sequence[float] = (0.0,) * axes  # what of the force follows the hand's own motion, in any unit
+        self.local_n: Sequence[float] = (0.0,) * axes  # the part of the law that follows the hand's own motion
         self.gain = 1.0  # of the ramp that the force goes through
         self.peak_n = inf  # the largest force of the device
         self.lag_s = 0.0  # by which its damper is late
@@ -36,6 +35,11 @@ class NewestCoupling(Generic[M]):
     def given_j(self) -> float:
         """Energy that the other end gave this one, less what it took."""
         raise NotImplementedError
+
+    @property
+    def stored_j(self) -> float:
+        """Of what the other end gave, kept here."""
+        return 0.0
 
     @property
     def given_border_j(self) -> float:

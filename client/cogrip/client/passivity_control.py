@@ -171,20 +171,25 @@ class PassivityControl(NewestCoupling[Power]):
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         """The server's force and the charging damper, as far as W pays for them; and a damper that pays a debt."""
         tick_s = self._tick_s
-        self.local = velocity_mps
         charging, most = min(self._charging, self.carried_nspm), min(self._most_damping, self.carried_nspm)
-        force = []
+        force, local = [], []
         for axis, speed in enumerate(velocity_mps):
+            damper = 0.0
             law = self._wanted[axis]
             there = self._in[axis].value - self._taken[axis]  # what the server may still take
             if there < CHARGE_UP_J:
-                law += charging * (1.0 - max(0.0, there) / CHARGE_UP_J) * speed
+                damper = charging * (1.0 - max(0.0, there) / CHARGE_UP_J)
+                law += damper * speed
             given = self._control(axis, law, speed)
             left = self._left[axis].value
             if left < 0.0:
                 square = speed * speed * tick_s
-                given += (most if most * square <= -left else -left / square) * speed
+                paying = most if most * square <= -left else -left / square
+                damper += paying
+                given += paying * speed
+            local.append(damper * speed)
             force.append(given)
+        self.local_n = local
         return force
 
     def _control(self, axis: int, law: float, speed: float) -> float:

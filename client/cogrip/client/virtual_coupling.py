@@ -80,8 +80,8 @@ class VirtualCoupling(NewestCoupling[State]):
         """Power that the object's velocity gives the hand through the damper."""
         if self._stretch is None:
             return 0.0
-        state, axes = self.object_state, len(velocity_mps)
-        return self.gain * self._rendered_nspm * sum([state[axes + axis] * velocity_mps[axis] for axis in range(axes)])
+        drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
+        return self.gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
 
     def end_frame(self, spare_j: float = inf) -> None:
         self._number += 1
@@ -91,9 +91,8 @@ class VirtualCoupling(NewestCoupling[State]):
             before, stretch = self.object_state, self._stretch
             self.object_state = state = self._receiver.latest.position_m + self._receiver.latest.velocity_mps
             if stretch is not None:
-                moved = [stretch[axis] + before[axis] - state[axis] for axis in range(len(stretch))]
                 self._given_j.add(-self.stored_j)
-                self._stretch = moved
+                self._stretch = [e and e + before[axis] - state[axis] for axis, e in enumerate(stretch)]
                 self._given_j.add(self.stored_j)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
@@ -105,14 +104,13 @@ class VirtualCoupling(NewestCoupling[State]):
         self._rendered_npm = stiffness = min(self._stiffness, damping / self.lag_s if self.lag_s else inf)
         self._stretch = stretch = [position_m[axis] - state[axis] for axis in range(axes)]
         force = [
-            stiffness * stretch[axis] + damping * (velocity_mps[axis] - state[axes + axis])
-            for axis in range(axes)
+            stiffness * stretch[axis] + damping * (velocity_mps[axis] - state[axes + axis]) for axis in range(axes)
         ]
-        per_damping = stiffness / damping if damping else 0.0
-        self.local = [per_damping * position_m[axis] + velocity_mps[axis] for axis in range(axes)]
+        self.local_n = [stiffness * position_m[axis] + damping * velocity_mps[axis] for axis in range(axes)]
         if self._push:
-            inside = self._push * (position_m[0] - state[0]) > 0.0
+            inside = self._push * stretch[0] > 0.0
             force = [self._push * max(0.0, self._push * force[0]) if inside else 0.0] + [0.0] * (axes - 1)
+            self._stretch = [stretch[0] if inside else 0.0] + [0.0] * (axes - 1)
         self._last_force = force
         return force
 

@@ -10,6 +10,15 @@ frame borders, and the line would give the difference. Each wave is booked for i
 Where the returning wave is missing this end yields: with a share s of sqrt(b), 1 on a clear line, F = s^2 b xdot - s sqrt(2b) v
 and u = s sqrt(2b) y - v; F y = (u^2 - v^2)/2 holds tick by tick for any s. What that leaves of the displacement,
 e = (1 - s) sqrt(2b) y, is forgone: the receiver holds it as played (docs/decisions/0003-gaps.md).
+
+Where the device carries no more than r b, 0 < r < 1, a spring and a damper stand in series between hand and port,
+w (RELAX_RAD_S) their ratio and z their deflection [m]: r b for fast motion, b for slow, and no creep.
+
+    F = r (b (xdot + w z) - sqrt(2b) v)      y_p = r (y + w z) + (1 - r) sqrt(2/b) v - F_cut / b      z' = y - y_p
+
+y_p is the port's velocity, u = sqrt(2b) y_p - v. F_cut is what limits took from the law's force: the line is not told of it,
+nor of what the frame had no energy for; both are deflection, which comes back by w. r = 1, z = 0 is the plain port. See
+docs/device_port.md.
 """
 
 from collections import deque
@@ -25,7 +34,7 @@ from cogrip.protocol.messages import Frame, Stamp, Waves
 from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
 
-RELAX_HZ = 100.0  # k / d of the series spring and damper [rad/s]
+RELAX_RAD_S = 100.0  # w
 LEAST_DEFLECTION_M = 1e-9
 Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
 """Of one tick: the returning wave, the share s, the ratio of impedances, and what limits took from the force."""
@@ -61,14 +70,14 @@ class WaveCoupling:
         self.lag_s = 0.0  # by which the device's damper is late
         self.carried_nspm = inf  # impedance that the device renders at most
         self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
-        self._deflection_m = [0.0] * axes  # e
-        self._deflected = False  # whether any e is not 0
+        self._deflection_m = [0.0] * axes  # z
+        self._deflected = False  # whether any z is not 0
         self._ratio = 1.0  # of the impedance that is rendered to that of the port
         self._tick_s = rates.tick_s
         self._given = RunningSum()  # energy that the line gave, less what it took, up to the last frame that ended
         self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
-        self.local: Sequence[float] = (0.0,) * axes  # what of the force follows the hand's own motion, in any unit
+        self.local_n: Sequence[float] = self._zero  # the part of the law that follows the hand's own motion
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
         self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
         self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
@@ -144,7 +153,12 @@ class WaveCoupling:
         self._used_now_j += used * self._half_tick_s
 
     def _through_series(
-        self, velocity_mps: Sequence[float], wave: Sequence[float], share: float, ratio: float, cut_n: Sequence[float] | None
+        self,
+        velocity_mps: Sequence[float],
+        wave: Sequence[float],
+        share: float,
+        ratio: float,
+        cut_n: Sequence[float] | None,
     ) -> list[float]:
         """Velocity of the port behind the series spring and damper, which take the rest of the hand's."""
         impedance = share * share * self._b
@@ -152,11 +166,11 @@ class WaveCoupling:
         deflection, tick_s = self._deflection_m, self._tick_s
         behind, most = [], 0.0
         for axis, speed in enumerate(velocity_mps):
-            port = ratio * (speed + RELAX_HZ * deflection[axis]) + per_wave * wave[axis]
+            port = ratio * (speed + RELAX_RAD_S * deflection[axis]) + per_wave * wave[axis]
             if cut_n is not None:
                 port -= cut_n[axis] / impedance
-            deflection[axis] = e = deflection[axis] + (speed - port) * tick_s
-            most = max(most, abs(e))
+            deflection[axis] = z = deflection[axis] + (speed - port) * tick_s
+            most = max(most, abs(z))
             behind.append(port)
         self._deflected = most > LEAST_DEFLECTION_M
         if not self._deflected:
@@ -183,7 +197,7 @@ class WaveCoupling:
         if half_frame_s * going > spare_j:
             scale = sqrt(max(0.0, spare_j) / (half_frame_s * going))
             held_s = (1.0 - scale) * self._ticks_per_frame * self._tick_s / (self._share * self._root)
-            self._deflection_m = [e + held_s * u for e, u in zip(self._deflection_m, sent, strict=True)]
+            self._deflection_m = [z + held_s * u for z, u in zip(self._deflection_m, sent, strict=True)]
             self._deflected = True
             sent = tuple([scale * u for u in sent])
             going *= scale * scale
@@ -213,21 +227,19 @@ class WaveCoupling:
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """F = b xdot - sqrt(2b) v [N] (P eq. 16), with the velocity estimated now."""
-        self.local = velocity_mps
         b, root, share = self._b, self._root, self._share
         if share != 1.0:
             b *= share * share
             root *= share
-        if self.carried_nspm >= b and not self._deflected:
-            self._ratio = 1.0
-            return [b * velocity_mps[axis] - root * wave for axis, wave in enumerate(self.returning)]
-        self._ratio = ratio = min(1.0, self.carried_nspm / b)
-        b *= ratio
-        root *= ratio
-        return [
-            b * (velocity_mps[axis] + RELAX_HZ * self._deflection_m[axis]) - root * wave
-            for axis, wave in enumerate(self.returning)
-        ]
+        ratio = 1.0
+        if self.carried_nspm < b or self._deflected:
+            ratio = min(1.0, self.carried_nspm / b)
+            b *= ratio
+            root *= ratio
+            velocity_mps = [v + RELAX_RAD_S * z for v, z in zip(velocity_mps, self._deflection_m, strict=True)]
+        self._ratio = ratio
+        self.local_n = local_n = [b * velocity for velocity in velocity_mps]
+        return [local - root * wave for local, wave in zip(local_n, self.returning, strict=True)]
 
     @property
     def given_border_j(self) -> float:
