@@ -154,7 +154,9 @@ class DtlsPeer:
 
     def fragment(self, kind: int, seq: int, body: bytes, length: int | None = None, offset: int = 0) -> bytes:
         """A record that holds a fragment of a handshake message. length: what it announces."""
-        return self.record(HANDSHAKE, Fragment(kind, len(body) if length is None else length, seq, offset, body).encode())
+        return self.record(
+            HANDSHAKE, Fragment(kind, len(body) if length is None else length, seq, offset, body).encode()
+        )
 
     def _say(self, flight: list[Part]) -> None:
         self._flight = flight
@@ -205,7 +207,9 @@ class DtlsPeer:
     def answer_server_hello(self) -> None:
         """Check what the server has shown; send ClientKeyExchange, ChangeCipherSpec and Finished."""
         self._read_server()
-        self._say([(HANDSHAKE, 0, self.key_exchange()), (CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished())])
+        self._say(
+            [(HANDSHAKE, 0, self.key_exchange()), (CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished())]
+        )
 
     def _read_server(self) -> None:
         hello, certificate = self._messages[SERVER_HELLO], self._messages[CERTIFICATE]
@@ -222,7 +226,9 @@ class DtlsPeer:
             self.put(self.record(ALERT, b"\x02\x30"))  # unknown_ca
             self.failed = "another certificate"
             raise PeerError(self.failed)
-        exchange = self._messages[SERVER_KEY_EXCHANGE]  # RFC 8422 5.4: named_curve, the curve, the point; then a signature
+        exchange = self._messages[
+            SERVER_KEY_EXCHANGE
+        ]  # RFC 8422 5.4: named_curve, the curve, the point; then a signature
         point_end = 4 + exchange[3]
         parameters, signature = exchange[:point_end], exchange[point_end + 4 :]
         if parameters[:3] != b"\x03" + X25519:

@@ -42,7 +42,10 @@ def decode_records(datagram: bytes) -> list[Record]:
         end = at + RECORD_BYTES + int.from_bytes(datagram[at + 11 : at + 13], "big")
         if end > len(datagram):
             break
-        epoch, number = int.from_bytes(datagram[at + 3 : at + 5], "big"), int.from_bytes(datagram[at + 5 : at + 11], "big")
+        epoch, number = (
+            int.from_bytes(datagram[at + 3 : at + 5], "big"),
+            int.from_bytes(datagram[at + 5 : at + 11], "big"),
+        )
         found.append(Record(datagram[at], epoch, number, datagram[at + RECORD_BYTES : end]))
         at = end
     return found
@@ -71,7 +74,9 @@ def decode_fragments(body: bytes) -> list[Fragment]:
     """All fragments of a record of type HANDSHAKE."""
     found, at = [], 0
     while at + MESSAGE_BYTES <= len(body):
-        number = [int.from_bytes(body[at + first : at + last], "big") for first, last in ((1, 4), (4, 6), (6, 9), (9, 12))]
+        number = [
+            int.from_bytes(body[at + first : at + last], "big") for first, last in ((1, 4), (4, 6), (6, 9), (9, 12))
+        ]
         length, seq, offset, size = number
         at += MESSAGE_BYTES
         found.append(Fragment(body[at - MESSAGE_BYTES], length, seq, offset, body[at : at + size]))
@@ -166,7 +171,9 @@ class Protection:
             return None
 
 
-def protections(suite: Suite, master: bytes, client_random: bytes, server_random: bytes) -> tuple[Protection, Protection]:
+def protections(
+    suite: Suite, master: bytes, client_random: bytes, server_random: bytes
+) -> tuple[Protection, Protection]:
     """Of the client's records and of the server's, from the key block of section 6.3."""
     key, iv = suite.key_bytes, suite.iv_bytes
     block = prf(suite, master, b"key expansion", server_random + client_random, 2 * (key + iv))

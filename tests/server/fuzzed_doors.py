@@ -21,7 +21,7 @@ from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, Stamp, Waves
 from cogrip.protocol.session import make_hello
 from cogrip.server.gate import LIMITS, Gate
-from cogrip.server.io.sealed_channel import MOST_HALF_OPEN
+from cogrip.server.io.sealed_channel import MOST_UNSEATED
 from cogrip.server.plain_channel import PlainListener, looks_like_hello
 
 from tests.server.sealed_wire import ANNA, BEN, NO_LIMITS, Wire
@@ -147,7 +147,7 @@ def _visit(wire: Wire, guest: Address) -> list[tuple[Address, bytes]]:
     assert wire.listener.ready(ANNA)
     assert wire.listener.ready(BEN)  # still the seal that it was: nobody else has its keys
     assert not wire.listener.renewed
-    assert wire.listener.counts()["half open"] <= MOST_HALF_OPEN
+    assert wire.listener.counts()["half open"] <= MOST_UNSEATED
     assert _lib.ERR_peek_error() == 0
     wire.calls.pop(BEN, None)
     wire.talk(ANNA)

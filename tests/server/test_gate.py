@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
-from cogrip.server.gate import LIMITS, PROVEN_NS, Budget, Gate, Limits, limits_for, network_of
+from cogrip.server.gate import LIMITS, SEATED_NS, Budget, Gate, Limits, limits_for, network_of
 
 PLENTY = Budget(1_000_000, 1_000_000)
 OPEN = Limits(PLENTY, PLENTY, PLENTY, PLENTY)
@@ -90,8 +90,8 @@ def test_a_flood_of_forged_addresses_does_not_keep_proven_ones_out() -> None:
     assert [doors.contact((ANNA[0], port), 0) for port in range(5)] == [""] * 4 + [
         "contact budget"
     ]  # another port, too
-    assert [doors.contact(ANNA, PROVEN_NS) for _ in range(3)] == [""] * 3  # like everyone's by then
-    assert [doors.contact(BEN, PROVEN_NS) for _ in range(2)] == ["", "contact budget"]
+    assert [doors.contact(ANNA, SEATED_NS) for _ in range(3)] == [""] * 3  # like everyone's by then
+    assert [doors.contact(BEN, SEATED_NS) for _ in range(2)] == ["", "contact budget"]
 
 
 def test_peers_are_told_apart_by_port() -> None:

@@ -20,8 +20,8 @@ from cogrip.server.gate import LIMITS, Budget, Gate
 from cogrip.server.io.sealed_channel import (
     COOKIE_NS,
     MOST_ASKED,
-    MOST_HALF_OPEN,
     MOST_LEFT,
+    MOST_UNSEATED,
     TOLD,
     WAITS_NS,
     SealedListener,
@@ -272,10 +272,10 @@ def test_a_cookie_belongs_to_an_address_and_a_time(folder: Path) -> None:
 
 def test_handshakes_that_are_not_finished_are_bounded_and_the_oldest_goes_first(folder: Path) -> None:
     wire = Wire(folder)
-    for number in range(MOST_HALF_OPEN + 10):
+    for number in range(MOST_UNSEATED + 10):
         half_open(wire, ("10.0.1.1", number))
-    assert wire.listener.counts() == {"open": 0, "half open": MOST_HALF_OPEN}
-    assert wire.listener.dropped["too many handshakes"] == 10
+    assert wire.listener.counts() == {"open": 0, "half open": MOST_UNSEATED}
+    assert wire.listener.dropped["too many without a seat"] == 10
     wire.seal(ANNA)
     wire.step(WAITS_NS)
     assert wire.listener.counts() == {"open": 1, "half open": 0}
