@@ -24,7 +24,6 @@ from cogrip.protocol.dtls_records import (
     HANDSHAKE,
     RECORD_HEADER_BYTES,
     ClientRecords,
-    records,
 )
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
@@ -32,6 +31,7 @@ from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.gate import Buckets, Budget, Gate, network_of
 from cogrip.server.happenings import Happening
+from cogrip.server.io.free_memory import trim
 from cogrip.server.plain_channel import looks_like_hello
 
 MOST_OPEN = 1024
@@ -44,6 +44,7 @@ MOST_LEFT = 1024  # of one whose seat has ended: waves that were under way, and 
 WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
 HELLO_WAITS_NS = 3_000_000_000  # for the first message after a handshake
 SWEEP_EVERY_NS = 500_000_000
+TRIM_AFTER = 64  # handshakes, of some 90 kB each, which malloc keeps when they are over
 COOKIE_NS = 30_000_000_000  # a cookie fits for so long, and at most twice
 COOKIE_BYTES = 16
 TOLD = Budget(1, 10)  # happenings that are said: whoever knocks often is counted, and shall not fill a journal
@@ -80,6 +81,7 @@ class SealedListener:
         self._open: dict[Address, _Peer] = {}
         self._unseated: dict[Address, _Peer] = {}  # those that are open and have no seat
         self._sweep_ns = 0
+        self._begun = 0  # handshakes since memory was given back
 
     def ready(self, address: Address) -> bool:
         return address in self._open
@@ -255,8 +257,11 @@ class SealedListener:
             self._drop(reason)
             return
         self._cookies = self._cookies_of(address, now_ns)
-        hello = next(records(datagram), None)  # what follows it in the datagram is nobody's yet
-        heard = hello is not None and self._door.listen(datagram[: hello.end])
+        passes = ClientRecords(self._drop)
+        passed = passes.passed(datagram)
+        if not passed:
+            return
+        heard = self._door.listen(passed)
         answers = self._door.take()
         if sum(map(len, answers)) > len(datagram):
             self._drop("answer too long")
@@ -265,10 +270,11 @@ class SealedListener:
         if not heard:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(_Peer(self._door, nonce, address, now_ns, ClientRecords(self._drop)), address)
+        self._admit(_Peer(self._door, nonce, address, now_ns, passes), address)
 
     def _admit(self, peer: "_Peer", address: Address) -> None:
         self._door = Association(self._context, server=True)
+        self._begun += 1
         peer.had_seat = self._gate.was_seated(address, peer.since_ns)
         peer.association.accept()
         self._take(peer, address)
@@ -350,6 +356,9 @@ class SealedListener:
             elif waited_ns >= WAITS_NS or (waited_ns >= HELLO_WAITS_NS and not peer.heard):
                 self._drop("no seat in time" if peer.heard else "no hello in time")
                 self.close(address)
+        if self._begun >= TRIM_AFTER and not self._half and not self._unseated:
+            self._begun = 0
+            trim()
 
     def _tell(self, text: str, address: Address, code: str, now_ns: int) -> None:
         if self._voice.take(0, now_ns):
