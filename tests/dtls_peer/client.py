@@ -69,7 +69,7 @@ class DtlsPeer:
         self._random = os.urandom(32)
         self._private = X25519PrivateKey.generate()
         self._numbers = [0, 0]  # of the next record, by epoch
-        self._seen: set[tuple[int, int]] = set()
+        self._seen: set[int] = set()  # of records of epoch 1
         self._reassembly = Reassembly()
         self._transcript = b""
         self._messages: dict[int, bytes] = {}
@@ -117,10 +117,13 @@ class DtlsPeer:
             body: bytes | None = record.body
             if record.epoch:
                 body = self._theirs.open(record) if self._theirs is not None and record.epoch == 1 else None
-            if body is None or record.place in self._seen or record[1:3] in self._seen:
+            # In the clear numbers may repeat: OpenSSL's ServerHello begins with 1 whatever the ClientHello's number was,
+            # which a HelloVerifyRequest may have had (RFC 6347 4.2.1 says otherwise)
+            if body is None or (record.epoch and record.number in self._seen):
                 self.dropped["record"] = self.dropped.get("record", 0) + 1
                 continue
-            self._seen.add((record.epoch, record.number))
+            if record.epoch:
+                self._seen.add(record.number)
             if record.type == APPLICATION_DATA and record.epoch:
                 messages.append(body)
             elif record.type == ALERT:

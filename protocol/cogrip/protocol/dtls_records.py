@@ -117,6 +117,8 @@ class ClientRecords:
                 if epoch and record.number > self._newest:  # not the network's copy of an old one
                     self._newest, self.repeats = record.number, True
                 return "handshake after its end"
+            if kind not in (DATA, ALERT):
+                return "record of no type"
             return "" if epoch else "record in the clear"
         if kind == ALERT:
             return "" if epoch or size == 2 else "alert of no length"
@@ -126,7 +128,7 @@ class ClientRecords:
             self.state = "finishing"
             return ""
         if kind != HANDSHAKE:
-            return "record too early"
+            return "record too early" if kind in (CHANGE_CIPHER_SPEC, DATA) else "record of no type"
         if epoch:
             return self._finished_fault(record.number, size)
         body = datagram[record.begin + RECORD_HEADER_BYTES : record.end]
