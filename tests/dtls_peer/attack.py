@@ -45,7 +45,7 @@ def encrypted_fragments(peer: DtlsPeer) -> None:
 
 def encrypted_before_finished(peer: DtlsPeer) -> None:
     """The same with keys that the server has, in place of Finished."""
-    peer._read_server()
+    peer.read_server()
     peer.put(peer.record(HANDSHAKE, peer.key_exchange(), 0), peer.record(20, b"\x01", 0))
     for seq in range(3, 3 + FRAGMENTS):
         peer.put(peer.fragment(FINISHED, seq, b"x" * 12, ANNOUNCED))

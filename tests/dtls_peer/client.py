@@ -67,6 +67,7 @@ class DtlsPeer:
         self._fingerprint = fingerprint
         self._suites = {suite.number: suite for suite in suites}
         self._random = os.urandom(32)
+        self._server_random = b""
         self._private = X25519PrivateKey.generate()
         self._numbers = [0, 0]  # of the next record, by epoch
         self._seen: set[int] = set()  # of records of epoch 1
@@ -101,7 +102,7 @@ class DtlsPeer:
             self._say([(HANDSHAKE, 0, self.client_hello().encode())])
         elif self._repeat_ns is not None and now_ns >= self._repeat_ns:
             self.repeats += 1
-            self._put_flight()
+            self.put_flight()
         elif self._repeat_ns is not None:
             return
         self._repeat_ns = now_ns + REPEAT_NS
@@ -163,9 +164,10 @@ class DtlsPeer:
 
     def _say(self, flight: list[Part]) -> None:
         self._flight = flight
-        self._put_flight()
+        self.put_flight()
 
-    def _put_flight(self) -> None:
+    def put_flight(self) -> None:
+        """The last flight, in records with new numbers."""
         self.put(*[self.record(kind, body, epoch) for kind, epoch, body in self._flight])
 
     # the handshake
@@ -209,12 +211,13 @@ class DtlsPeer:
 
     def answer_server_hello(self) -> None:
         """Check what the server has shown; send ClientKeyExchange, ChangeCipherSpec and Finished."""
-        self._read_server()
+        self.read_server()
         self._say(
             [(HANDSHAKE, 0, self.key_exchange()), (CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished())]
         )
 
-    def _read_server(self) -> None:
+    def read_server(self) -> None:
+        """Check what the server has shown; find the shared secret. Raises PeerError, InvalidSignature."""
         hello, certificate = self._messages[SERVER_HELLO], self._messages[CERTIFICATE]
         server_random, session_id = hello[2:34], hello[34]
         if hello[:2] != VERSION or session_id:

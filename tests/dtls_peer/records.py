@@ -85,28 +85,26 @@ def decode_fragments(body: bytes) -> list[Fragment]:
 
 
 class Reassembly:
-    """Puts the fragments of one flight together, in any order; gives whole messages by sequence number."""
+    """Puts fragments together, in any order; gives whole messages in the order of their numbers."""
 
     def __init__(self) -> None:
-        self._parts: dict[int, dict[int, bytes]] = {}
+        self._parts: dict[int, list[Fragment]] = {}
         self.next_seq = 0
 
     def add(self, fragment: Fragment) -> list[Fragment]:
-        """The messages that are whole now, in order."""
+        """The messages that are whole now."""
         if fragment.seq >= self.next_seq:
-            self._parts.setdefault(fragment.seq, {})[fragment.offset] = fragment.body
-            self._heads = getattr(self, "_heads", {})
-            self._heads[fragment.seq] = (fragment.type, fragment.length)
+            self._parts.setdefault(fragment.seq, []).append(fragment)
         done = []
         while self.next_seq in self._parts:
-            kind, length = self._heads[self.next_seq]
-            body = b""
-            for offset, part in sorted(self._parts[self.next_seq].items()):
-                if offset <= len(body):
-                    body += part[len(body) - offset :]
-            if len(body) < length:
+            parts, body = sorted(self._parts[self.next_seq], key=lambda part: part.offset), b""
+            for part in parts:
+                if part.offset <= len(body):
+                    body += part.body[len(body) - part.offset :]
+            if len(body) < parts[0].length:
                 break
-            done.append(whole(kind, self.next_seq, body))
+            done.append(whole(parts[0].type, self.next_seq, body))
+            del self._parts[self.next_seq]
             self.next_seq += 1
         return done
 

@@ -116,7 +116,7 @@ def test_its_last_flight_is_answered_again_a_few_times_and_not_longer_than_it_is
     del wire.calls[ANNA]
     answers = 0
     for _ in range(MOST_REPEATS + 3):
-        peer._put_flight()
+        peer.put_flight()
         question = peer.outbox.pop()[1]
         wire.inject(question, ANNA)
         wire.inject(question, ANNA)  # the network's copy gets no answer
@@ -129,7 +129,7 @@ def test_its_last_flight_is_answered_again_a_few_times_and_not_longer_than_it_is
     assert peer.ready()
     call(wire, peer)
     wire.talk()
-    peer._put_flight()
+    peer.put_flight()
     wire.inject(peer.outbox.pop()[1], ANNA)
     assert not wire.listener.outbox, "after a message nobody lacks the end of the handshake"
 
@@ -214,7 +214,7 @@ def test_amid_a_handshake_it_is_dropped_and_the_handshake_goes_on(folder: Path, 
 def test_a_key_exchange_in_overlapping_parts_is_put_together(folder: Path) -> None:
     wire = Wire(folder)
     peer = halted(wire)
-    peer._read_server()
+    peer.read_server()
     whole_message = peer.key_exchange()
     body = whole_message[12:]
     parts = [(20, body[20:]), (0, body[:25]), (10, body[10:22])]
@@ -238,7 +238,7 @@ def test_encrypted_parts_where_finished_must_be_end_the_handshake_at_once(folder
 def test_a_wrong_finished_opens_nothing(folder: Path) -> None:
     wire = Wire(folder)
     peer = halted(wire)
-    peer._read_server()
+    peer.read_server()
     flight = peer.record(HANDSHAKE, peer.key_exchange(), 0) + peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0)
     put(wire, peer, flight + peer.record(HANDSHAKE, whole(FINISHED, 3, bytes(12)).encode()))
     wire.rest(0.1)
