@@ -14,6 +14,7 @@ from cogrip.protocol.channel import PEER
 from tests.dtls_peer.client import DtlsPeer
 from tests.dtls_peer.records import (
     APPLICATION_DATA,
+    CHANGE_CIPHER_SPEC,
     CLIENT_HELLO,
     CLIENT_KEY_EXCHANGE,
     FINISHED,
@@ -45,10 +46,16 @@ def encrypted_fragments(peer: DtlsPeer) -> None:
 
 def encrypted_before_finished(peer: DtlsPeer) -> None:
     """The same with keys that the server has, in place of Finished."""
-    peer.read_server()
-    peer.put(peer.record(HANDSHAKE, peer.key_exchange(), 0), peer.record(20, b"\x01", 0))
-    for seq in range(3, 3 + FRAGMENTS):
+    one_before_finished(peer)
+    for seq in range(4, 3 + FRAGMENTS):
         peer.put(peer.fragment(FINISHED, seq, b"x" * 12, ANNOUNCED))
+
+
+def one_before_finished(peer: DtlsPeer) -> None:
+    """A part of a long message in place of Finished, and nothing more: as much as a server can be made to keep."""
+    peer.read_server()
+    peer.put(peer.record(HANDSHAKE, peer.key_exchange(), 0), peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0))
+    peer.put(peer.fragment(FINISHED, 3, b"x" * 12, ANNOUNCED))
 
 
 def plaintext_fragments(peer: DtlsPeer) -> None:
@@ -70,6 +77,7 @@ def nothing(peer: DtlsPeer) -> None:
 ATTACKS: dict[str, tuple[type[DtlsPeer], Callable[[DtlsPeer], None]]] = {
     "encrypted fragments": (DtlsPeer, encrypted_fragments),
     "encrypted before Finished": (HalfOpen, encrypted_before_finished),
+    "one before Finished": (HalfOpen, one_before_finished),
     "plaintext fragments": (HalfOpen, plaintext_fragments),
     "early records": (HalfOpen, early_records),
     "open": (DtlsPeer, nothing),

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="many addresses 
 
 HOST = "127.0.0.1"
 HANDSHAKES, PER_S = 2000, 95.0  # the budget of all that are new is 100 a second
-KINDS = ("encrypted fragments", "encrypted before Finished", "plaintext fragments", "open")
+KINDS = ("encrypted fragments", "encrypted before Finished", "one before Finished", "plaintext fragments")
 MOST_GROWTH_MB = 40.0
 
 

@@ -5,7 +5,10 @@ import sys
 
 
 def trim() -> None:
-    """About 1 ms where some MB are to be given back, 0.1 ms where none are. Elsewhere than with glibc: nothing."""
+    """Takes about 1 ms where some MB are given back, 0.1 ms where there are none. Locked memory (mlockall) stays.
+
+    With another C library nothing is done.
+    """
     if _malloc_trim is not None:
         _malloc_trim(0)
 
