@@ -2,7 +2,7 @@
 
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
               has no bound, [admission]'s
-    power     into the object on average over BURST_S; the device's own F V, or what the settings say
+    power     into the object on average over BURST_S; what the settings say (by default a hand's), or the device's own F V
     states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
     energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
 
