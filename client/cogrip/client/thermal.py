@@ -23,8 +23,9 @@ TIME_CONSTANT_S = 60.0
 """tau. No maker of these arms states one. Windings of motors of this size warm within 10 to 40 s, their housings within ten
 minutes, and a continuous force is rated for both together; 60 s lets 6 times F_c pass for 1.7 s, 3 times for 7 s."""
 FADE_S = 0.5
-WARN_SHARE = 0.5  # of the rise at which the peak begins to be limited, for the present peak
-CALM_SHARE = 0.9  # of that, below which the warning is over
+WARN_SHARE = 0.5  # of the rise at which the limit begins to act, from which on the motors are called warm
+LEAST_SHARE = 0.4  # taken for that rise where it is lower: a peak of more than 8.5 times F_c
+CALM_SHARE = 0.9  # of the rise at which they are called warm, below which they no longer are
 
 
 class ThermalLimit:
@@ -40,23 +41,18 @@ class ThermalLimit:
     def keep_to(self, peak_n: float, continuous_n: float) -> None:
         """Another device's forces; how warm it is stays."""
         self._peak_n, self._square = peak_n, continuous_n * continuous_n
-        excess = (peak_n / continuous_n) ** 2 - 1.0
-        self._limits_from = max(0.0, 1.0 - excess / self._slope) if excess > 0.0 else inf  # of h
-        self._warn_from = WARN_SHARE * self._limits_from
+        excess = peak_n * peak_n / self._square - 1.0
+        self._acts_from = 1.0 - excess / self._slope if excess > 0.0 else inf  # of h
+        self._warm_from = WARN_SHARE * max(LEAST_SHARE, self._acts_from)
         self.limit_n = self._limit()
 
     def book(self, square: float) -> None:
         """A tick has passed with a force of this square [N^2]."""
-        rise = self.rise
-        self.rise = rise = rise + self._share * (square / self._square - rise)
-        if rise < self._limits_from:
-            self.limit_n = self._peak_n
-            self.warm = rise > (CALM_SHARE * self._warn_from if self.warm else self._warn_from)
-        else:
-            self.limit_n = self._limit()
-            self.warm = True
+        self.rise += self._share * (square / self._square - self.rise)
+        self.limit_n = self._limit()
+        self.warm = self.rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)
 
     def _limit(self) -> float:
-        if self.rise < self._limits_from:
+        if self.rise <= self._acts_from:
             return self._peak_n
-        return min(self._peak_n, sqrt(self._square * (1.0 + max(0.0, 1.0 - self.rise) * self._slope)))
+        return sqrt(self._square * (1.0 + max(0.0, 1.0 - self.rise) * self._slope))
