@@ -167,7 +167,7 @@ def test_not_a_number_is_out_of_bounds() -> None:
     assert "Expected float" in refused({"coupling": {"stiffness_npm": float("inf")}})
 
 
-@pytest.mark.parametrize(("device_hz", "cure"), [(1000, 1024), (64, 128), (8192 + 1, 8192)])
+@pytest.mark.parametrize(("device_hz", "cure"), [(1000, 1024), (250, 256), (8192 + 1, 8192)])
 def test_rates_that_do_not_fit_name_both_and_a_cure(device_hz: int, cure: int) -> None:
     message = refused({"rates": {"device_hz": device_hz}})
     assert f"rates.device_hz = {device_hz} is not a whole multiple of rates.network_hz = 128" in message
