@@ -26,9 +26,8 @@ SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
 SOFT_S = 0.05  # after a gap, for which the force may be on its way back to the law
 AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
 MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
-WARM_S = (
-    10.0  # for which the motors may hold the force down, as they are warm; time in which they do not counts against it
-)
+WARNED = "near thermal limit"  # counted before anything is limited
+WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
 
 TRANSITIONS: Mapping[tuple[str, str], str] = {
     ("idle", "open"): "calibrating",
@@ -197,7 +196,7 @@ class Safety:
         thermal.book(square)
         if thermal.warm:
             if not self.warning:
-                self.note("near thermal limit")
+                self.note(WARNED)
                 self.warning = f"the motors get warm: soon no more than {self._continuous_n:g} N; hold less, or rest"
         elif self.warning:
             self.warning = ""
