@@ -188,6 +188,19 @@ def test_each_person_has_a_rate_of_their_own() -> None:
     )
 
 
+@pytest.mark.parametrize(("device_hz", "taken"), [(1, False), (30, False), (249, False), (250, True)])
+def test_a_loop_that_gives_force_to_a_hand_has_a_least_rate(device_hz: int, taken: bool) -> None:
+    """Whatever the room's own rate."""
+    for table, key in (
+        ({"rates": {"device_hz": device_hz, "network_hz": 1}}, "rates.device_hz"),
+        ({"rates": {"network_hz": 1}, "users": [{"name": "a", "device_hz": device_hz}]}, "users.0.device_hz"),
+    ):
+        if taken:
+            assert seat_settings(resolve(table), 0).rates.device_hz == device_hz
+        else:
+            assert f"{key} = {device_hz}: Expected int >= 250" in refused(table)
+
+
 def test_bursts_as_long_as_independent_losses_are_accepted() -> None:
     for loss, burst in ((0.5, 2.0), (0.5, 1.0), (0.0, 1.5), (0.99, 100.0)):
         resolve({"link": {"loss": loss, "burst_frames": burst}})
