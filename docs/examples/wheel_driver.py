@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from cogrip.devices.arm.exchange import Exchange, Port, Reading, meet
-from cogrip.devices.device import Capability, Device, DeviceError, Sample
+from cogrip.devices.device import Capability, Device, DeviceError, Sample, check_rate
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting
 
@@ -60,8 +60,7 @@ class Wheel:
     def open(self, rate_hz: int) -> None:
         if self._open:
             raise DeviceError("wheel: is open already; close it first")
-        if not 1 <= rate_hz <= RECORD.rate_hz:
-            raise DeviceError(f"wheel: rate_hz={rate_hz} is out of 1 to {RECORD.rate_hz}")
+        check_rate(rate_hz, RECORD, "wheel")
         self._exchange.port.open()
         meet(self._exchange, (0,))
         self._exchange.start(rate_hz)

@@ -236,7 +236,7 @@ def test_list_as_json_has_the_records_as_they_are(cogrip, tmp_path):
     vintage = by_address["serial:/dev/ttyACM0?model=vintage"]
     assert vintage["axes"] == 2
     assert vintage["workspace_m"] == [[-0.1, 0.1]] * 2
-    assert vintage["slew_nps"] is None, "no limit is named"
+    assert (vintage["slew_nps"], vintage["speed_mps"]) == (1000.0, 1.5)
     assert vintage["real"]
     assert answer["families"]["serial"]["not_run_on_hardware"]
     assert not answer["families"]["sim"]["real"]

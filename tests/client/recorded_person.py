@@ -26,7 +26,7 @@ Word = tuple[str, int, float]  # what, which of that kind, how large
 def capability(axes: int, gives_velocity: bool) -> Capability:
     return Capability(
         family="test", model="arm", axes=axes, workspace_m=((-1.0, 1.0),) * axes, peak_force_n=10.0,
-        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=10.0, slew_nps=math.inf, speed_mps=math.inf,
+        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=10.0, slew_nps=1e6, speed_mps=1e6,
         resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=gives_velocity,
     )  # fmt: skip
 

@@ -20,10 +20,10 @@ T_C, T_N = 1 / DEVICE_HZ, 1 / 128
 ROOT = math.sqrt(2.0 * 20.0)
 
 
-def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0) -> Capability:
+def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0, speed_mps: float = 1e6) -> Capability:
     return Capability(
         family="test", model="arm", axes=axes, workspace_m=((-1.0, 1.0),) * axes, peak_force_n=100.0,
-        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=100.0, slew_nps=math.inf, speed_mps=math.inf,
+        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=100.0, slew_nps=1e6, speed_mps=speed_mps,
         resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=gives_velocity,
         latency_ticks=latency,
     )  # fmt: skip
@@ -33,7 +33,13 @@ class Client:
     """A seated core with a server of our own: what it sends is read back, waves are handed to it frame by frame."""
 
     def __init__(
-        self, axes: int = 1, gives_velocity: bool = True, latency: int = 0, frames: int = 0, **coupling: object
+        self,
+        axes: int = 1,
+        gives_velocity: bool = True,
+        latency: int = 0,
+        frames: int = 0,
+        speed_mps: float = 1e6,
+        **coupling: object,
     ) -> None:
         settings = resolve(
             {"object": {"axes": axes}, "coupling": coupling, "playout": {"frames": frames}, "users": [{"name": "anna"}]}
@@ -41,7 +47,7 @@ class Client:
         hello = make_hello(
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
         )  # fmt: skip
-        self.core = ClientCore(hello, capability(axes, gives_velocity, latency))
+        self.core = ClientCore(hello, capability(axes, gives_velocity, latency, speed_mps))
         self.core.call(0)
         self.settings, self.session = settings, 7
         self.welcome(0)

@@ -48,10 +48,11 @@ def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
         if number:
             leak += 20.0 * (estimate - step / T_C) * step
             x += step
-        estimate = float(random.uniform(-0.004, 0.004))
+        estimate = float(random.uniform(-0.008, 0.008))  # with the waves no step that the slope would hold, nor a train
         if number % M == 0 and number:
-            client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.02, 0.02)))
+            client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.01, 0.01)))
         client.tick(number, x, velocity=[estimate])
+    assert "slew limited" not in client.core.safety.counts
     assert client.core.leak_j - start == pytest.approx(leak, rel=1e-9)
 
 

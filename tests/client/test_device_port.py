@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.device_port import BELOW, BRISK_MPS, DOWN, FADE, LEAST, MOST_RESTS, REST_S, DevicePort
 from cogrip.client.oscillation import TRAIN
+from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import TickCount
@@ -31,8 +32,11 @@ def port(**record: float) -> DevicePort:
     return made
 
 
-def test_the_reserve_is_a_brisk_hands_kinetic_energy_and_four_ticks_at_every_limit() -> None:
-    assert port().reserve_j == pytest.approx(0.5 * 0.1 * BRISK_MPS**2 + (FADE + 1.0) * 8.0 * STEP_M)
+def test_the_reserve_is_a_brisk_hands_kinetic_energy_the_fading_and_a_fall_by_the_slope() -> None:
+    """A force that falls from F by s newton a second gives out F^2 v_m / (2 s) at the most."""
+    fall = 8.0**2 * 2.0 / (2.0 * SOFT_SLOPE_NPS)
+    assert port().reserve_j == pytest.approx(0.5 * 0.1 * BRISK_MPS**2 + FADE * 8.0 * STEP_M + fall)
+    assert port(slew_nps=200.0).reserve_j - port().reserve_j == pytest.approx(8.0**2 * 2.0 / 400.0 - fall)
 
 
 rows = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
@@ -172,7 +176,7 @@ kinds = st.sampled_from(["wave", "coupling", "tdpa"])
 @given(kinds, st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9), st.floats(0.0, 30.0))
 def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, speed: float, wave: float) -> None:
     """Whatever the server sends and however the hand moves, with velocities that are not even the hand's."""
-    client, random = Client(axes, kind=kind, impedance_nspm=60.0), np.random.default_rng(seed)
+    client, random = Client(axes, speed_mps=2.0, kind=kind, impedance_nspm=60.0), np.random.default_rng(seed)
     place, way = np.zeros(axes), np.zeros(axes)
     core = client.core
     for number in range(700):

@@ -22,6 +22,7 @@ def settled(force: Force) -> Safety:
     for _ in range(50):
         safety.limit(force, gap=False)
     assert safety.limit(force) == force
+    safety.counts.clear()
     return safety
 
 
@@ -29,9 +30,9 @@ def apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
     return math.dist(one, other)
 
 
-def test_without_a_gap_the_law_jumps_as_it_likes() -> None:
-    safety = settled((3.0, 0.0, 0.0))
-    assert safety.limit((-3.0, 1.0, 0.0)) == (-3.0, 1.0, 0.0)
+def test_without_a_gap_the_law_jumps_as_far_as_its_slope_lets_it() -> None:
+    safety = settled((0.5, 0.0, 0.0))
+    assert safety.limit((-0.4, 0.1, 0.0)) == (-0.4, 0.1, 0.0)
     assert safety.counts == {}
 
 
@@ -51,7 +52,7 @@ def test_after_a_gap_it_is_soft_until_the_law_is_met_and_free_from_then_on() -> 
     safety = settled((2.0, 0.0, 0.0))
     assert safety.limit((0.0, 0.0, 0.0), gap=True)[0] == pytest.approx(2.0 - SOFT_N)
     assert safety.limit((1.9, 0.0, 0.0))[0] == 1.9, "less than a step away, so it is met"
-    assert safety.limit((0.5, 0.0, 0.0)) == (0.5, 0.0, 0.0), "a jump of the law itself"
+    assert safety.limit((1.0, 0.0, 0.0)) == (1.0, 0.0, 0.0), "a jump of the law itself"
 
 
 @pytest.mark.parametrize(("ticks", "jumps"), [(round(SOFT_S / TICK_S), False), (round(SOFT_S / TICK_S) + 1, True)])
@@ -62,9 +63,9 @@ def test_for_fifty_milliseconds_at_most(ticks: int, jumps: bool) -> None:
     out: tuple[float, ...] = (0.0,)
     before: tuple[float, ...] = (0.0,)
     for tick in range(ticks):
-        law = 4.0 if tick % 2 else -4.0
+        law = 0.45 if tick % 2 else -0.45  # 0.9 N apart: more than a soft step, less than the slope
         before, out = out, safety.limit((law, 0.0, 0.0))
-    assert (abs(out[0] - before[0]) > 1.0) is jumps
+    assert (abs(out[0] - before[0]) > SOFT_N * (1.0 + 1e-9)) is jumps
     assert (out[0] == law) is jumps
 
 
@@ -83,7 +84,7 @@ def test_no_step_in_a_gap_is_larger_whatever_the_law_says(steps: list[tuple[Forc
 @given(st.lists(FORCES, min_size=1, max_size=60))
 def test_a_clean_link_has_the_very_same_forces(laws: list[Force]) -> None:
     """Bit for bit, also with a device whose own slope is limited."""
-    for slew in (math.inf, 200.0):
+    for slew in (1e6, 200.0):
         safety, plain = (Safety(replace(capability(), slew_nps=slew), TICK_S) for _ in range(2))
         for each in (safety, plain):
             for event in ("open", "calibrated", "go"):

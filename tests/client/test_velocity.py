@@ -30,7 +30,7 @@ PHANTOM = make("sim:phantom").capability
 MEMORIES = st.floats(0.0, 0.8)
 
 
-def record(mass_kg: float, resolution_m: float, latency: int, damping_nspm: float = inf) -> Capability:
+def record(mass_kg: float, resolution_m: float, latency: int, damping_nspm: float = 1e6) -> Capability:
     return replace(
         PHANTOM,
         apparent_mass_kg=mass_kg,

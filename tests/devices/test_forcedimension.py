@@ -141,9 +141,9 @@ def test_a_device_is_opened_once_in_a_process(sdk) -> None:
     second.close()
 
 
-@pytest.mark.parametrize("rate_hz", [0, 4097])
+@pytest.mark.parametrize("rate_hz", [0, 249, 4097])
 def test_rates_out_of_bounds(sdk, rate_hz) -> None:
-    with pytest.raises(DeviceError, match=f"rate_hz={rate_hz} is out of 1 to 4096"):
+    with pytest.raises(DeviceError, match=f"rate_hz={rate_hz} is out of 250 to 4096"):
         sdk.device().open(rate_hz)
     assert sdk.journal() == []
 

@@ -181,10 +181,10 @@ def small(tmp_path: Path, text: str = SMALL) -> Path:
 def test_start_and_loop(tmp_path: Path) -> None:
     keys = "time=t&x=x&where=run:a&scale=0.01&start_s=0.1&loop=1"
     device = make(f"sim:ideal?hand=csv:{small(tmp_path)}&{keys}")
-    device.open(100)
-    at = [device.hand.intended(k)[0][0] for k in range(500)]
+    device.open(1000)
+    at = [device.hand.intended(10 * k)[0][0] for k in range(500)]
     assert at[:11] == [0.0] * 11
-    assert device.hand.intended(5)[1] == (0.0,)
+    assert device.hand.intended(50)[1] == (0.0,)
     assert at[60] == pytest.approx(0.01)
     assert at[110] == pytest.approx(0.03)
     assert at[160] == pytest.approx(0.015)  # half of the way back
@@ -195,11 +195,11 @@ def test_start_and_loop(tmp_path: Path) -> None:
 def test_kept_origin_starts_the_device_there(tmp_path: Path) -> None:
     keys = "time=t&x=x&where=run:a&scale=0.01"
     device = make(f"sim:phantom?hand=csv:{small(tmp_path)}&{keys}&origin=keep")
-    device.open(100)
+    device.open(1000)
     assert device.position_m == (0.01,)
     device.close()
     with pytest.raises(DeviceError, match="origin=start"):
-        make(f"sim:phantom?hand=csv:{small(tmp_path)}&{keys.replace('0.01', '1')}&origin=keep").open(100)
+        make(f"sim:phantom?hand=csv:{small(tmp_path)}&{keys.replace('0.01', '1')}&origin=keep").open(1000)
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,7 @@ def test_not_a_number_is_out_of_bounds() -> None:
     assert "Expected float" in refused({"coupling": {"stiffness_npm": float("inf")}})
 
 
-@pytest.mark.parametrize(("device_hz", "cure"), [(1000, 1024), (64, 128), (8192 + 1, 8192)])
+@pytest.mark.parametrize(("device_hz", "cure"), [(1000, 1024), (250, 256), (8192 + 1, 8192)])
 def test_rates_that_do_not_fit_name_both_and_a_cure(device_hz: int, cure: int) -> None:
     message = refused({"rates": {"device_hz": device_hz}})
     assert f"rates.device_hz = {device_hz} is not a whole multiple of rates.network_hz = 128" in message
@@ -186,6 +186,19 @@ def test_each_person_has_a_rate_of_their_own() -> None:
     assert "users.1.device_hz = 20001: Expected int <= 20000" in refused(
         {"users": people}, {"users.1.device_hz": 20001}
     )
+
+
+@pytest.mark.parametrize(("device_hz", "taken"), [(1, False), (30, False), (249, False), (250, True)])
+def test_a_loop_that_gives_force_to_a_hand_has_a_least_rate(device_hz: int, taken: bool) -> None:
+    """Whatever the room's own rate."""
+    for table, key in (
+        ({"rates": {"device_hz": device_hz, "network_hz": 1}}, "rates.device_hz"),
+        ({"rates": {"network_hz": 1}, "users": [{"name": "a", "device_hz": device_hz}]}, "users.0.device_hz"),
+    ):
+        if taken:
+            assert seat_settings(resolve(table), 0).rates.device_hz == device_hz
+        else:
+            assert f"{key} = {device_hz}: Expected int >= 250" in refused(table)
 
 
 def test_bursts_as_long_as_independent_losses_are_accepted() -> None:

@@ -1,13 +1,20 @@
 """What a seat may bring in: never more than a device with its record could, whatever its player sends."""
 
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.messages import NO_BOUND, Stamp, State
-from cogrip.protocol.settings import STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, Settings, for_strangers, resolve
+from cogrip.protocol.settings import (
+    HUMAN_POWER_W,
+    STRANGERS_FORCE_N,
+    STRANGERS_SPEED_MPS,
+    Settings,
+    for_strangers,
+    resolve,
+)
 from cogrip.server.gallery import VIEWS_HZ
 from cogrip.server.limits import (
     BURST_S,
@@ -102,15 +109,17 @@ def test_without_bounds_nothing_is_touched() -> None:
 
 
 def test_limits_come_from_the_record_and_the_settings() -> None:
-    assert limits_of(PHANTOM, settings(), 0) == SeatLimits(8.5, 2.0, 17.0)
+    assert limits_of(PHANTOM, settings(), 0) == SeatLimits(8.5, 2.0, HUMAN_POWER_W)
+    assert limits_of(PHANTOM, settings(power_w=0.0), 0) == SeatLimits(8.5, 2.0, 17.0), "0: the device's own"
     assert limits_of(PHANTOM, settings(power_w=5.0), 0) == SeatLimits(8.5, 2.0, 5.0)
     assert limits_of(PHANTOM, settings(power_w=5.0), 1) == SeatLimits(8.5, 2.0, 3.0)
     ideal = Record("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND)
-    bounded = SeatLimits(STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, STRANGERS_FORCE_N * STRANGERS_SPEED_MPS)
+    bounded = SeatLimits(STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, HUMAN_POWER_W)
     assert limits_of(ideal, for_strangers(settings()), 0) == bounded
-    assert limits_of(ideal, for_strangers(settings(force_n=7.0, speed_mps=2.0)), 0) == SeatLimits(7.0, 2.0, 14.0)
-    assert limits_of(PHANTOM, for_strangers(settings()), 0) == SeatLimits(8.5, 2.0, 17.0)
-    assert limits_of(ideal, settings(), 0) == SeatLimits(inf, inf, inf)
+    assert limits_of(ideal, settings(), 0) == bounded, "on this machine, too"
+    own = limits_of(ideal, for_strangers(settings(force_n=7.0, speed_mps=2.0, power_w=0.0)), 0)
+    assert own == SeatLimits(7.0, 2.0, 14.0)
+    assert limits_of(PHANTOM, for_strangers(settings()), 0) == SeatLimits(8.5, 2.0, HUMAN_POWER_W)
     assert limits_of(ideal, settings(), 1).power_w == 3.0
 
 
@@ -193,3 +202,38 @@ def test_views_are_no_more_than_a_picture_needs_at_any_rate(network_hz: int, vie
     room.gallery.enter(1, 1, "x", 0)
     sent = sum(len(room.gallery.views(step, room.world, [], 0)) for step in range(1, network_hz + 1))
     assert sent == views <= VIEWS_HZ
+
+
+def energy_of(record: Record, wave: float, share: float, seconds: float) -> tuple[float, WaveLimiter]:
+    """What a player brings in under the default settings who sends this wave and gets a share of it back [J]."""
+    bound = WaveLimiter(20.0, FRAME_S, limits_of(record, resolve({}), 0))
+    brought_j = 0.0
+    for _ in range(round(seconds / FRAME_S)):
+        (u,) = bound.limit((wave,))
+        v = share * u
+        bound.book((v,))
+        brought_j += (u * u - v * v) * FRAME_S / 2
+    return brought_j, bound
+
+
+@pytest.mark.parametrize("seconds", [FRAME_S, 1.0, 10.0])
+def test_by_default_a_player_brings_in_no_more_than_a_hand_does(seconds: float) -> None:
+    """The strongest device there is, 40 N and 4 m/s: 160 W and 40 J at once by its record, 10 W and 2.5 J by the settings."""
+    strongest = Record("x", 3, 1e4, NO_BOUND, NO_BOUND)
+    brought_j, bound = energy_of(strongest, 100.0, 0.0, seconds)
+    assert HUMAN_POWER_W == 10.0
+    assert brought_j <= HUMAN_POWER_W * (seconds + BURST_S) + 1e-9
+    if seconds > 1.0:
+        assert brought_j >= 0.99 * HUMAN_POWER_W * seconds, "and as much as that"
+        assert bound.counts["power limited"] > 0
+
+
+@pytest.mark.parametrize(("speed_mps", "limited"), [(1.0, False), (1.24, False), (1.26, True)])
+def test_a_hand_that_pulls_with_eight_newtons_is_let_to_by_default(speed_mps: float, limited: bool) -> None:
+    """For 10 s, against an object that takes all of it: F v = 8 W at 1 m/s, 10 W at 1.25 m/s."""
+    root = sqrt(40.0)
+    forward, back = (20.0 * speed_mps + 8.0) / root, (20.0 * speed_mps - 8.0) / root
+    assert 0.5 * (forward**2 - back**2) == pytest.approx(8.0 * speed_mps)
+    _, bound = energy_of(Record("sim:phantom", 3, 1024.0, 8.5, 2.0), forward, back / forward, 60.0)
+    assert (bound.counts.get("power limited", 0) > 0) is limited
+    assert "wave clipped" not in bound.counts

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.client.safety import SOFT_SLOPE_NPS
+from cogrip.client.safety import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
 from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.laboratory import Laboratory
@@ -250,7 +250,9 @@ def test_bursts_of_loss_are_softened_and_make_nothing(seed: int, concealment: st
         assert core.leak_j == pytest.approx(core.work_j - core.port_j, abs=1e-12)
         assert core.least_leak_j > -0.05, "what the device end gave"
     assert felt.peak_n < 8.0
-    assert (felt.step_n < 2.0 * MOST_STEP_N) is (concealment == "elastic")
+    limited = sum(person.core.safety.counts.get("slew limited", 0) for person in laboratory.people)
+    assert (limited == 0) is (concealment == "elastic")
+    assert felt.step_n <= (2.0 * MOST_STEP_N if concealment == "elastic" else MOST_SLOPE_NPS / 1024 * (1.0 + 1e-9))
 
 
 def test_a_clean_link_is_never_softened() -> None:

@@ -1,7 +1,6 @@
 """`cogrip devices list`: what there is to hold."""
 
 from collections.abc import Callable, Sequence
-from math import isinf
 from typing import Any
 
 import msgspec
@@ -16,7 +15,6 @@ from cogrip.devices.registry import FAMILIES, MOST_AXES, Listing, broken, descri
 from cogrip.devices.settings import parse_address
 
 NOT_RUN = "not yet run on hardware"
-_NONE = "-"
 
 _COLUMNS: dict[str, Callable[[Capability], Sequence[str]]] = {
     "axes,\nworkspace": lambda record: (f"{record.axes} axes", *_workspace(record)),
@@ -61,9 +59,7 @@ def device_list(*, axes: int = MOST_AXES, json: Json = None) -> int:
         console.print(_table(rows) if rows else "")
     for text in broken().values():
         console.print(f"left out: {text}", markup=False, soft_wrap=True)
-    console.print(
-        f"{_NONE}: no limit is named. `--json -` gives the records as they are.", markup=False, soft_wrap=True
-    )
+    console.print("`--json -` gives the records as they are.", markup=False, soft_wrap=True)
     return 0
 
 
@@ -93,23 +89,18 @@ def _workspace(record: Capability) -> Sequence[str]:
 
 
 def _number(value: float, unit: str) -> str:
-    return _NONE if isinf(value) else f"{value:.4g} {unit}"
+    return f"{value:.4g} {unit}"
 
 
 def _as_json(listings: Sequence[Listing], summaries: dict[str, str]) -> dict[str, Any]:
-    """Limits that nobody names are null."""
+    """The records, field by field."""
     return {
         "families": {
             scheme: {"summary": summary, "real": is_real(f"{scheme}:"), "not_run_on_hardware": _untried(scheme)}
             for scheme, summary in summaries.items()
         },
         "devices": [
-            {"address": listing.address, "real": is_real(listing.address), **_finite(listing.capability)}
+            {"address": listing.address, "real": is_real(listing.address), **msgspec.to_builtins(listing.capability)}
             for listing in listings
         ],
     }
-
-
-def _finite(record: Capability) -> dict[str, Any]:
-    fields: dict[str, Any] = msgspec.to_builtins(record)
-    return {key: None if isinstance(value, float) and isinf(value) else value for key, value in fields.items()}

@@ -384,7 +384,7 @@ class ClientCore:
         if wish is not None and safety.full:
             if (kept := safety.law_n) is not wish:  # what limits took, the line is not told of either
                 coupling.cut_n = [law - left for law, left in zip(wish, kept, strict=True)]
-            if found := port.watch(force, safety.clipped, coupling.local_n):
+            if found := port.watch(force, safety.clipped, coupling.local_n, safety.limited):
                 self._let_go(found)
         step = abs(force[0] - self.force_n[0]) if len(force) == 1 else dist(force, self.force_n)
         if step > self.peak_step_n:
@@ -412,6 +412,7 @@ class ClientCore:
             )
         safety.note(f"let go: {found}")
         if self.port.goes_on:
+            safety.diverged = safety.diverged or reason
             safety.fail(f"{reason}, then re-arm")
         else:
             safety.event("stale", reason)

@@ -11,8 +11,9 @@ out at most |F| v_m T, and at most F^2 T / (4 b_d), so that E >= -E_0 stays true
 
     |F(k)| <= max((E + E_0) / (v_m T), 2 sqrt(b_d (E + E_0) / T))                                            (`guard`)
 
-and if the line is sent no more in a frame than E has to spare (`spare_j`). Before that bound is met the force fades (`limit`).
-E is cut off at what is stored plus E_0: energy of long ago pays for nothing.
+and if the line is sent no more in a frame than E has to spare (`spare_j`). The force fades before (`limit`), early enough to
+come to 0 by the slope of `safety` before that bound is met: the reserve holds a brisk hand's kinetic energy, the fading, and
+the fall. E is cut off at what is stored plus E_0: energy of long ago pays for nothing.
 
 Passive is not calm: a damper beyond what the device carries may buzz on energy that the hand supplies. So the coupling
 renders `carried_nspm` at most: what the device carries by its record (`largest_impedance`), and less once the force
@@ -26,6 +27,7 @@ from math import dist, exp, hypot, inf, sqrt
 from typing import Literal
 
 from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import DeviceAccount
@@ -69,6 +71,7 @@ class DevicePort:
             0  # with force; held by a controller here; by a limit of the device
         )
         self._tick = 0
+        self._turned = -self._rest_ticks - 1  # tick of the last turn of a train
         self._rests: list[int] = []  # ticks at which the force was let go, of the last GOES_ON_S
         self._rest_left = 0
         self._detector = OscillationDetector(capability.axes, tick_s)
@@ -81,11 +84,12 @@ class DevicePort:
         self.lag_s = lag_ticks(capability, self._tick_s) * self._tick_s
         self._damping, self._friction_n = capability.own_damping_nspm, capability.own_friction_n
         self._count_m = capability.resolution_m
-        self._most_step_m = most_step_m = min(capability.speed_mps, 4.0) * self._tick_s
+        self._most_step_m = most_step_m = capability.speed_mps * self._tick_s
         tick_j = capability.peak_force_n * most_step_m
         self._free_j = 0.5 * capability.apparent_mass_kg * BRISK_MPS * BRISK_MPS
         self._faded_j = self._free_j + FADE * tick_j
-        self.reserve_j = self._faded_j + tick_j
+        falling_j = 0.5 * capability.peak_force_n**2 * capability.speed_mps / min(capability.slew_nps, SOFT_SLOPE_NPS)
+        self.reserve_j = self._faded_j + max(tick_j, falling_j)
 
     # The ledger
 
@@ -142,19 +146,22 @@ class DevicePort:
         self._controlled += 1
         return tuple([force * (most_n / size) for force in force_n])
 
-    def watch(self, force_n: Sequence[float], limited: bool, local_n: Sequence[float]) -> Trouble:
+    def watch(self, force_n: Sequence[float], clipped: bool, local_n: Sequence[float], limited: bool = False) -> Trouble:
         """See the unramped force of a tick, adapt the impedance, and tell whether the force is to be let go.
 
         force_n   to the motors until the next tick [N], shape (axes,)
-        limited   whether a limit of the device holds it
+        clipped   whether it is at the device's peak
+        limited   whether any limit of the device holds it
         local_n   the part of the law that follows the hand's own motion [N], shape (axes,)
         """
         self._ticks += 1
         self._limited += limited
         carried, record = self.carried_nspm, self._record_nspm
         detector = self._detector
-        if detector.add(force_n, limited, local_n):
-            self._most_nspm = min(self._most_nspm, max(LEAST * record, BELOW * carried))
+        if detector.add(force_n, clipped, local_n):
+            if self._tick - self._turned > self._rest_ticks:  # the first of its train
+                self._most_nspm = max(LEAST * record, BELOW * carried)
+            self._turned = self._tick
             self.carried_nspm = max(LEAST * record, DOWN * carried)
         elif carried < record:
             self._most_nspm = min(record, self._trust * self._most_nspm)

@@ -182,6 +182,7 @@ class LiveClient:
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         said, told, failed, ending = safety.state, session.state, "", False
+        warned = ""
         work_us = 0
         while True:
             tick = pacer.wait()
@@ -198,6 +199,9 @@ class LiveClient:
             if safety.state != said:
                 self._tell(said, safety.state)
                 said = safety.state
+            if safety.warning != warned:
+                warned = safety.warning
+                self.say(warned or "the motors have cooled")
             if safety.state == "fault" and self.rearms and not ending:
                 self._rearm(handle)
             if not ending:

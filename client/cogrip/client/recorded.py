@@ -75,7 +75,7 @@ class RecordedClient(ClientCore):
         super().acted(force_n)
 
     def equip(self, capability: Capability) -> None:
-        self._command("equip", self._now_ns, json.dumps(msgspec.to_builtins(capability)))
+        self._command("equip", self._now_ns, json.dumps(msgspec.to_builtins(capability), allow_nan=False))
         super().equip(capability)
 
     def stop(self) -> None:
@@ -159,17 +159,19 @@ def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
 
 
 def start_text(hello: Hello, capability: Capability) -> str:
-    """What a client core is made from, as JSON text (Python's: a record's bounds may be Infinity), less its token."""
+    """What a client core is made from, as JSON text, less its token."""
     asked = msgspec.structs.replace(hello, token="", ticket="")
-    return json.dumps({"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)})
+    return json.dumps(
+        {"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)}, allow_nan=False
+    )
 
 
 def start_of(text: str) -> tuple[Hello, Capability]:
     """The way back. Raises ValueError (msgspec's among them) or KeyError for anything else."""
     table = json.loads(text)
-    return msgspec.convert(table["hello"], Hello), msgspec.convert(table["capability"], Capability)
+    return msgspec.convert(table["hello"], Hello), Capability.recorded(table["capability"])
 
 
 def capability_of(text: str) -> Capability:
-    """A record as `equip` notes it (Python's JSON: a bound may be Infinity). Raises ValueError."""
-    return msgspec.convert(json.loads(text), Capability)
+    """A record as `equip` notes it. Raises ValueError."""
+    return Capability.recorded(json.loads(text))

@@ -4,14 +4,16 @@
     any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
 
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
-RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, and its
-change to the device's slope; where waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. What that takes
-or gives is in the ledger (docs/decisions/0004-leaks.md).
+RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, as its motors
+warm to its continuous force (`thermal`); its change is clamped to the device's slope, never above MOST_SLOPE_NPS; where
+waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. What that takes or gives is in the ledger
+(docs/decisions/0004-leaks.md).
 """
 
 from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
 
+from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
 
 RAMP_IN_S = 0.3
@@ -23,6 +25,9 @@ WATCHDOG_S = 0.1  # the loop was away for so long: the hand held an old force
 SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
 SOFT_S = 0.05  # after a gap, for which the force may be on its way back to the law
 AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
+MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
+WARNED = "near thermal limit"  # counted before anything is limited
+WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
 
 TRANSITIONS: Mapping[tuple[str, str], str] = {
     ("idle", "open"): "calibrating",
@@ -42,6 +47,7 @@ class Safety:
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
+        self._thermal = ThermalLimit(tick_s, capability.peak_force_n, capability.continuous_force_n)
         self.keep_to(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
@@ -49,6 +55,7 @@ class Safety:
         self._stall_ticks = max(1, round(STALL_S / tick_s))
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
         self._limit_ticks = round(AT_LIMIT_S / tick_s)
+        self._warm_ticks = round(WARM_S / tick_s)
         self._soft_n = SOFT_SLOPE_NPS * tick_s
         self._soft_ticks = round(SOFT_S / tick_s)
         self._soft_left = 0
@@ -57,15 +64,21 @@ class Safety:
         self._out: tuple[float, ...] = (0.0,) * capability.axes
         self._absent = 0.0
         self._at_limit = 0
+        self._derated = 0
+        self.limited = False  # whether a limit held the force of this tick: peak, warm motors or slope
+        self.derated = False  # whether warm motors did
         self.state = "idle"
         self.reason = ""
+        self.warning = ""
         self.diverged = ""
         self.counts: dict[str, int] = {}
 
     def keep_to(self, capability: Capability) -> None:
         """These are the limits from now on."""
         self._peak_n = capability.peak_force_n
-        self._slope_n = capability.slew_nps * self._tick_s
+        self._continuous_n = capability.continuous_force_n
+        self._thermal.keep_to(self._peak_n, self._continuous_n)
+        self._slope_n = min(capability.slew_nps, MOST_SLOPE_NPS) * self._tick_s
         self._speed_mps = capability.speed_mps
         self._workspace_m = capability.workspace_m
 
@@ -84,6 +97,7 @@ class Safety:
         if name == "rearm":
             self._gain = 0.0
             self._absent = 0.0
+            self._at_limit = self._derated = 0  # the motors are as warm as they are
         return True
 
     def fail(self, reason: str) -> None:
@@ -120,6 +134,7 @@ class Safety:
         if not ticks:
             return  # the first tick of a device that answers a request of the tick before
         self._absent += ticks
+        self._hold(ticks)
         self.note("absent sample")
         if self._absent >= self._stall_ticks:
             self.fail(
@@ -130,6 +145,8 @@ class Safety:
         """Judge a sample that came `ticks` ticks after the last one. False: it must not be used."""
         if self._absent:
             self._absent = max(0.0, self._absent - FORGIVEN)
+        if ticks > 1:
+            self._hold(ticks)
         square = 0.0
         for speed in velocity_mps:
             square += speed * speed
@@ -155,12 +172,17 @@ class Safety:
         else:
             gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
         self._gain = gain
+        self.limited = self.derated = False
         if force_n is not None:
             size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
             if size < inf:  # False for nan
-                if size > self._peak_n:
-                    scale = self._peak_n / size
+                most_n = self._thermal.limit_n
+                if size > most_n:
+                    scale = most_n / size
                     force_n = [value * scale for value in force_n]
+                    self.limited = True
+                    self.derated = most_n < self._peak_n
+                if size > self._peak_n:
                     self._clipped(gain)
                 else:
                     self._at_limit = 0
@@ -171,10 +193,42 @@ class Safety:
         out = tuple(self._good) if gain == 1.0 else tuple([gain * value for value in self._good])
         if gap or self._soft_left:
             out = self._soften(out, gap)
-        if self._slope_n < inf:
-            out = self._slew(out, self._slope_n, "slew limited")
-        self._out = out
-        return out
+        slewed = self._slew(out, self._slope_n, "slew limited")
+        if slewed is not out:
+            self.limited = True
+        self._out = slewed
+        self._warm(slewed)
+        return slewed
+
+    def _hold(self, ticks: int) -> None:
+        """The last force was held over ticks that were skipped, too."""
+        for _ in range(1, min(ticks, self._watchdog_ticks)):
+            self._thermal.book(sum([value * value for value in self._out]))
+
+    def _warm(self, force_n: Sequence[float]) -> None:
+        """Book what this force does to the motors; say that they are near their limit before it acts, and give up if it acts
+        for long."""
+        square = 0.0
+        for value in force_n:
+            square += value * value
+        thermal = self._thermal
+        thermal.book(square)
+        if thermal.warm:
+            if not self.warning:
+                self.note(WARNED)
+                self.warning = f"the motors get warm: soon no more than {self._continuous_n:g} N; hold less, or rest"
+        elif self.warning:
+            self.warning = ""
+        if self.derated:
+            self.note("thermally limited")
+            self._derated += 1
+            if self._derated > self._warm_ticks:
+                self.fail(
+                    f"the motors were asked for more than their {self._continuous_n:g} N for {WARM_S:g} s while warm; "
+                    "hold less and let them cool, then re-arm"
+                )
+        elif self._derated:
+            self._derated -= 1
 
     def _soften(self, wanted: tuple[float, ...], gap: bool) -> tuple[float, ...]:
         """In a gap, and after it until the force has met the law again. A fault lets go as fast as ever."""
@@ -202,4 +256,6 @@ class Safety:
         self.note("force clipped")
         self._at_limit = self._at_limit + 1 if gain == 1.0 else 0  # a force that is ramped is not at its limit
         if self._at_limit > self._limit_ticks:
-            self.diverged = self.diverged or f"the force sat at its limit of {self._peak_n:g} N for {AT_LIMIT_S:g} s"
+            reason = f"the force sat at its limit of {self._peak_n:g} N for {AT_LIMIT_S:g} s"
+            self.diverged = self.diverged or reason
+            self.fail(f"{reason}; press less or lower coupling.stiffness_npm, then re-arm")

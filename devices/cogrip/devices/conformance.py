@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import hypot, inf, isfinite, nan
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
+from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 FEW_TICKS = 40
 SETTLE_TICKS = 4  # from a write to what the motors do
@@ -58,9 +59,12 @@ def record_is_complete(subject: Subject) -> None:
     forces = (record.continuous_force_n, record.peak_force_n)
     _expect(0.0 < forces[0] <= forces[1] < inf, f"0 < continuous_force_n <= peak_force_n < inf: {forces}")
     for name in ("stiffness_npm", "damping_nspm", "slew_nps", "speed_mps", "apparent_mass_kg"):
-        _expect(getattr(record, name) > 0.0, f"{name} is above 0: {getattr(record, name)}")
+        _expect(0.0 < getattr(record, name) < inf, f"{name} is finite and above 0: {getattr(record, name)}")
     _expect(0.0 <= record.resolution_m < 0.01, f"resolution_m is in metres, 0 for exact: {record.resolution_m}")
-    _expect(record.rate_hz >= 1 and record.latency_ticks >= 0, "rate_hz is at least 1, latency_ticks at least 0")
+    _expect(
+        record.rate_hz >= LEAST_DEVICE_HZ and record.latency_ticks >= 0,
+        f"rate_hz is at least {LEAST_DEVICE_HZ}, latency_ticks at least 0: {record.rate_hz}, {record.latency_ticks}",
+    )
     _expect(dict(device.counts) == {}, "nothing has gone wrong before it was opened")
 
 
@@ -90,10 +94,12 @@ def opens_again(subject: Subject) -> None:
 
 
 def refuses_rates(subject: Subject) -> None:
-    """0, and more than its record says."""
+    """0, less than LEAST_DEVICE_HZ, and more than its record says: with the rate asked for and both bounds."""
     device = subject.make()
-    for rate_hz in (0, device.capability.rate_hz + 1):
-        _refuses(lambda rate_hz=rate_hz: device.open(rate_hz), f"open({rate_hz})", "rate_hz")  # type: ignore[misc]
+    most_hz = device.capability.rate_hz
+    for rate_hz in (0, LEAST_DEVICE_HZ - 1, most_hz + 1):
+        words = f"rate_hz={rate_hz} is out of {LEAST_DEVICE_HZ} to {most_hz}"
+        _refuses(lambda rate_hz=rate_hz: device.open(rate_hz), f"open({rate_hz})", words)  # type: ignore[misc]
     device.open(subject.rate_hz)
     device.close()
 

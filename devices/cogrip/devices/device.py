@@ -12,9 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from math import isfinite
+from typing import Any, Protocol
 
 import msgspec
+
+from cogrip.protocol.rates import LEAST_DEVICE_HZ
+
+LARGEST = 1e6  # of any number in a record: what is above is no bound
+SLEW_NPS = 1000.0  # slope where a maker states none: what the client lets through anyway (docs/devices.md)
+SPEED_MPS = 2.0  # over-speed where a maker states none: a reach across 0.25 m in 0.25 s peaks at 1.9 m/s (minimum jerk)
+IDEAL_SPEED_MPS = 4.0  # of a device without a mechanism: a reach of 1 m in 0.47 s
+IDEAL_STIFFNESS_NPM = 20_000.0  # the stiffest spring that the passive scheme is tried with (docs/paper.md)
+IDEAL_DAMPING_NSPM = 50.0
 
 
 class DeviceError(Exception):
@@ -30,10 +40,10 @@ class Capability:
     workspace_m         (low, high) per axis [m], shape (axes,)
     peak_force_n        largest force per axis, briefly [N]
     continuous_force_n  largest force per axis, for ever [N]
-    stiffness_npm       largest advised stiffness [N/m], may be inf
-    damping_nspm        largest advised damping [N s/m], may be inf
-    slew_nps            steepest advised force [N/s], may be inf
-    speed_mps           over-speed limit [m/s], may be inf
+    stiffness_npm       largest advised stiffness [N/m]
+    damping_nspm        largest advised damping [N s/m]
+    slew_nps            steepest force [N/s]
+    speed_mps           over-speed limit [m/s]
     resolution_m        smallest step of a position reading [m], 0: exact
     apparent_mass_kg    what the hand feels of the device [kg]
     rate_hz             highest loop rate [Hz]
@@ -41,6 +51,8 @@ class Capability:
     latency_ticks       how many ticks old a sample is when it is read, where nothing goes wrong
     own_damping_nspm    damping of the mechanism itself [N s/m]: at least so much, 0 where it is not known
     own_friction_n      friction of the mechanism itself [N]: at least so much, 0 where it is not known
+
+    Every limit is a finite number above 0: raises DeviceError for any other.
     """
 
     family: str
@@ -61,9 +73,56 @@ class Capability:
     own_damping_nspm: float = 0.0
     own_friction_n: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name in ("peak_force_n", "continuous_force_n", *_FORMERLY_UNBOUNDED, "apparent_mass_kg"):
+            value = getattr(self, name)
+            if not 0.0 < value <= LARGEST:  # False for nan
+                raise self._error(f"{name} = {value:g} is no limit: state a number above 0, at most {LARGEST:g}")
+        if self.continuous_force_n > self.peak_force_n:
+            raise self._error(
+                f"continuous_force_n = {self.continuous_force_n:g} is above peak_force_n = {self.peak_force_n:g}: lower it"
+            )
+        if not 0.0 <= self.resolution_m <= LARGEST:
+            raise self._error(f"resolution_m = {self.resolution_m:g} is not 0 (exact) or a number above")
+        for low, high in self.workspace_m:
+            if not (isfinite(low) and isfinite(high) and low < high):
+                raise self._error(f"workspace_m has ({low:g}, {high:g}): state finite metres, the lower one first")
+
+    def _error(self, what: str) -> DeviceError:
+        return DeviceError(f"record of {self.family}:{self.model}: {what}")
+
+    @classmethod
+    def recorded(cls, table: Mapping[str, Any]) -> Capability:
+        """The record that a recording holds. In early ones a bound may be infinite: it becomes the one given today.
+
+        Raises ValueError for anything else that is no record.
+        """
+        named = {name: ours for name, ours in _FORMERLY_UNBOUNDED.items() if table.get(name) == float("inf")}
+        try:
+            return msgspec.convert({**table, **named}, cls)
+        except DeviceError as error:
+            raise ValueError(str(error)) from None
+
     def first(self, axes: int) -> Capability:
         """The record of the first `axes` axes alone."""
         return replace(self, axes=axes, workspace_m=self.workspace_m[:axes])
+
+
+_FORMERLY_UNBOUNDED = {
+    "stiffness_npm": IDEAL_STIFFNESS_NPM,
+    "damping_nspm": IDEAL_DAMPING_NSPM,
+    "slew_nps": SLEW_NPS,
+    "speed_mps": IDEAL_SPEED_MPS,
+}
+"""Limits that could be infinite in early recordings -> what stands there instead as they are read."""
+
+
+def check_rate(rate_hz: int, record: Capability, where: str) -> None:
+    """Raises DeviceError for a loop rate that this device is too slow for, or at which a force is held for too long."""
+    if not LEAST_DEVICE_HZ <= rate_hz <= record.rate_hz:
+        raise DeviceError(
+            f"{where}: rate_hz={rate_hz} is out of {LEAST_DEVICE_HZ} to {record.rate_hz}; set rates.device_hz between them"
+        )
 
 
 class Sample(msgspec.Struct, frozen=True, gc=False):
@@ -100,7 +159,7 @@ class Device(Protocol):
     def open(self, rate_hz: int) -> None:
         """Acquire the device for a loop of `rate_hz` ticks a second.
 
-        Raises DeviceError when it is open already, cannot be had, or is slower than `rate_hz`.
+        Raises DeviceError when it is open already, cannot be had, or `check_rate` refuses `rate_hz`.
         """
         ...
 

@@ -58,7 +58,7 @@ def find(path: str, user: str) -> Recording:
 def capability_of(recording: Recording) -> Capability:
     """The record of the device that was recorded, on the axes that were. Raises DeviceError."""
     try:
-        record = msgspec.convert(json.loads(recording.header.start)["capability"], Capability)
+        record = Capability.recorded(json.loads(recording.header.start)["capability"])
         return record.first(axes_of(recording))
     except (KeyError, ValueError) as error:
         raise DeviceError(f"replay: {recording.path} does not say what device was recorded: {error}") from None

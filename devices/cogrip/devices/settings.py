@@ -21,7 +21,6 @@ Setting: TypeAlias = str | float | Sequence[float]
 Finite = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Positive = Annotated[float, Meta(ge=1e-9, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-Limit = Annotated[float, Meta(ge=1e-9)]  # may be inf
 
 _Settings = TypeVar("_Settings", bound=msgspec.Struct)
 

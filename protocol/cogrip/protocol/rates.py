@@ -6,7 +6,10 @@ import msgspec
 
 NS_PER_S = 1_000_000_000
 
+LEAST_DEVICE_HZ = 250  # of a loop that gives force to a hand: a force is held for at most 4 ms
+
 Hz = Annotated[int, msgspec.Meta(ge=1, le=20_000)]
+DeviceHz = Annotated[int, msgspec.Meta(ge=LEAST_DEVICE_HZ, le=20_000)]
 
 
 class RatesError(ValueError):
@@ -18,7 +21,7 @@ def misfit(device_hz: int, network_hz: int, key: str = "rates.device_hz") -> str
     ratio, rest = divmod(device_hz, network_hz)
     if ratio >= 1 and not rest:
         return ""
-    near = max(1, round(device_hz / network_hz)) * network_hz
+    near = max(-(-LEAST_DEVICE_HZ // network_hz), round(device_hz / network_hz)) * network_hz
     why = f"{key} = {device_hz} is not a whole multiple of rates.network_hz = {network_hz}"
     return f"{why}; use for instance device_hz = {near}"
 

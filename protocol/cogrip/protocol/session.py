@@ -36,6 +36,7 @@ from cogrip.protocol.messages import (
     Waves,
     Welcome,
 )
+from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 HELLO_EVERY_NS = 250_000_000
 GIVE_UP_NS = 3_000_000_000
@@ -198,6 +199,13 @@ class ClientSession:
             if self._step("refuse"):
                 self.failed = "the server came back with another seat or other settings: join anew"
                 self.outbox.append(messages.encode(Leave(message.session, "not the seat that was left")))
+        elif message.role == "player" and message.settings.rates.device_hz < LEAST_DEVICE_HZ:
+            if self._step("refuse"):
+                self.failed = (
+                    f"the server asks for rates.device_hz = {message.settings.rates.device_hz}, at least {LEAST_DEVICE_HZ} is "
+                    "safe for a hand: raise it in the server's settings"
+                )
+                self.outbox.append(messages.encode(Leave(message.session, "device_hz is too low")))
         elif self._step("welcome"):
             if before is not None:
                 self._back(now_ns, message.session != before.session)

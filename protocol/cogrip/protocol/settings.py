@@ -21,7 +21,7 @@ from cogrip.protocol.felt_stiffness import (
     reachable_stiffness,
 )
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
-from cogrip.protocol.rates import Hz, Rates, misfit
+from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown
 
 Decimator = Literal["boxcar", "lowpass", "none"]
@@ -45,13 +45,14 @@ Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
+HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 STRANGERS_FORCE_N = 40.0  # as strong as the arms on the market
 STRANGERS_SPEED_MPS = 4.0
 ONLY_USER = "anna"  # where a file names no users
 
 
 class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    device_hz: Hz = 1024
+    device_hz: DeviceHz = 1024
     network_hz: Hz = 128
 
 
@@ -90,7 +91,9 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # what `for_strangers` says
     force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
     speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
-    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = 0.0  # a seat may bring in on average; 0: its device's own
+    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = (
+        HUMAN_POWER_W  # a seat may bring in on average; 0: F V of its record
+    )
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -108,7 +111,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     decimator: Decimator | None = None
     encoder: Encoder | None = None
     compensate: bool | None = None
-    device_hz: Hz | None = None
+    device_hz: DeviceHz | None = None
     power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] | None = None  # None: [admission]'s
 
 

@@ -15,9 +15,8 @@ from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.pose import Calibration, KnownPose
-from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 
-LEAST_RATE_HZ = 250
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
 SILENT_S = 0.05  # so long after the last reading the arm is where nobody knows: by then there is no current
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -96,11 +95,7 @@ class ArmDevice:
         if self._open:
             raise DeviceError(f"{self._name}: is open already; close it first")
         port = self._exchange.port
-        if not LEAST_RATE_HZ <= rate_hz <= self.capability.rate_hz:
-            raise DeviceError(
-                f"{self._name}: rate_hz={rate_hz} is out of {LEAST_RATE_HZ} to {self.capability.rate_hz}: below, nobody would "
-                "notice a count that jumps"
-            )
+        check_rate(rate_hz, self.capability, self._name)
         port.open()
         try:
             reading = meet(self._exchange, ZERO)

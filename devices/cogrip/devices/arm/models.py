@@ -2,7 +2,7 @@
 
 What the tables do not say, and how the records got it:
 
-- peak force 5 N, stiffness, damping, radius: the tables. slew: inf, none of them bounds it.
+- peak force 5 N, stiffness, damping, radius: the tables. slew: ours, none of them bounds it.
 - continuous force: what the default current limits give in the worst direction at the worst place of the sphere of reach_m, the
   smallest over joints of limit / (column of the Jacobian, in amperes a newton), rounded down. The limits: 2 A, the public one
   of haptikfabrikenapi, whose amplifiers cannot hold more; 1 A for the vintage Phantom, of whose motors nobody states one.
@@ -18,7 +18,6 @@ What the tables do not say, and how the records got it:
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf
 
 from cogrip.devices.arm import gimbal
 from cogrip.devices.arm.kinematics import Vector
@@ -26,7 +25,7 @@ from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
 from cogrip.devices.arm.polhem import Polhem
-from cogrip.devices.device import Capability
+from cogrip.devices.device import SLEW_NPS, Capability
 
 RATE_HZ = 1024
 RE30_310007_NM_PER_A = 0.0259
@@ -61,7 +60,7 @@ def _record(
         continuous_force_n=continuous_force_n,
         stiffness_npm=stiffness_npm,
         damping_nspm=damping_nspm,
-        slew_nps=inf,
+        slew_nps=SLEW_NPS,
         speed_mps=1.5,
         resolution_m=resolution_m,
         apparent_mass_kg=apparent_mass_kg,

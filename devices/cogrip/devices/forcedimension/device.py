@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import hypot, isfinite
 
 from cogrip.devices.arm.kinematics import Vector
-from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 from cogrip.devices.forcedimension.models import confirm
 from cogrip.devices.forcedimension.sdk import SATURATED, SUCCESS, TIME_GUARD, Dhd, Sdk, Status
 
@@ -47,8 +47,7 @@ class ForceDimensionDevice:
         """See `Device.open`. Raises DeviceError also for a device of another model, or one that is not calibrated."""
         if self._dhd is not None:
             raise DeviceError(f"{self._where}: is open already; close it first")
-        if not 1 <= rate_hz <= self.capability.rate_hz:
-            raise DeviceError(f"{self._where}: rate_hz={rate_hz} is out of 1 to {self.capability.rate_hz}")
+        check_rate(rate_hz, self.capability, self._where)
         if self._index in _opened:
             raise DeviceError(f"{self._where}: is open already in this process; close that one first")
         sdk = self._load()

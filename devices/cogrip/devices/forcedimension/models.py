@@ -7,9 +7,7 @@ the Falcon's continuous force are guesses.
 
 from __future__ import annotations
 
-from math import inf
-
-from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError
 
 CAUTIOUS = "falcon"  # the record of a device whose model is not stated: the weakest
 
@@ -27,8 +25,8 @@ def _record(
         continuous_force_n=force_n[1],
         stiffness_npm=limits[0],
         damping_nspm=limits[1],
-        slew_nps=inf,
-        speed_mps=inf,
+        slew_nps=SLEW_NPS,
+        speed_mps=SPEED_MPS,
         resolution_m=res_m,
         apparent_mass_kg=kg,
         rate_hz=2048 if model == "falcon" else 4096,

@@ -4,14 +4,13 @@ Lengths, wiring, home poses and the clamp of 0.123 Nm are those of Haply's examp
 
 - peak force: what 0.123 Nm gives in the worst direction at the worst place of the workspace, rounded down. The Pantograph's
   examples multiply its torques by 0.1, taken here for the ratio of its drive; it would give over 15 N then, and is held to 5.
-- continuous force, stiffness, damping, mass, speed: nominal and ours, stated by nobody.
+- continuous force, stiffness, damping, mass, slope, speed: nominal and ours, stated by nobody.
 - workspace: a box in front of the motors that both legs reach well; resolution: one count of a joint at its centre, rounded up.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf
 from typing import Annotated, Literal
 
 import msgspec
@@ -20,7 +19,7 @@ from msgspec import Meta
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel, ArmSettings, Pose
 from cogrip.devices.arm.motors import CableDrive
-from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.device import SLEW_NPS, Capability, DeviceError
 from cogrip.devices.haply.five_bar import FiveBar
 from cogrip.devices.haply.frames import STEP_NM, Wiring
 
@@ -122,7 +121,7 @@ def _model(
         continuous_force_n=forces_n[1],
         stiffness_npm=500.0,
         damping_nspm=2.0,
-        slew_nps=inf,
+        slew_nps=SLEW_NPS,
         speed_mps=1.5,
         resolution_m=resolution_m,
         apparent_mass_kg=mass_kg,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import hypot, isfinite
 from typing import Protocol
 
-from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 from cogrip.devices.openhaptics.calibration import Calibrated, calibrate
 from cogrip.devices.openhaptics.mailbox import ZERO, Mailbox
 from cogrip.devices.openhaptics.models import Facts, lowered
@@ -57,8 +57,7 @@ class OpenHapticsDevice:
         """See `Device.open`. Raises DeviceError also for a device of another model, and before it is calibrated."""
         if self._link is not None:
             raise DeviceError(f"{self._where}: is open already; close it first")
-        if not 1 <= rate_hz <= self._record.rate_hz:
-            raise DeviceError(f"{self._where}: rate_hz={rate_hz} is out of 1 to {self._record.rate_hz}")
+        check_rate(rate_hz, self._record, self._where)
         self._mailbox = Mailbox(self._servo_counts)
         link = self._connect(self._mailbox)
         try:

@@ -7,9 +7,9 @@ width x height x depth in the data sheets, so (depth, width, height) here.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import isfinite
 
-from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError
 
 RATE_HZ = 1024  # a little more than the servo's 1000 Hz: some 24 ticks a second then find nothing new
 CAUTIOUS = "touch"  # the record of a device whose model is not stated: the weakest
@@ -34,8 +34,8 @@ def _record(
         continuous_force_n=force_n[1],
         stiffness_npm=limits[0],
         damping_nspm=limits[1],
-        slew_nps=inf,
-        speed_mps=inf,
+        slew_nps=SLEW_NPS,
+        speed_mps=SPEED_MPS,
         resolution_m=res_m,
         apparent_mass_kg=kg,
         rate_hz=RATE_HZ,

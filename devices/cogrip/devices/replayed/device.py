@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 from cogrip.devices.recorded_motion import Array
 from cogrip.devices.settings import NotNegative
 from cogrip.devices.simulated.recorded_hand import minimum_jerk
@@ -75,8 +75,7 @@ class ReplayedDevice:
     def open(self, rate_hz: int) -> None:
         if self._open:
             raise DeviceError(f"{self._address}: is open already; close it first")
-        if not 1 <= rate_hz <= self.capability.rate_hz:
-            raise DeviceError(f"{self._address}: rate_hz={rate_hz} is out of 1 to {self.capability.rate_hz}")
+        check_rate(rate_hz, self.capability, self._address)
         self._position, self._velocity = self._course(rate_hz)
         self._tick, self._open = 0, True
 

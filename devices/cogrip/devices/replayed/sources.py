@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from math import inf
-
 import msgspec
 import numpy as np
 
-from cogrip.devices.device import Capability
+from cogrip.devices.device import IDEAL_DAMPING_NSPM, IDEAL_SPEED_MPS, IDEAL_STIFFNESS_NPM, SLEW_NPS, Capability
 from cogrip.devices.recorded_motion import Array, capability_of, find, read_motion
 from cogrip.devices.replayed.device import PlaySettings
 from cogrip.devices.settings import keys_of
@@ -51,7 +49,7 @@ class RunSource:
 
 
 class TableSource:
-    """A CSV file: no device is known, so its record has no limits of its own."""
+    """A CSV file: no device is known, so its record is that of a machine that anything can be tried on."""
 
     def __init__(self, path: str, settings: PlaySettings) -> None:
         """`settings` is a TableSettings."""
@@ -63,8 +61,8 @@ class TableSource:
         room = float(np.abs(position).max()) + 0.5
         return Capability(
             family="replay", model="csv", axes=axes, workspace_m=((-room, room),) * axes, peak_force_n=50.0,
-            continuous_force_n=50.0, stiffness_npm=inf, damping_nspm=inf, slew_nps=inf, speed_mps=inf, resolution_m=0.0,
-            apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=True,
+            continuous_force_n=50.0, stiffness_npm=IDEAL_STIFFNESS_NPM, damping_nspm=IDEAL_DAMPING_NSPM, slew_nps=SLEW_NPS,
+            speed_mps=IDEAL_SPEED_MPS, resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=True,
         )  # fmt: skip
 
     def motion(self, axes: int, rate_hz: int) -> tuple[int, Array, Array]:

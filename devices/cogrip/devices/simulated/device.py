@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Protocol
 
-from cogrip.devices.device import Capability, DeviceError, Sample
+from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 from cogrip.devices.settings import fit_axes
 from cogrip.devices.simulated.hands import Hand
 
@@ -75,8 +75,7 @@ class SimulatedDevice:
         """See `Device.open`. Reads the hand's recording, if it has one: raises DeviceError when that is not usable."""
         if self._open:
             raise DeviceError(f"{self._name}: is open already; close it first")
-        if not 1 <= rate_hz <= self.capability.rate_hz:
-            raise DeviceError(f"{self._name}: rate_hz={rate_hz} is out of 1 to {self.capability.rate_hz}")
+        check_rate(rate_hz, self.capability, self._name)
         start = self.hand.open(rate_hz, self._start_m)
         for axis, (at, (low, high)) in enumerate(zip(start, self.capability.workspace_m, strict=True)):
             if not low <= at <= high:

@@ -8,11 +8,10 @@ zero_order_hold).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 
 import msgspec
 
-from cogrip.devices.device import Capability, Sample
+from cogrip.devices.device import IDEAL_SPEED_MPS, IDEAL_STIFFNESS_NPM, SLEW_NPS, Capability, Sample
 from cogrip.devices.settings import Finite, NotNegative, Positive
 from cogrip.devices.simulated.zero_order_hold import discretise
 
@@ -37,10 +36,10 @@ def capability(settings: IdealSettings, axes: int) -> Capability:
         workspace_m=((-0.5, 0.5),) * axes,
         peak_force_n=100.0,
         continuous_force_n=100.0,
-        stiffness_npm=inf,
+        stiffness_npm=IDEAL_STIFFNESS_NPM,
         damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ,
-        slew_nps=inf,
-        speed_mps=inf,
+        slew_nps=SLEW_NPS,
+        speed_mps=IDEAL_SPEED_MPS,
         resolution_m=0.0,
         apparent_mass_kg=settings.mass_kg,
         rate_hz=65_536,

@@ -18,12 +18,12 @@ The encoder reads whole counts of resolution_m; it has no velocity.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, inf
+from math import floor
 
 import msgspec
 
-from cogrip.devices.device import Capability, DeviceError, Sample
-from cogrip.devices.settings import Finite, Limit, NotNegative, Positive
+from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError, Sample
+from cogrip.devices.settings import Finite, NotNegative, Positive
 from cogrip.devices.simulated.ideal import ADVISED_AT_HZ
 from cogrip.devices.simulated.zero_order_hold import discretise
 
@@ -34,7 +34,7 @@ WORKSPACE_M = ((-0.127, 0.127), (-0.089, 0.089), (-0.0635, 0.0635))
 class PhantomSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Query keys. x0_m: start of device and hand per axis, default 0 (or where a recording with origin=keep begins).
 
-    slew_nps and speed_mps only state a limit in the capability record: the data sheet names none, so they are inf.
+    slew_nps and speed_mps only state a limit in the capability record: the data sheet names none, so they are ours.
     """
 
     mass_kg: Positive = 0.075
@@ -42,8 +42,8 @@ class PhantomSettings(msgspec.Struct, frozen=True, kw_only=True):
     friction_n: NotNegative = 0.04
     resolution_m: NotNegative = 3e-5
     peak_force_n: Positive = 8.5
-    slew_nps: Limit = inf
-    speed_mps: Limit = inf
+    slew_nps: Positive = SLEW_NPS
+    speed_mps: Positive = SPEED_MPS
     x0_m: tuple[Finite, ...] = ()
 
 

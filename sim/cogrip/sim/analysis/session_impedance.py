@@ -17,6 +17,7 @@ from math import pi
 import numpy as np
 from msgspec.structs import replace
 
+from cogrip.client.safety import WARNED
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.hands import SineSettings, make_sine
 from cogrip.protocol.settings import Settings
@@ -90,7 +91,7 @@ def measure(
     )
     person.device = SwungDevice(person.device.capability, swing)
     person.device.open(person.rates.device_hz)
-    _settle(laboratory, max(settle_s, _RAMPS_S))
+    before = _settle(laboratory, max(settle_s, _RAMPS_S))
     rows: list[tuple[float, float, float]] = []
     ticked = person.core.tick
 
@@ -103,7 +104,7 @@ def measure(
 
     for _ in range(frames):
         laboratory.frame(watch)
-    _check(laboratory)
+    _check(laboratory, before)
     table = np.array(rows)
     tone = np.exp(-2j * pi * periods * np.arange(len(table)) / len(table))
     place, speed, force = (2.0 / len(table)) * (tone @ table)
@@ -116,8 +117,9 @@ def measure(
 def static_stiffness(settings: Settings, user: int, force_n: float = 1.0, settle_s: float = 8.0) -> float:
     """F / x at rest of a constant push against a wall [N/m], on an ideal device. Raises MeasurementError."""
     laboratory = _with_ideal(settings, user, f"push&force_n={force_n!r}")
-    _settle(laboratory, settle_s)
-    _check(laboratory)
+    before = _settle(laboratory, settle_s)
+    laboratory.frame()
+    _check(laboratory, before)
     person = laboratory.people[user]
     return person.core.force_n[0] / person.core.position_m[0]
 
@@ -128,12 +130,16 @@ def _with_ideal(settings: Settings, user: int, hand: str) -> Laboratory:
     return Laboratory(replace(settings, users=tuple(users), seconds=1e6))
 
 
-def _settle(laboratory: Laboratory, seconds: float) -> None:
+Counts = list[dict[str, int]]
+
+
+def _settle(laboratory: Laboratory, seconds: float) -> Counts:
+    """Run until nothing changes any more; what was limited until then, which what is measured does not depend on."""
     hz = laboratory.settings.rates.network_hz
     world = laboratory.room.world
     for frame in range(round(_LONGEST_S * hz)):
         if frame >= seconds * hz and np.array_equal(world.stiffness, world.target_stiffness):
-            return
+            return [dict(person.core.safety.counts) for person in laboratory.people]
         laboratory.frame()
         if laboratory.diverged:
             raise MeasurementError(f"the session diverged: {laboratory.diverged}")
@@ -143,11 +149,12 @@ def _settle(laboratory: Laboratory, seconds: float) -> None:
     )
 
 
-def _check(laboratory: Laboratory) -> None:
+def _check(laboratory: Laboratory, before: Counts) -> None:
     if laboratory.diverged:
         raise MeasurementError(f"the session diverged: {laboratory.diverged}")
-    for person in laboratory.people:
-        limits: Sequence[str] = [f"{name}: {count}" for name, count in person.core.safety.counts.items() if count]
+    for person, then in zip(laboratory.people, before, strict=True):
+        now = {name: count - then.get(name, 0) for name, count in person.core.safety.counts.items()}
+        limits = [f"{name}: {count}" for name, count in now.items() if count and name != WARNED]
         if limits or person.core.safety.state != "live":
             raise MeasurementError(
                 f"{person.name}: a limit acted ({', '.join(limits) or person.core.safety.reason}); use a smaller amplitude"

@@ -1,0 +1,58 @@
+"""How long a motor may give more than its continuous force: a limit that falls as its winding warms (I^2 t).
+
+Symbols: F force given [N], F_c continuous force of the record [N], F_p peak [N], T tick [s], tau TIME_CONSTANT_S,
+t_f FADE_S [s], r = (F / F_c)^2 heating, h the winding's rise over that of F_c held for ever (0 cold, 1 as warm as it may be).
+
+A current i = F / k heats a winding of resistance R by R i^2, and heat leaves it in proportion to its rise: to first order
+
+    tau h' = r - h,        so h is the mean of r over the past, weighted by exp(-t / tau) / tau:
+
+h <= 1 says that the weighted RMS of the force is at most F_c, and that over any time W the mean of F^2 is at most
+F_c^2 (1 + tau / W). The limit keeps h <= 1 by letting the margin 1 - h shrink no faster than with the time constant t_f:
+
+    h' <= (1 - h) / t_f    <=>    F^2 <= F_c^2 (1 + (1 - h) g),    g = tau / t_f - 1
+
+It is above F_p until h comes within (r_p - 1) / g of 1, r_p = (F_p / F_c)^2, and falls from there to F_c: continuous,
+no steeper than F_p / (2 t_f). In ticks, with the force held, h += a (r - h), a = 1 - exp(-T / tau), is exact; h stays <= 1
+as a (1 + g) <= 1, that is T <= t_f about.
+"""
+
+from math import exp, inf, sqrt
+
+TIME_CONSTANT_S = 60.0
+"""tau. No maker of these arms states one. Windings of motors of this size warm within 10 to 40 s, their housings within ten
+minutes, and a continuous force is rated for both together; 60 s lets 6 times F_c pass for 1.7 s, 3 times for 7 s."""
+FADE_S = 0.5
+WARN_SHARE = 0.5  # of the rise at which the limit begins to act, from which on the motors are called warm
+LEAST_SHARE = 0.4  # taken for that rise where it is lower: a peak of more than 8.5 times F_c
+CALM_SHARE = 0.9  # of the rise at which they are called warm, below which they no longer are
+
+
+class ThermalLimit:
+    """`limit_n` is what may be given now; `book` once a tick what was given. `warm`: the limit is near, or acts."""
+
+    def __init__(self, tick_s: float, peak_n: float, continuous_n: float) -> None:
+        self._share = 1.0 - exp(-tick_s / TIME_CONSTANT_S)
+        self._slope = TIME_CONSTANT_S / FADE_S - 1.0
+        self.rise = 0.0  # h
+        self.warm = False
+        self.keep_to(peak_n, continuous_n)
+
+    def keep_to(self, peak_n: float, continuous_n: float) -> None:
+        """Another device's forces; how warm it is stays."""
+        self._peak_n, self._square = peak_n, continuous_n * continuous_n
+        excess = peak_n * peak_n / self._square - 1.0
+        self._acts_from = 1.0 - excess / self._slope if excess > 0.0 else inf  # of h
+        self._warm_from = WARN_SHARE * max(LEAST_SHARE, self._acts_from)
+        self.limit_n = self._limit()
+
+    def book(self, square: float) -> None:
+        """A tick has passed with a force of this square [N^2]."""
+        self.rise += self._share * (square / self._square - self.rise)
+        self.limit_n = self._limit()
+        self.warm = self.rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)
+
+    def _limit(self) -> float:
+        if self.rise <= self._acts_from:
+            return self._peak_n
+        return sqrt(self._square * (1.0 + max(0.0, 1.0 - self.rise) * self._slope))

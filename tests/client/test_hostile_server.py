@@ -1,0 +1,117 @@
+"""A server that means harm: whatever it sends, the force on the hand has a slope, a peak and a loop of a decent rate."""
+
+from math import dist, hypot
+
+import pytest
+from msgspec import structs
+
+from cogrip.client.core import ClientCore
+from cogrip.client.safety import MOST_SLOPE_NPS
+from cogrip.devices.registry import make
+from cogrip.protocol import messages
+from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.messages import PROTOCOL_VERSION, Leave, Power, Stamp, State, Waves, Welcome
+from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import Settings, digest, resolve, seat_settings
+
+SESSION = 7
+
+
+class Hostile:
+    """Its own welcome and frames in front of a true client on a simulated Phantom."""
+
+    def __init__(self, settings: Settings) -> None:
+        axes = settings.object.axes
+        self.settings, self.axes = settings, axes
+        self.device = make("sim:phantom?hand=hold", axes=axes)
+        self.core = ClientCore(
+            make_hello(
+                software="x", nonce=1, room="", name="", digest="", device="sim:phantom", axes=axes, rate_hz=8192.0
+            ),
+            self.device.capability,
+        )
+        self.line = LineSender(axes, 8)
+        self.core.call(0)
+
+    def welcome(self, device_hz: int, network_hz: int) -> None:
+        """With rates that no settings of ours may have led to."""
+        seat = structs.replace(seat_settings(self.settings, 0), rates=Rates(device_hz, network_hz))
+        answer = Welcome(PROTOCOL_VERSION, 1, SESSION, digest(self.settings), "x", seat, "")
+        self.core.receive(messages.encode(answer), 0)
+
+    def frame(self, number: int, value: float, now_ns: int) -> bytes:
+        axes, stamp = self.axes, Stamp(now_ns + 1)
+        values = (value,) * axes
+        kind = self.settings.coupling.kind
+        if kind == "wave":
+            self.line.push(values)
+            first, waves, total, squares = self.line.contents()
+            return messages.encode(
+                Waves(SESSION, first, waves, total, squares, 0.0, 0.0, 0, stamp, (0.0,) * (2 * axes))
+            )
+        if kind == "coupling":
+            return messages.encode(State(SESSION, number, (value * 1e-2,) * axes, (0.0,) * axes, 0.0, 0, stamp))
+        much = (1e4 * (number + 1),) * axes
+        return messages.encode(
+            Power(SESSION, number, (0.0,) * axes, (0.0,) * axes, values, much, (0.0,) * axes, 0.0, 0, stamp)
+        )
+
+
+@pytest.mark.parametrize(("device_hz", "network_hz"), [(250, 125), (1024, 128), (8192, 128)])
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
+def test_no_step_is_larger_than_the_slope_whatever_a_server_sends(
+    kind: str, axes: int, device_hz: int, network_hz: int
+) -> None:
+    """Frames of 9000 with another sign each time, for two seconds; then calm ones, and the re-armed hand once more."""
+    settings = resolve(
+        {
+            "coupling": {"kind": kind},
+            "object": {"axes": axes},
+            "rates": {"device_hz": device_hz, "network_hz": network_hz},
+            "users": [{"name": "a"}],
+        }
+    )
+    server = Hostile(settings)
+    server.welcome(device_hz, network_hz)
+    core, device = server.core, server.device
+    device.open(device_hz)
+    per_frame, last, largest_n, largest_step_n = device_hz // network_hz, (0.0,) * axes, 0.0, 0.0
+    for tick in range(3 * device_hz):
+        now_ns = due_ns(0, tick, device_hz)
+        core.sense(tick, device.read(tick), now_ns)
+        if tick % per_frame == 0 and tick:
+            number = tick // per_frame - 1
+            core.receive(server.frame(number, 9000.0 if number % 2 else -9000.0, now_ns), now_ns)
+        force = core.act(now_ns)
+        device.write(force)
+        largest_n = max(largest_n, hypot(*force))
+        largest_step_n = max(largest_step_n, dist(force, last))
+        last = force
+        if core.safety.state == "fault":
+            core.rearm()
+    assert core.safety.counts["slew limited"] > 0, "the frames did arrive, and would have thrown the hand"
+    assert largest_n > 1.0
+    assert largest_n <= 8.5 * (1.0 + 1e-12)
+    assert largest_step_n <= MOST_SLOPE_NPS / device_hz * (1.0 + 1e-9)
+    if device_hz == 1024:
+        assert largest_step_n < 1.0, "17 N without a slope"
+
+
+def test_a_welcome_below_the_least_rate_is_refused_and_says_so() -> None:
+    server = Hostile(resolve({"users": [{"name": "a"}]}))
+    server.core.outbox.clear()
+    server.welcome(LEAST_DEVICE_HZ - 1, 83)
+    assert not server.core.seated
+    assert server.core.session.state == "closed"
+    assert server.core.session.failed.startswith("the server asks for rates.device_hz = 249, at least 250 is")
+    (leave,) = [messages.decode(datagram) for datagram in server.core.outbox]
+    assert isinstance(leave, Leave)
+    assert leave.session == SESSION
+
+
+def test_a_welcome_at_the_least_rate_is_taken() -> None:
+    server = Hostile(resolve({"users": [{"name": "a"}]}))
+    server.welcome(LEAST_DEVICE_HZ, 125)
+    assert server.core.seated

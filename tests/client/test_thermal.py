@@ -1,0 +1,224 @@
+"""Motors that warm give less: the defining equations of the I^2 t limit, from both sides of each bound."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.safety import AT_LIMIT_S, WARM_S, Safety
+from cogrip.client.thermal import CALM_SHARE, FADE_S, TIME_CONSTANT_S, WARN_SHARE, ThermalLimit
+from cogrip.devices.registry import describe, make
+
+from tests.client.test_safety import full
+
+PHANTOM = (8.5, 1.4)  # peak and continuous force [N]
+T_C = 1.0 / 1024.0
+DECAY = math.exp(-T_C / TIME_CONSTANT_S)
+
+
+def live(tick_s: float = T_C) -> Safety:
+    """A Phantom's, the ramp behind it."""
+    safety = Safety(make("sim:phantom").capability, tick_s)
+    for event in ("open", "calibrated", "go"):
+        safety.event(event)
+    for _ in range(round(0.3 / tick_s) + 1):
+        safety.limit((0.0,))
+    return safety
+
+
+@given(st.lists(st.floats(0.0, 20.0), min_size=1, max_size=60), st.integers(1, 2000))
+def test_the_rise_is_the_weighted_mean_square_of_the_past(forces: list[float], ticks: int) -> None:
+    """h_n = sum over ticks k of (1 - d) d^(n-k) (F_k / F_c)^2, d = exp(-T / tau)."""
+    thermal = ThermalLimit(T_C, 20.0, 1.4)
+    squares = np.repeat(np.square(forces), -(-ticks // len(forces)))
+    for square in squares:
+        thermal.book(float(square))
+    weights = (1.0 - DECAY) * DECAY ** np.arange(len(squares) - 1, -1, -1)
+    assert thermal.rise == pytest.approx(float(weights @ squares) / 1.4**2, rel=1e-9, abs=1e-15)
+
+
+@given(
+    st.sampled_from([250, 1024, 8192]),
+    st.floats(1.0, 60.0),
+    st.lists(st.tuples(st.floats(0.0, 200.0), st.integers(1, 4000)), min_size=1, max_size=6),
+)
+def test_no_wish_warms_a_winding_beyond_its_continuous_force(
+    rate_hz: int, peak_n: float, wishes: list[tuple[float, int]]
+) -> None:
+    """h <= 1 for ever, so over any time W the mean of F^2 is at most F_c^2 (1 + tau / W)."""
+    thermal, spent, ticks = ThermalLimit(1.0 / rate_hz, peak_n, 1.0), 0.0, 0
+    for wish, held in wishes:
+        for _ in range(held):
+            force = min(wish, thermal.limit_n)
+            assert 1.0 - 1e-12 <= thermal.limit_n <= peak_n
+            thermal.book(force * force)
+            spent += force * force
+            ticks += 1
+            assert thermal.rise <= 1.0 + 1e-12
+    assert spent / ticks <= 1.0 + TIME_CONSTANT_S * rate_hz / ticks * (1.0 + 1e-3)
+
+
+def test_the_law_keeps_its_margin_and_no_more() -> None:
+    """Where the limit acts on a force, 1 - h shrinks with the time constant FADE_S."""
+    thermal = ThermalLimit(T_C, *PHANTOM)
+    while thermal.limit_n == 8.5:
+        thermal.book(8.5**2)
+    for _ in range(2000):
+        margin = 1.0 - thermal.rise
+        thermal.book(thermal.limit_n**2)
+        assert (1.0 - thermal.rise) / margin == pytest.approx(math.exp(-T_C / FADE_S), abs=1e-5)
+
+
+def test_just_above_the_continuous_force_is_limited_and_just_below_is_not() -> None:
+    for share, limited in ((1.01, True), (0.999, False)):
+        thermal = ThermalLimit(1.0 / 250.0, *PHANTOM)
+        for _ in range(250 * 600):
+            thermal.book(min(share * 1.4, thermal.limit_n) ** 2)
+        assert (thermal.limit_n < share * 1.4) is limited
+
+
+def test_a_cold_motor_gives_its_peak_for_a_second_and_a_bit() -> None:
+    """h = r_p (1 - exp(-t / tau)) reaches 1 - (r_p - 1) / g at t = 1.15 s, r_p = (8.5 / 1.4)^2, g = tau / FADE_S - 1."""
+    heating, slope = (8.5 / 1.4) ** 2, TIME_CONSTANT_S / FADE_S - 1.0
+    seconds = -TIME_CONSTANT_S * math.log(1.0 - (1.0 - (heating - 1.0) / slope) / heating)
+    safety = live()
+    ticks = 0
+    while not safety.derated:
+        safety.limit((8.5,))
+        ticks += 1
+    assert ticks * T_C == pytest.approx(seconds, abs=0.03), "less what the slope took at first"
+    assert seconds == pytest.approx(1.15, abs=0.01)
+
+
+def test_six_seconds_at_the_peak_end_at_the_continuous_force_without_a_step() -> None:
+    """The measured case: 8.5 N held for 6 s on a record of 1.4 N."""
+    safety = live()
+    forces = [safety.limit((8.5,))[0] for _ in range(6 * 1024)]
+    assert max(forces) == 8.5
+    assert forces[-1] == pytest.approx(1.4, rel=0.01)
+    falls = -np.diff(forces[20:])
+    assert falls.max() <= 8.5 / (2.0 * FADE_S) * T_C * 1.01, "F_p / (2 FADE_S) at most"
+    assert np.all(falls >= 0.0)
+    assert safety.state == "live"
+
+
+def test_it_is_said_before_it_acts() -> None:
+    safety, said_at, acted_at = live(), None, None
+    for tick in range(4 * 1024):
+        safety.limit((8.5,))
+        said_at = tick if safety.warning and said_at is None else said_at
+        acted_at = tick if safety.derated and acted_at is None else acted_at
+    assert said_at is not None
+    assert acted_at is not None
+    assert acted_at - said_at > 0.5 * 1024, "time enough to let go"
+    assert "1.4 N" in safety.warning
+    assert safety.counts["near thermal limit"] == 1
+    for _ in range(80 * 1024):
+        safety.limit((0.0,))
+    assert safety.warning == ""
+    assert safety.counts["near thermal limit"] == 1
+
+
+def test_the_warning_has_two_bounds() -> None:
+    """Above WARN_SHARE of where the limit acts it begins, below CALM_SHARE of that it ends."""
+    thermal = ThermalLimit(T_C, *PHANTOM)
+    begins = WARN_SHARE * (1.0 - ((8.5 / 1.4) ** 2 - 1.0) / (TIME_CONSTANT_S / FADE_S - 1.0))
+    for rise, warm in ((begins * 0.999, False), (begins * 1.001, True), (begins * 0.91, True), (begins * 0.89, False)):
+        thermal.rise = rise
+        thermal.book(rise * 1.4**2)
+        assert thermal.warm is warm
+    assert CALM_SHARE == 0.9
+
+
+def test_ten_seconds_of_warm_motors_are_a_fault_and_pauses_count_against_them() -> None:
+    ticks = round(WARM_S / T_C)
+    safety = live()
+    while not safety.derated:
+        safety.limit((8.5,))
+    for _ in range(ticks - 1):
+        safety.limit((8.5,))
+    assert safety.state == "live"
+    for _ in range(1024):
+        safety.limit((1.0,))
+    for _ in range(1024):
+        safety.limit((8.5,))
+    assert safety.state == "live", "a second of less has made room for another one"
+    for _ in range(2):
+        safety.limit((8.5,))
+    assert safety.state == "fault"
+    assert "1.4 N for 10 s" in safety.reason
+    assert "re-arm" in safety.reason
+    rise = safety._thermal.rise
+    safety.event("rearm")
+    safety.event("go")
+    assert safety._thermal.rise == rise, "re-arming cools nothing"
+
+
+def test_a_person_who_pulls_now_and_then_goes_on_without_a_fault() -> None:
+    """A third of the time above what the motors bear: they get less, and stay."""
+    safety = live(1.0 / 250.0)
+    for _ in range(100):
+        for _ in range(250):
+            safety.limit((4.0,))
+        for _ in range(500):
+            safety.limit((0.5,))
+    assert safety.state == "live"
+    assert safety.counts["thermally limited"] > 1000
+
+
+def test_ticks_that_were_skipped_warm_the_motors_too() -> None:
+    every, fourth = live(), live()
+    for tick in range(1024):
+        every.check(1, (0.0,), (0.0,))
+        every.limit((8.0,))
+        if tick % 4 == 0:
+            fourth.check(4, (0.0,), (0.0,))
+            fourth.limit((8.0,))
+    assert fourth._thermal.rise == pytest.approx(every._thermal.rise, rel=0.05)
+
+
+def test_another_record_changes_the_limits_and_not_the_warmth() -> None:
+    safety = live()
+    for _ in range(2048):
+        safety.limit((8.5,))
+    rise = safety._thermal.rise
+    safety.keep_to(replace(make("sim:phantom").capability, continuous_force_n=0.7))
+    assert safety._thermal.rise == rise
+    assert safety._thermal.limit_n < 8.5
+
+
+@pytest.mark.parametrize(
+    "record", [listing.capability for listing in describe(axes=1)], ids=lambda record: record.model
+)
+def test_every_device_keeps_its_continuous_force_for_ever(record) -> None:
+    thermal = ThermalLimit(1.0 / 250.0, record.peak_force_n, record.continuous_force_n)
+    for _ in range(250 * 60):
+        thermal.book(min(record.continuous_force_n, thermal.limit_n) ** 2)
+    assert thermal.limit_n >= record.continuous_force_n * (1.0 - 1e-9)
+
+
+def test_half_a_second_at_the_peak_is_a_fault_too() -> None:
+    """What is asked for beyond the peak is no force that a person chose."""
+    safety = full()
+    for _ in range(round(AT_LIMIT_S / 1e-3)):
+        safety.limit((20.0, 0.0, 0.0))
+    assert safety.state == "live"
+    safety.limit((20.0, 0.0, 0.0))
+    assert safety.state == "fault"
+    assert "at its limit of 8 N for 0.5 s" in safety.reason
+
+
+def test_each_tick_says_whether_a_limit_held_its_force() -> None:
+    safety = full()
+    for wish, limited in (((0.5, 0.0, 0.0), False), ((2.0, 0.0, 0.0), True), ((1.5, 0.0, 0.0), False)):
+        safety.limit(wish)
+        assert safety.limited is limited, wish
+    for _ in range(20):
+        safety.limit((8.0, 0.0, 0.0))
+    assert not safety.limited, "the peak itself is no limit"
+    safety.limit((8.001, 0.0, 0.0))
+    assert safety.limited
+    assert not safety.derated
