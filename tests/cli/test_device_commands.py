@@ -253,7 +253,7 @@ BAD = [
     (["calibrate", f"serial:{GONE}?model=polhm"], "model='polhm' is not accepted"),
     (
         ["calibrate", f"serial:{GONE}?model=vintage&limit_ma=9999,1,1"],
-        "limit_ma=9999,1,1: give three numbers, each 1 to 3000",
+        "limit_ma=9999,1,1: give three numbers, each 2 to 3000",
     ),
     (["calibrate", "sim:phantom"], "there is nothing to calibrate or check here"),
     (["check", "emulated:vintage", "--yes"], "there is nothing to calibrate or check here"),

@@ -110,7 +110,7 @@ def test_limits_hold_and_keep_the_direction(force) -> None:
     bench.hold(force, 3)
     acting = bench.write(force)
     currents = bench.arm.mechanics.currents_ma
-    assert max(map(abs, currents)) <= 1000
+    assert max(map(abs, currents)) <= 999
     given_n = bench.force_n
     size = hypot(*given_n)
     assert size <= 5.0 * 1.01
@@ -341,7 +341,7 @@ def test_whatever_fails_no_force_goes_beyond_its_limits_and_all_of_it_ends(plan,
         for _ in range(ticks):
             bench.fails(force, 1)
             assert all(
-                abs(current) <= limit for current, limit in zip(bench.arm.mechanics.currents_ma, limits, strict=True)
+                abs(current) < limit for current, limit in zip(bench.arm.mechanics.currents_ma, limits, strict=True)
             )
     bench.close()
     bench.arm.advance(bench.arm.now_ns + 110_000_000)

@@ -65,7 +65,7 @@ def device_check(
 
 def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Console) -> tuple[ArmModel, Measured, float]:
     """What the arm is, what was found, and the current that pushed it. Raises DeviceError."""
-    most_ma = min(arm.model.drive.limit_ma)
+    most_ma = min(arm.model.drive.largest_ma)
     if most_ma <= 0.0:
         raise DeviceError(f"{arm.exchange.port.name}: gives no force, so there is nothing to check: it is read only")
     current_ma = min(current_ma, most_ma)

@@ -27,7 +27,7 @@ class ArmSettings(msgspec.Struct, frozen=True, kw_only=True):
     home          counts in the home pose
     turn          counts a turn of the motor
     capstan_m, body_m, motor_nm_per_a
-    limit_ma      largest motor current per axis [mA]
+    limit_ma      what the motor current of each axis stays below [mA]
     full_scale_ma what amplifiers and firmware were built and set for [mA]; bounds limit_ma
     peak_force_n  largest force [N]
     """
@@ -40,7 +40,7 @@ class ArmSettings(msgspec.Struct, frozen=True, kw_only=True):
     body_m: tuple[float, ...] = ()
     motor_nm_per_a: tuple[float, ...] = ()
     limit_ma: tuple[float, ...] = ()
-    full_scale_ma: Annotated[float, Meta(ge=1.0, le=6000.0)] | None = None
+    full_scale_ma: Annotated[float, Meta(ge=2.0, le=6000.0)] | None = None
     peak_force_n: Annotated[float, Meta(gt=0.0, le=40.0)] | None = None
 
 
@@ -73,7 +73,7 @@ class ArmModel:
             "capstan_m": _three(settings.capstan_m, "capstan_m", where, (1e-4, 1.0)),
             "body_m": _three(settings.body_m, "body_m", where, (1e-3, 10.0)),
             "motor_nm_per_a": _three(settings.motor_nm_per_a, "motor_nm_per_a", where, (1e-4, 10.0)),
-            "limit_ma": _three(settings.limit_ma, "limit_ma", where, (1.0, full_scale)) or self._limits(full_scale),
+            "limit_ma": _three(settings.limit_ma, "limit_ma", where, (2.0, full_scale)) or self._limits(full_scale),
         }
         home = _three(settings.home, "home", where, (-1e6, 1e6))
         given = {key: value for key, value in own.items() if value is not None}

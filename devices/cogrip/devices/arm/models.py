@@ -78,7 +78,7 @@ _WOODEN_DRIVE = CableDrive(
     direction=_alike(1.0),
     motor_nm_per_a=_alike(RE30_310007_NM_PER_A),
     limit_ma=_alike(2000.0),
-    full_scale_ma=2999.0,  # of the firmware's source build, which clamps nothing; its "6Amps" build: full_scale_ma=5999
+    full_scale_ma=3000.0,  # of the firmware's source build, which clamps nothing; its "6Amps" build: full_scale_ma=6000
 )
 
 _WOODENHAPTICS = ArmModel(

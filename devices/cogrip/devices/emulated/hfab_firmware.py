@@ -1,7 +1,7 @@
 """The hfab firmware 2 (Teensy, serial): bracket frames, error numbers, watchdog, the fault of pipelined requests.
 
-Written from the firmware's own parsing rules, in their order. It reads byte by byte until `]`, at most 127 bytes (128). Without a
-`[` among them that is 256; with another number of commas than two, wherever they stand, 512, and the rest stays unread. Only
+Written from the firmware's own parsing rules, in their order. It reads byte by byte until `]`, at most 127 bytes (128). Without
+a `[` among them that is 256; with another number of commas than two, wherever they stand, 512, and the rest stays unread. Only
 after a frame with two commas does it look at what is already buffered, where only newline, return and NUL may stand: it reads
 on through the first byte that is another (8). The numbers are read from the last `[` on, as C's sscanf reads "[%d,%d,%d]":
 blanks and a sign may stand before a number, anything after the third (1024).
