@@ -38,7 +38,7 @@ class CableDrive:
     full_scale_ma: float
     rad_per_count: Vector = field(init=False, repr=False, compare=False)
     ma_per_nm: Vector = field(init=False, repr=False, compare=False)
-    largest_ma: Currents = field(init=False, repr=False, compare=False)
+    largest_ma: Vector = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         ratio = [way * s / d for way, s, d in zip(self.direction, self.capstan_m, self.body_m, strict=True)]
