@@ -5,7 +5,8 @@ What the tables do not say, and how the records got it:
 - peak force 5 N, stiffness, damping, radius: the tables. slew: inf, none of them bounds it.
 - continuous force: what the default current limits give in the worst direction at the worst place of the sphere of reach_m, the
   smallest over joints of limit / (column of the Jacobian, in amperes a newton), rounded down. The limits: 2 A, the public one
-  of haptikfabrikenapi, whose amplifiers cannot hold more; 1 A for the vintage Phantom, of whose motors nobody states one.
+  of haptikfabrikenapi, whose amplifiers cannot hold more; 1 A for the vintage Phantom, of whose motors nobody states one. The
+  Polhem's motors hold its weight with up to 0.94 A of that, as in hfabapi, where nothing switches it off.
 - resolution: one count of the coarsest joint at the centre of the workspace, rounded up.
 - apparent mass: the smallest over directions at the centre, of link masses and of rotors through the cables (Maxon catalogue,
   nominal: RE 30 34 g cm^2, RE 40 140 g cm^2); turret and handle are not stated, so the true one is larger. That is the safe
@@ -25,7 +26,7 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
-from cogrip.devices.arm.polhem import Polhem
+from cogrip.devices.arm.polhem import Bodies, Polhem
 from cogrip.devices.device import Capability
 
 RATE_HZ = 1024
@@ -115,7 +116,7 @@ _VINTAGE = ArmModel(
 )
 
 _POLHEM = ArmModel(
-    kinematics=Polhem(lengths_m=(0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), origin_m=(0.2045, 0.0, 0.0325)),
+    kinematics=Polhem((0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), (0.2045, 0.0, 0.0325), Bodies(g_mps2=9.81)),
     drive=CableDrive(
         counts_per_turn=_alike(4096.0),
         capstan_m=(0.0288534, 0.0136981, 0.0137281),
@@ -126,9 +127,10 @@ _POLHEM = ArmModel(
         full_scale_ma=6000.0,
     ),
     home_counts=(8312.0, -10366.0, 19764.0),
-    record=_record("serial", "polhem", 0.15, 2000.0, 1.0, 1.64, 5.18e-5, 0.049),
+    record=_record("serial", "polhem", 0.15, 2000.0, 1.0, 1.16, 5.18e-5, 0.049),
     reach_m=0.15,
     gimbal=gimbal.POLHEM,
+    holds_weight=True,
 )
 
 _DEFAULT_WOODY = replace(

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import ceil, isfinite, pi
 
-from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE, Vector
 
 Currents = tuple[int, int, int]
 """Motor currents [mA], whole, as they go over a wire."""
@@ -72,17 +72,21 @@ class CableDrive:
         a, b, c = self.ma_per_nm
         return ia / a, ib / b, ic / c
 
-    def limited(self, currents_ma: Vector) -> tuple[Currents, bool]:
+    def limited(self, currents_ma: Vector, held_ma: Vector = NO_TORQUE) -> tuple[Currents, bool]:
         """Whole milliamperes, truncated towards zero; all scaled by one factor where any reaches its limit, so that the
         force keeps its direction. True if they were. Where one is not finite, all are zero.
+
+        held_ma: what flows beside them whatever they are, itself below the limits; it is in the sum, and is not scaled.
         """
-        a, b, c = currents_ma
+        a, b, c = (current + held for current, held in zip(currents_ma, held_ma, strict=True))
         la, lb, lc = self.limit_ma
         if -la < a < la and -lb < b < lb and -lc < c < lc:
             return (int(a), int(b), int(c)), False
         if not isfinite(a + b + c):
             return NO_CURRENT, True
-        share = min(
-            [1.0, *(most / abs(i) for i, most in zip(currents_ma, self.largest_ma, strict=True) if abs(i) > most)]
-        )
-        return (int(share * a), int(share * b), int(share * c)), True
+        share = 1.0
+        for i, held, most in zip(currents_ma, held_ma, self.largest_ma, strict=True):
+            if abs(i + held) > most:
+                share = min(share, max(0.0, (most - held if i > 0.0 else most + held) / abs(i)))
+        a, b, c = (share * current + held for current, held in zip(currents_ma, held_ma, strict=True))
+        return (int(a), int(b), int(c)), True
