@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from cogrip.devices.arm.gimbal import IDENTITY, POLHEM, VINTAGE, about, product
+from cogrip.devices.arm.gimbal import IDENTITY, POLHEM, POLHEM_HID, VINTAGE, about, product
 from cogrip.devices.arm.kinematics import joint_torque
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
@@ -342,4 +342,8 @@ def test_gimbals_as_their_tables_have_them() -> None:
     assert POLHEM.angles((512, 256, 128)) == pytest.approx((-pi, -pi / 2, pi / 4))
     assert VINTAGE.angles((1000, 500, 250)) == pytest.approx((-pi, pi / 2, pi / 4))
     assert (POLHEM.home_counts, VINTAGE.home_counts) == ((0.0, 30.0, 0.0), (0.0, 0.0, 0.0))
+    assert POLHEM_HID.home_counts == (0.0, 30.0, 0.0)
+    assert POLHEM_HID.angles((1024, 256, 512)) == pytest.approx(
+        (-pi, -pi / 2, -pi / 2)
+    )  # f, e, d on the wire; d has 4096
     assert np.allclose(product(about("x", 0.3), about("x", -0.3)), IDENTITY, rtol=0.0, atol=1e-15)

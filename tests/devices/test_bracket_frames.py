@@ -57,7 +57,7 @@ def test_a_force_of_the_vintage_phantom_becomes_its_request() -> None:
 
 
 def test_no_request_loads_counters() -> None:
-    assert BracketCodec().load((0, 0, 0)) is None
+    assert BracketCodec().load((0, 0, 0, 0, 0, 0)) is None
 
 
 @given(st.tuples(*[st.integers(-6000, 6000)] * 3))

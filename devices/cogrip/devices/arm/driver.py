@@ -156,7 +156,8 @@ class ArmDevice:
             reading = meet(self._exchange, ZERO)
             self._recognise(reading)
             home = self.model.home_counts
-            load = codec.load(home)
+            gimbal = self.model.gimbal
+            load = codec.load((*home, *(gimbal.home_counts if gimbal is not None else ZERO)))
             if load is not None:
                 self._forget(port.stamp())
                 port.write(load)

@@ -133,6 +133,16 @@ _POLHEM = ArmModel(
     holds_weight=True,
 )
 
+# polhem_v3 of haptikfabrikenapi, with which an interface is made there if nothing else is said: other capstans, counted
+# from another place. The linkage and the weights are those of hfabapi: the older source leaves that file out.
+_POLHEM_HID = replace(
+    _POLHEM,
+    drive=replace(_POLHEM.drive, capstan_m=(0.0288, 0.0130, 0.010), full_scale_ma=3000.0),
+    home_counts=(8327.0, -10926.0, 27140.0),
+    record=_record("hid", "polhem-hid", 0.15, 2000.0, 1.0, 1.25, 5.17e-5, 0.063),
+    gimbal=gimbal.POLHEM_HID,
+)
+
 _DEFAULT_WOODY = replace(
     _WOODENHAPTICS,
     drive=replace(_WOODEN_DRIVE, direction=(1.0, -1.0, 1.0)),
@@ -158,6 +168,7 @@ MODELS: dict[str, ArmModel] = {
     "aluhaptics": _ALUHAPTICS,
     "default-woody": _DEFAULT_WOODY,
     "polhem": _POLHEM,
+    "polhem-hid": _POLHEM_HID,
     "vintage": _VINTAGE,
     "woodenhaptics": _WOODENHAPTICS,
     "woodenhaptics-serial": _WOODENHAPTICS_SERIAL,
