@@ -20,7 +20,8 @@ def device_check(
 ) -> int:
     """Push every axis with a small current, and measure signs, rate, latency, noise and encoder range.
 
-    The arm must be free in mid-range, and nobody may hold it. Needs no calibration. Exit code 0 when all is well.
+    The arm must be free in mid-range, and nobody may hold it; one that is not balanced (Polhem) hangs on a thread. Needs no
+    calibration. Exit code 0 when all is well.
 
     Parameters
     ----------
