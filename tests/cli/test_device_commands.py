@@ -253,7 +253,7 @@ BAD = [
     (["calibrate", f"serial:{GONE}?model=polhm"], "model='polhm' is not accepted"),
     (
         ["calibrate", f"serial:{GONE}?model=vintage&limit_ma=9999,1,1"],
-        "limit_ma=9999,1,1: give three numbers, each 1 to 3000",
+        "limit_ma=9999,1,1: give three numbers, each 2 to 3000",
     ),
     (["calibrate", "sim:phantom"], "there is nothing to calibrate or check here"),
     (["check", "emulated:vintage", "--yes"], "there is nothing to calibrate or check here"),
@@ -274,6 +274,8 @@ BAD = [
     (["list", "--axes", "0"], "--axes 0 is outside 1 to 3"),
     (["list", "--axes", "4"], "--axes 4 is outside 1 to 3"),
     (["emulate", "serial", "--model", "omega"], "--model 'omega': serial has polhem, vintage, woodenhaptics-serial"),
+    (["emulate", "hid", "--model", "vintage"], "--model 'vintage': hid has "),
+    (["emulate", "hid", "--link", "/dev/null"], "--link /dev/null: is there already and no socket"),
     (["emulate", "serial", "--hand", "wave"], "unknown hand 'wave'"),
     (["emulate", "serial", "--powered-at-m", "9", "9", "9"], "no arm can stand at (9.0, 9.0, 9.0) m"),
     (["emulate", "telegraph"], "telegraph"),
@@ -285,6 +287,8 @@ MISSING = [
     (["calibrate", "serial:/dev/null", "--yes"], "serial:/dev/null: cannot be opened"),
     (["list", "--json", "nosuch/list.json"], "--json nosuch/list.json: cannot be written"),
     (["emulate", "serial", "--link", "nosuch/arm"], "nosuch"),
+    (["emulate", "hid", "--link", "nosuch/arm"], "--link nosuch/arm: cannot be made: No such file or directory"),
+    (["emulate", "hid", "--link", f"/tmp/{'x' * 120}"], "AF_UNIX path too long; name another place"),
 ]
 
 

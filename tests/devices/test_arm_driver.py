@@ -68,7 +68,7 @@ def test_the_hand_is_loaded_with_what_was_asked_for_within_a_milliampere(name: s
     bench = Bench(name, hand=f"hold&x0_m={at_m[0]},{at_m[1]},{at_m[2]}")
     least = least_force_n(bench.arm)
     bench.open(RATE_HZ)
-    bench.hold(force, 60)
+    bench.hold(force, 400)  # until the weight of a Polhem is held too
     assert bench.force_n == pytest.approx(force, abs=least + 2e-3)  # 2 mN: the sample is a tick old
     pushed = bench.arm.mechanics.body.position_m
     along = sum((new - old) * part for new, old, part in zip(pushed, at_m, force, strict=True))
@@ -110,7 +110,7 @@ def test_limits_hold_and_keep_the_direction(force) -> None:
     bench.hold(force, 3)
     acting = bench.write(force)
     currents = bench.arm.mechanics.currents_ma
-    assert max(map(abs, currents)) <= 1000
+    assert max(map(abs, currents)) <= 999
     given_n = bench.force_n
     size = hypot(*given_n)
     assert size <= 5.0 * 1.01
@@ -341,7 +341,7 @@ def test_whatever_fails_no_force_goes_beyond_its_limits_and_all_of_it_ends(plan,
         for _ in range(ticks):
             bench.fails(force, 1)
             assert all(
-                abs(current) <= limit for current, limit in zip(bench.arm.mechanics.currents_ma, limits, strict=True)
+                abs(current) < limit for current, limit in zip(bench.arm.mechanics.currents_ma, limits, strict=True)
             )
     bench.close()
     bench.arm.advance(bench.arm.now_ns + 110_000_000)

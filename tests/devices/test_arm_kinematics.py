@@ -12,11 +12,11 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from cogrip.devices.arm.gimbal import IDENTITY, POLHEM, VINTAGE, about, product
+from cogrip.devices.arm.gimbal import IDENTITY, POLHEM, POLHEM_HID, VINTAGE, about, product
 from cogrip.devices.arm.kinematics import joint_torque
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
-from cogrip.devices.arm.polhem import Bodies, Polhem
+from cogrip.devices.arm.polhem import Polhem
 
 WOODEN = MODELS["woodenhaptics"].kinematics
 PREMIUM = MODELS["vintage"].kinematics
@@ -248,11 +248,10 @@ def test_polhem_out_of_reach_is_none_on_both_ways() -> None:
 @given(st.data())
 def test_gravity_of_the_polhem_is_the_gradient_of_its_potential_energy(data) -> None:
     angles = data.draw(poses("polhem"))
-    assert LINKAGE.gravity(angles) == (0.0, 0.0, 0.0)
-    weighed = Polhem(LINKAGE.lengths_m, LINKAGE.origin_m, Bodies(g_mps2=9.81))
+    assert Polhem(LINKAGE.lengths_m, LINKAGE.origin_m).gravity(angles) == (0.0, 0.0, 0.0)
 
     def energy(at) -> list[float]:
-        joints, bodies = points_of(weighed, at), weighed.bodies
+        joints, bodies = points_of(LINKAGE, at), LINKAGE.bodies
         rod, forearm = joints["C"] - joints["A"], joints["T"] - joints["B"]
         links = (
             (bodies.upper, joints["O1"], at[1]),
@@ -263,12 +262,33 @@ def test_gravity_of_the_polhem_is_the_gradient_of_its_potential_energy(data) -> 
         heights = (o[1] + body.along_m * sin(t) + body.across_m * cos(t) for body, o, t in links)
         return [9.81 * sum(body.mass_kg * z for (body, _, _), z in zip(links, heights, strict=True))]
 
-    torque = weighed.gravity(angles)
+    torque = LINKAGE.gravity(angles)
     assert torque == pytest.approx(difference(energy, angles)[0], abs=1e-6 * max(map(abs, torque)))
 
 
+@pytest.mark.parametrize(
+    ("tip", "torque"),
+    [
+        ((0.0, 0.0, 0.0), (0.0, 0.166152291835, 0.0183359590121)),
+        ((0.03, 0.02, -0.05), (0.0, 0.247505740519, 0.0179560158374)),
+        ((-0.05, 0.0, 0.05), (0.0, 0.0272979883995, 0.0221777580087)),
+        ((0.08, -0.02, 0.02), (0.0, 0.240355963886, 0.0229425980699)),
+    ],
+)
+def test_gravity_of_the_polhem_is_its_maker_s(tip, torque) -> None:
+    """What polhemComputeMotorAmps of hfabapi, compiled, answers to no force, by differences over a milliradian."""
+    assert LINKAGE.gravity(LINKAGE.inverse(tip)) == pytest.approx(torque, abs=3e-8)
+
+
+def test_the_motors_of_a_polhem_push_up_and_back_where_no_force_is_asked_for() -> None:
+    """At the centre: (-0.61, 0, 0.98) N hold its weight; before, nothing did."""
+    angles = LINKAGE.inverse((0.0, 0.0, 0.0))
+    push = np.linalg.solve(np.array(LINKAGE.jacobian(angles)).T, LINKAGE.gravity(angles))
+    assert push == pytest.approx((-0.608, 0.0, 0.975), abs=5e-4)
+
+
 def test_a_polhem_that_does_not_close_has_no_gravity() -> None:
-    assert Polhem(LINKAGE.lengths_m, LINKAGE.origin_m, Bodies(g_mps2=9.81)).gravity(NOWHERE) == (0.0, 0.0, 0.0)
+    assert LINKAGE.gravity(NOWHERE) == (0.0, 0.0, 0.0)
 
 
 # ---- gimbals
@@ -322,4 +342,8 @@ def test_gimbals_as_their_tables_have_them() -> None:
     assert POLHEM.angles((512, 256, 128)) == pytest.approx((-pi, -pi / 2, pi / 4))
     assert VINTAGE.angles((1000, 500, 250)) == pytest.approx((-pi, pi / 2, pi / 4))
     assert (POLHEM.home_counts, VINTAGE.home_counts) == ((0.0, 30.0, 0.0), (0.0, 0.0, 0.0))
+    assert POLHEM_HID.home_counts == (0.0, 30.0, 0.0)
+    assert POLHEM_HID.angles((1024, 256, 512)) == pytest.approx(
+        (-pi, -pi / 2, -pi / 2)
+    )  # f, e, d on the wire; d has 4096
     assert np.allclose(product(about("x", 0.3), about("x", -0.3)), IDENTITY, rtol=0.0, atol=1e-15)

@@ -89,7 +89,7 @@ def test_printed_currents_of_the_vintage_phantom() -> None:
     free = VINTAGE.with_settings(ArmSettings(limit_ma=(2000.0, 2000.0, 2000.0)), "serial")
     assert free.currents(angles, (1.0, -2.0, 0.5)) == ((1217, -328, -693), False)
     # 1000 mA to begin with: nobody has stated what its motors take
-    share = 1000.0 / exact[0]
+    share = 999.0 / exact[0]
     assert VINTAGE.currents(angles, (1.0, -2.0, 0.5)) == (tuple(int(share * i) for i in exact), True)
 
 
@@ -133,9 +133,9 @@ def test_a_current_moves_its_joint_the_way_its_counter_counts_up(name) -> None:
 def test_limited_currents_keep_their_direction_and_their_limits(currents, limits) -> None:
     drive = replace(WOODEN.drive, limit_ma=tuple(map(float, limits)), full_scale_ma=6000.0)
     whole, scaled = drive.limited(currents)
-    assert scaled == any(abs(i) > limit for i, limit in zip(currents, limits, strict=True))
-    assert all(abs(i) <= limit for i, limit in zip(whole, limits, strict=True))
-    share = min([1.0, *(limit / abs(i) for i, limit in zip(currents, limits, strict=True) if i)])
+    assert scaled == any(abs(i) >= limit for i, limit in zip(currents, limits, strict=True))
+    assert all(abs(i) < limit for i, limit in zip(whole, limits, strict=True))
+    share = 1.0 if not scaled else min([1.0, *((m - 1) / abs(i) for i, m in zip(currents, limits, strict=True) if i)])
     for given_i, taken in zip(currents, whole, strict=True):
         assert abs(share * given_i) - 1.0 - 1e-9 <= abs(taken) <= abs(share * given_i) + 1e-9  # truncated towards zero
         assert taken * given_i >= 0.0
@@ -144,9 +144,11 @@ def test_limited_currents_keep_their_direction_and_their_limits(currents, limits
 @pytest.mark.parametrize(
     ("currents", "taken"),
     [
-        ((2000.0, -2000.0, 2000.0), ((2000, -2000, 2000), False)),
-        ((2000.9, 1000.0, -500.0), ((2000, 999, -499), True)),
-        ((-4000.0, 1000.0, 3.0), ((-2000, 500, 1), True)),
+        ((1999.99, -1999.99, 1999.0), ((1999, -1999, 1999), False)),
+        ((2000.0, -2000.0, 2000.0), ((1999, -1999, 1999), True)),
+        ((-2000.0, 1.0, 0.0), ((-1999, 0, 0), True)),
+        ((2001.0, 1000.0, -500.0), ((1999, 999, -499), True)),
+        ((-4000.0, 1002.0, 4.0), ((-1999, 500, 1), True)),
         ((0.99, -0.99, 1999.99), ((0, 0, 1999), False)),
         ((nan, 1.0, 1.0), ((0, 0, 0), True)),
         ((1.0, inf, 1.0), ((0, 0, 0), True)),
@@ -168,7 +170,7 @@ def test_force_is_given_as_asked_or_in_its_direction(name, push, where) -> None:
     assume(angles is not None)
     jacobian = model.kinematics.jacobian(angles)
     currents, scaled = model.currents(angles, push)
-    assert all(abs(i) <= limit for i, limit in zip(currents, model.drive.limit_ma, strict=True))
+    assert all(abs(i) < limit for i, limit in zip(currents, model.drive.limit_ma, strict=True))
     back = np.linalg.inv(np.array(jacobian).T)
     done = back @ model.drive.torque(currents)
     lost = np.abs(back) @ np.abs(model.drive.torque((1.0, 1.0, 1.0)))
@@ -235,7 +237,7 @@ def settings(**query) -> ArmSettings:
         ("capstan_m", 1e-4, 1.0),
         ("body_m", 1e-3, 10.0),
         ("motor_nm_per_a", 1e-4, 10.0),
-        ("limit_ma", 1.0, 3000.0),
+        ("limit_ma", 2.0, 3000.0),
         ("home", -1e6, 1e6),
     ],
 )
@@ -260,13 +262,16 @@ def test_a_direction_is_one_or_minus_one() -> None:
 
 
 def test_current_limit_is_bounded_by_the_full_scale_and_follows_it_down() -> None:
-    with pytest.raises(DeviceError, match="limit_ma=5999,5999,5999: give three numbers, each 1 to 2999"):
-        WOODEN.with_settings(settings(limit_ma="5999,5999,5999"), "hid")
-    six = WOODEN.with_settings(settings(limit_ma="5999,5999,5999", full_scale_ma="5999"), "hid")
-    assert six.drive.limit_ma == (5999.0,) * 3
+    with pytest.raises(DeviceError, match="limit_ma=6000,6000,6000: give three numbers, each 2 to 3000"):
+        WOODEN.with_settings(settings(limit_ma="6000,6000,6000"), "hid")
+    six = WOODEN.with_settings(settings(limit_ma="6000,6000,6000", full_scale_ma="6000"), "hid")
+    assert six.drive.limit_ma == (6000.0,) * 3
+    assert six.drive.limited((7000.0, 0.0, 0.0)) == ((5999, 0, 0), True)
+    three = WOODEN.with_settings(settings(limit_ma="3000,3000,3000"), "hid")
+    assert three.drive.limited((7000.0, 0.0, 0.0)) == ((2999, 0, 0), True)
     assert SERIAL.with_settings(settings(limit_ma="6000,6000,6000"), "serial").drive.limit_ma == (6000.0,) * 3
     assert WOODEN.with_settings(settings(full_scale_ma="500"), "hid").drive.limit_ma == (500.0,) * 3
-    for bad in ("0.5", "6001"):
+    for bad in ("1.9", "6001"):
         with pytest.raises(DeviceError, match="full_scale_ma"):
             settings(full_scale_ma=bad)
 
@@ -278,13 +283,15 @@ def test_peak_force_is_bounded(bad) -> None:
 
 
 def test_a_model_without_keys_is_itself_and_every_key_arrives() -> None:
-    assert VINTAGE.with_settings(ArmSettings(), "serial") == VINTAGE
+    assert POLHEM.with_settings(ArmSettings(), "serial") == POLHEM
     for key in keys_of(ArmSettings):
         if key != "pose":
-            value = {"peak_force_n": 3.0, "full_scale_ma": 900.0, "dir": (1.0, -1.0, 1.0)}.get(key, (0.5, 0.6, 0.7))
+            value = {"peak_force_n": 3.0, "full_scale_ma": 900.0, "dir": (1.0, 1.0, 1.0)}.get(key, (0.5, 0.6, 0.7))
             if key in ("turn", "limit_ma"):
                 value = (100.0, 200.0, 300.0)
-            assert VINTAGE.with_settings(ArmSettings(**{key: value}), "serial") != VINTAGE, key
+            if key == "gravity":
+                value = "off"
+            assert POLHEM.with_settings(ArmSettings(**{key: value}), "serial") != POLHEM, key
 
 
 def test_the_record_follows_the_keys_to_the_safe_side() -> None:

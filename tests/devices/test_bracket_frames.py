@@ -53,11 +53,11 @@ def test_a_force_of_the_vintage_phantom_becomes_its_request() -> None:
     assert BracketCodec().encode(currents) == b"[1217,-328,-693]\n"
     scaled, limited = VINTAGE.currents(angles, (1.0, -2.0, 0.5))
     assert limited
-    assert scaled == (1000, -270, -569)  # by 1000 / 1217.513, all of them
+    assert scaled == (999, -269, -569)  # by 999 / 1217.513, all of them: below the limit of 1000
 
 
 def test_no_request_loads_counters() -> None:
-    assert BracketCodec().load((0, 0, 0)) is None
+    assert BracketCodec().load((0, 0, 0, 0, 0, 0)) is None
 
 
 @given(st.tuples(*[st.integers(-6000, 6000)] * 3))

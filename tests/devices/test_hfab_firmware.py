@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import re
+
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cogrip.devices.device import DeviceError
@@ -82,7 +86,12 @@ def test_the_counters_were_zero_where_the_arm_was_powered_up() -> None:
         (b"[]\n", 512),
         (b"[1,2]\n", 512),
         (b"[1,2,3,4]\n", 512),
-        (b"[1,2[1,2,3]\n", 512),
+        (b"[1,2[1,2,3]\n", 512),  # commas are counted wherever they stand
+        (b",[1,2,3]\n", 512),
+        (b",[1,2]\n", 1024),
+        (b"[1[1,2,3]\n", 0),  # numbers are read from the last bracket on
+        (b"[1,2[3,4]\n", 1024),
+        (b"[1,[2,3]\n", 1024),
         (b"[,,]\n", 1024),
         (b"[1,2,]\n", 1024),
         (b"[1 ,2,3]\n", 1024),
@@ -94,6 +103,88 @@ def test_the_counters_were_zero_where_the_arm_was_powered_up() -> None:
 )
 def test_every_rule_from_both_sides(frame: bytes, error: int) -> None:
     assert errors(say(firmware(), frame)) == [error]
+
+
+@pytest.mark.parametrize(
+    ("data", "replies", "currents"),
+    [
+        (b"[1,2]\n[4,5,6]\n", [512, 0], (4, 5, 6)),  # a wrong number of commas leaves the rest unread
+        (b"[1,2,3]\n[4,5,6]\n", [8, 256], (7, 8, 9)),
+        (b"[a,b,c]\n[4,5,6]\n", [8, 256], (7, 8, 9)),  # numbers are read after what follows was looked at
+        (b"][4,5,6]\n", [256, 0], (4, 5, 6)),
+        (b"[1][2][4,5,6]\n", [512, 512, 0], (4, 5, 6)),
+        (b"[1,2,3]x[4,5,6]\n", [8, 0], (4, 5, 6)),  # only the one wrong byte is gone
+        (b"[1,2,3]xx,[4,5,6]\n", [8, 512], (7, 8, 9)),
+    ],
+)
+def test_frames_that_follow_one_another(data: bytes, replies: list[int], currents: tuple[int, ...]) -> None:
+    """Golden: what the firmware's own loop does with them, byte by byte."""
+    arm = firmware()
+    say(arm, b"[7,8,9]\n")
+    assert errors(say(arm, data)) == replies
+    assert arm.mechanics.currents_ma == currents
+
+
+def test_what_stands_before_a_frame_counts_towards_its_127_bytes() -> None:
+    frame = b"[1,2,3]"
+    assert errors(say(firmware(), bytes(LONGEST - len(frame)) + frame)) == [0]
+    assert errors(say(firmware(), bytes(LONGEST - len(frame) + 1) + frame)) == [128, 256]
+    arm = firmware()
+    assert say(arm, b"x" * 126) == []
+    assert errors(say(arm, b"x")) == [128]
+
+
+class ByteByByte:
+    """The firmware's reader as a loop over single bytes, with C's own sscanf: what `HfabFirmware` is held against."""
+
+    def __init__(self) -> None:
+        self.waiting = bytearray()
+        self.read = bytearray()
+        self.currents = [0, 0, 0]
+
+    def take(self, data: bytes) -> list[int]:
+        self.waiting += data
+        said = []
+        while self.waiting:
+            self.read.append(self.waiting.pop(0))
+            if self.read.endswith(b"]"):
+                said.append(self.end())
+                self.read.clear()
+            elif len(self.read) == LONGEST:
+                said.append(128)
+                self.read.clear()
+        return said
+
+    def end(self) -> int:
+        if b"[" not in self.read:
+            return 256
+        if self.read.count(b",") != 2:
+            return 512
+        while self.waiting:
+            if self.waiting.pop(0) not in b"\n\r\0":
+                return 8
+        a, b, c = (ctypes.c_int() for _ in range(3))
+        frame = bytes(self.read[self.read.rindex(b"[") :])
+        if SSCANF(frame, b"[%d,%d,%d]", ctypes.byref(a), ctypes.byref(b), ctypes.byref(c)) != 3:
+            return 1024
+        self.currents = [each.value if abs(each.value) <= 6000 else 0 for each in (a, b, c)]
+        return 0
+
+
+SSCANF = getattr(ctypes.CDLL(None), "sscanf", None) if os.name == "posix" else None
+number = st.integers(1 - 10**9, 10**9 - 1).map(str) | st.integers(-7000, 7000).map(str)
+piece = st.text("[],,-+0123456789 \n\r\0x", max_size=8) | st.builds("[{},{},{}]\n".format, number, number, number)
+stretch = st.lists(piece, max_size=10).map("".join) | st.text("[ x\0", max_size=140)
+
+
+@pytest.mark.skipif(SSCANF is None, reason="needs the C library's sscanf")
+@given(st.lists(stretch.map(str.encode), max_size=5))
+def test_it_reads_as_the_firmware_s_loop_over_single_bytes(parts: list[bytes]) -> None:
+    assume(not re.search(rb"\d{10}", b"".join(parts)))  # C leaves open what comes of a number that an int cannot hold
+    arm, loop = firmware(), ByteByByte()
+    for part in parts:
+        assert errors(say(arm, part)) == loop.take(part)
+        assert list(arm.mechanics.currents_ma) == loop.currents
 
 
 def test_a_frame_has_at_most_127_bytes() -> None:

@@ -18,7 +18,7 @@ from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.hid_firmware import BYTES, WATCHDOG_NS, HidFirmware
 from cogrip.devices.emulated.mechanics import Mechanics
 from cogrip.devices.emulated.port import EmulatedPort
-from cogrip.devices.hid.family import NAMES, drive
+from cogrip.devices.hid.family import ARMS, NAMES, drive
 from cogrip.devices.registry import make
 from cogrip.devices.settings import parse_address
 
@@ -30,7 +30,7 @@ MODEL = MODELS["woodenhaptics"]
 def firmware(variant: str = "mbed14", full_scale_a: float = 3.0, name: str = "woodenhaptics", **body) -> HidFirmware:
     """An arm that was powered up in its home pose; then a hand took its tip to the middle of the workspace."""
     keys = {"resolution_m": 0.0, "peak_force_n": 100.0, "mass_kg": 0.075, **body}
-    mechanics = Mechanics(MODELS[name], Body(make("sim:phantom", axes=3, **keys)))
+    mechanics = Mechanics(ARMS[name], Body(make("sim:phantom", axes=3, **keys)))
     return HidFirmware(mechanics, Faults(reports=True), variant, full_scale_a)
 
 
@@ -213,7 +213,7 @@ def test_the_hand_feels_what_was_asked_for_within_a_milliampere(name: str, force
         least += hypot(*arm.mechanics.force_n)
     device = emulated(arm, name=name)
     device.open(RATE_HZ)
-    hold(device, force, 50)
+    hold(device, force, 400)  # until the weight of a Polhem is held too
     assert device.force_n == pytest.approx(force, abs=least + 1e-3)  # 1 mN: the sample is a tick old
     assert hypot(*force) > 10 * least
     assert "force limited to the motors" not in device.counts
@@ -363,6 +363,29 @@ def test_a_teensy_is_driven_alike() -> None:
         ends.append((device.position_m, device.force_n))
         device.close()
     assert ends[0] == ends[1]
+
+
+def test_calibration_of_a_polhem_loads_its_gimbal_s_home_counts_too() -> None:
+    """Those of polhem_v3, 0, 30, 0: before, the gimbal's were made zero."""
+    arm = firmware(name="polhem")
+    arm.mechanics.carry(arm.mechanics.home_m)
+    arm.gimbal = [7, -11, 300]
+    sent: list[bytes] = []
+    device = emulated(arm, "pose=stored", name="polhem")
+    port = device.driver.exchange.port
+    write = port.write
+    port.write = lambda frame: (sent.append(frame), write(frame))
+    device.driver.calibrate("today")
+    assert arm.gimbal == [0, 30, 0]
+    assert arm.mechanics.counters == (8327, -10926, 27140)
+    assert [unpack("<B7h", frame) for frame in sent if frame[7]] == [(0, 0, 30, 0, 1, 8327, -10926, 27140)]
+
+
+def test_an_arm_without_a_gimbal_has_its_gimbal_counters_made_zero() -> None:
+    arm = firmware()
+    arm.gimbal = [7, -11, 300]
+    emulated(arm, "pose=stored").driver.calibrate("today")
+    assert arm.gimbal == [0, 0, 0]
 
 
 def test_calibration_loads_the_home_counts_and_holds_until_it_is_unplugged() -> None:

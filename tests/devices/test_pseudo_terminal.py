@@ -36,9 +36,9 @@ HOME = b"[2,0,-534,-36,0,0,0,0]\n"
 class Emulator:
     """The process. `ask` writes a verb and waits for the line that answers it."""
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *arguments: str, kind: str = "serial") -> None:
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "cogrip.cli", "devices", "emulate", "serial", "--no-fast", *arguments],
+            [sys.executable, "-m", "cogrip.cli", "devices", "emulate", kind, "--no-fast", *arguments],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
         )  # fmt: skip

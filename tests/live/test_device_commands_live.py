@@ -48,7 +48,7 @@ def test_check_keeps_to_the_limit_of_a_motor(start):
     arm = start.arm("arm", FREE)
     check = start("devices", "check", f"{arm.port}?model=vintage&limit_ma=90,80,100", "--yes", "--moving-s", "0")
     check.end()
-    assert "up, down under +-80 mA" in check.said
+    assert "up, down under +-79 mA" in check.said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -20,7 +20,8 @@ def device_check(
 ) -> int:
     """Push every axis with a small current, and measure signs, rate, latency, noise and encoder range.
 
-    The arm must be free in mid-range, and nobody may hold it. Needs no calibration. Exit code 0 when all is well.
+    The arm must be free in mid-range, and nobody may hold it; one that is not balanced (Polhem) hangs on a thread. Needs no
+    calibration. Exit code 0 when all is well.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def device_check(
 
 def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Console) -> tuple[ArmModel, Measured, float]:
     """What the arm is, what was found, and the current that pushed it. Raises DeviceError."""
-    most_ma = min(arm.model.drive.limit_ma)
+    most_ma = min(arm.model.drive.largest_ma)
     if most_ma <= 0.0:
         raise DeviceError(f"{arm.exchange.port.name}: gives no force, so there is nothing to check: it is read only")
     current_ma = min(current_ma, most_ma)

@@ -1,8 +1,9 @@
-"""`cogrip devices emulate`: an emulated device on a pseudo-terminal, faults on request."""
+"""`cogrip devices emulate`: an emulated device on a pseudo-terminal or a socket, faults on request."""
 
 import os
 import stat
 import sys
+import tempfile
 from pathlib import Path
 from typing import Literal
 
@@ -12,15 +13,17 @@ from cogrip.cli.problem import BadInput, Problem
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.machines import MACHINES, make_firmware
 from cogrip.devices.io.pseudo_terminal import PseudoTerminal
+from cogrip.devices.io.report_socket import OFFERED, ReportSocket, is_socket
+from cogrip.devices.io.served_firmware import ServedFirmware
 from cogrip.devices.settings import parse_address
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.stop import Stop, on_signals
 
-_DEFAULTS = {"serial": "vintage", "haply": "2diy"}
+_DEFAULTS = {"serial": "vintage", "haply": "2diy", "hid": "woodenhaptics"}
 
 
 def device_emulate(
-    kind: Literal["serial", "haply"],
+    kind: Literal["serial", "haply", "hid"],
     /,
     *,
     model: str = "",
@@ -38,9 +41,9 @@ def device_emulate(
     Parameters
     ----------
     kind
-        Which wire: serial (hfab) or haply.
+        Which wire: serial (hfab) or haply, on a pseudo-terminal; or hid, on a local socket, which `hid:` takes as its path.
     model
-        Which machine; vintage or 2diy if not given.
+        Which machine; vintage, 2diy or woodenhaptics if not given.
     hand
         What holds it, with its keys and those of sim:phantom: 'reach&amplitude_m=0.02&x0_m=0,0,0.01'.
     powered_at_m
@@ -48,39 +51,57 @@ def device_emulate(
     seed
         Of garbage.
     link
-        Make a symbolic link of this name to the pseudo-terminal, also when it changes.
+        Make a symbolic link of this name to the pseudo-terminal, also when it changes; hid: the name of the socket.
     fast
         Ask the system for real-time scheduling.
     """
     name = model or _DEFAULTS[kind]
-    known = [known for known, machine in MACHINES.items() if machine.scheme == kind]
+    machines = {known.removesuffix("-hid"): known for known, machine in MACHINES.items() if machine.scheme == kind}
+    known = list(machines)
     if name not in known:
         raise BadInput(f"--model {name!r}: {kind} has {', '.join(known) or 'none'}")
-    if link is not None and link.exists() and not link.is_symlink():
-        raise BadInput(f"--link {link}: is there already and no link; name another one, it would be replaced")
+    if kind == "hid" and not OFFERED:
+        raise BadInput("hid: needs local sockets that keep messages apart, which this system has not; use `emulated:`")
+    if link is not None and link.exists() and not (is_socket(str(link)) if kind == "hid" else link.is_symlink()):
+        what = "socket" if kind == "hid" else "link"
+        raise BadInput(f"--link {link}: is there already and no {what}; name another one, it would be replaced")
     console = Console(highlight=False, soft_wrap=True)
     try:
-        firmware = make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
+        firmware = make_firmware(machines[name], parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
     except DeviceError as error:
         raise BadInput(str(error)) from None
-    terminal = PseudoTerminal(firmware, link, lambda text: console.print(text, markup=False))
-    keys = "?pose=home" if kind == "serial" else f"?model={name}&pose=home"  # a Haply board does not say what it is
+
+    def say(text: str) -> None:
+        console.print(text, markup=False)
+
+    wire: ServedFirmware
+    folder = ""
+    if kind == "hid":
+        folder = tempfile.mkdtemp(prefix="cogrip-") if link is None else ""
+        wire = ReportSocket(firmware, link or Path(folder) / "hid", say)
+        keys = "&pose=home"
+    else:
+        wire = PseudoTerminal(firmware, link, say)
+        keys = "?pose=home" if kind == "serial" else f"?model={name}&pose=home"  # a Haply board does not say what it is
     pose = f"its counters are zero in the home pose: join it with {keys}"
     if powered_at_m is not None:
         pose = "it was powered up elsewhere than in its home pose, so its pose is not known"
     stop = Stop()
     with on_signals(stop):
         try:
-            terminal.plug()
+            wire.plug()
         except OSError as error:
-            where = f"--link {link}: cannot be made: " if link is not None else "no pseudo-terminal: "
-            raise Problem(f"{where}{error.strerror}; name another place") from None
+            where = f"--link {link}: cannot be made: " if link is not None else "no pseudo-terminal or socket: "
+            raise Problem(f"{where}{error.strerror or error}; name another place") from None
         measures = engage(["gc-frozen", "fifo"]) if fast else []
         try:
-            console.print(f"{name} behind {kind}:{link or terminal.path}; {pose}", markup=False)
-            terminal.run(_verbs(), lambda: bool(stop.reason))
+            port = f"hid:{name}?path={wire.where}" if kind == "hid" else f"{kind}:{wire.where}"
+            say(f"{name} behind {port}; {pose}")
+            wire.run(_verbs(), lambda: bool(stop.reason))
         finally:
             release(measures)
+            if folder:
+                Path(folder).rmdir()
     return 0
 
 

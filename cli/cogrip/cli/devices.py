@@ -16,7 +16,10 @@ COMMANDS = {
         "Find out whether a device is fit to be held: signs, rate, noise, latency.",
     ),
     "conform": ("cogrip.cli.device_conform:device_conform", "Try every promise that a device makes, on this one."),
-    "emulate": ("cogrip.cli.device_emulate:device_emulate", "Serve an emulated device on a pseudo-terminal."),
+    "emulate": (
+        "cogrip.cli.device_emulate:device_emulate",
+        "Serve an emulated device on a pseudo-terminal or a socket.",
+    ),
 }
 
 devices = App(name="devices", help="Force-feedback devices and their stand-ins.")

@@ -15,6 +15,7 @@ from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.pose import Calibration, KnownPose
+from cogrip.devices.arm.weight import WeightCompensation
 from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 
 HEADROOM = 0.92  # of the peak force: currents are those of where the arm was, and hold while it moves on
@@ -53,6 +54,7 @@ class ArmDevice:
         self._angles: Vector | None = None
         self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
+        self._weight = WeightCompensation(1, active=False)
         self.reading: Reading | None = None
 
     @property
@@ -87,6 +89,11 @@ class ArmDevice:
         return self._pose is not None and self._pose.kind == "none"
 
     @property
+    def weight_share(self) -> float:
+        """Which part of the arm's own weight its motors were last told to hold."""
+        return self._weight.share if self._open else 0.0
+
+    @property
     def angles(self) -> Vector | None:
         """Joint angles of the last reading [rad]."""
         return self._angles
@@ -111,6 +118,7 @@ class ArmDevice:
         self._watch = EncoderWatch(3, self.model.record.resolution_m, rate_hz, self._tip)
         # a request may have to wait for RETRY_S, and it is to say zero
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz) - 1)
+        self._weight = WeightCompensation(rate_hz, active=self.model.holds_weight and self._pose.kind != "none")
         self._tick = self._read_at = self._heard_at = 0
         self._acting = (0.0,) * self._axes
         self._broken = ""
@@ -143,7 +151,8 @@ class ArmDevice:
             reading = meet(self._exchange, ZERO)
             self._recognise(reading)
             home = self.model.home_counts
-            load = codec.load(home)
+            gimbal = self.model.gimbal
+            load = codec.load((*home, *(gimbal.home_counts if gimbal is not None else ZERO)))
             if load is not None:
                 self._forget(port.stamp())
                 port.write(load)
@@ -249,25 +258,29 @@ class ArmDevice:
         return None if told and share == 1.0 else self._acting
 
     def _currents(self, force_n: Sequence[float]) -> tuple[Sequence[float], float]:
-        """Currents, and the share of the force that they give.
+        """Currents, and the share of the force that they give. What holds the arm's weight is no part of that share.
 
         None at all where there may be no force: the pose is not known, or the arm was not heard of lately.
         """
         assert self._pose is not None
         silent = self._tick - self._heard_at > self._silent_ticks
-        if self._pose.kind == "none" or self._angles is None or silent or not any(force_n):
+        weight = self._weight.step(self._tick, failed=silent or bool(self._broken))
+        if self._pose.kind == "none" or self._angles is None or silent or not (weight or any(force_n)):
             return ZERO, 0.0 if any(force_n) else 1.0
         x, y, z = (*force_n, 0.0, 0.0)[:3]
         size, most = hypot(x, y, z), HEADROOM * self.model.record.peak_force_n
         share = -1.0 if size <= most else -most / size  # the arm pushes the hand with -F
         push = (share * x, share * y, share * z)
         try:
-            currents, limited = self.model.currents(self._angles, push)
+            held, too_heavy = self.model.weight_currents(self._angles, weight) if weight else (ZERO, False)
+            currents, limited = self.model.currents(self._angles, push, held)
         except DeviceError as error:
             self._broken = self._broken or str(error)
             return ZERO, 0.0
         if limited:
-            share *= self.model.share_given(self._angles, push, currents)
+            share *= self.model.share_given(self._angles, push, currents, held)
+        if too_heavy:
+            self._count("weight of the arm held in part only")
         if share != -1.0:
             self._count("force limited to the motors")
         return currents, -share

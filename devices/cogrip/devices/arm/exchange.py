@@ -79,7 +79,10 @@ class Codec(Protocol):
         ...
 
     def load(self, counts: Sequence[float]) -> bytes | None:
-        """The request that makes the device's counters these, with no current; None where the wire has none."""
+        """The request that makes the device's counters these, with no current; None where the wire has none.
+
+        counts: of the joints a, b, c, then of the gimbal's d, e, f.
+        """
         ...
 
     def feed(self, data: bytes) -> list[Reading]:

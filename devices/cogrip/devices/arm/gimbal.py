@@ -5,8 +5,8 @@ symbols: n calibrated count, c counts a turn, dir +1 or -1; R_arm rotation of th
     t = dir 2 pi n / c        R = R_arm R_d(tD) R_e(tE) R_f(tF)
 
 Model 1 (Polhem) turns about x, y, x, and its R_arm is Rz(tA) Ry(-lambda); model 2 (vintage Phantom) about z, y, x with R_arm
-= Rz(tA); model 3 (WoodenHaptics) has no gimbal. Source: hfabapi and its viewer. Over HID the Polhem's encoders come in the
-order f, e, d.
+= Rz(tA); model 3 (WoodenHaptics) has no gimbal. Source: hfabapi and its viewer; haptikfabrikenapi for the Polhem over HID: its
+encoders come in the order f, e, d, and all count backwards.
 """
 
 from __future__ import annotations
@@ -39,18 +39,24 @@ def product(first: Matrix, second: Matrix) -> Matrix:
 
 @dataclass(frozen=True, slots=True)
 class Gimbal:
-    """axes: one letter per joint d, e, f; home_counts: what is added to the raw counts."""
+    """axes: one letter per joint d, e, f; order: which of the counters on the wire is that of each joint.
+
+    home_counts  of the counters on the wire: added to them (serial), or loaded into them (HID)
+    """
 
     axes: str
     direction: Vector
-    counts_per_turn: float
+    counts_per_turn: Vector
     home_counts: Vector
+    order: tuple[int, int, int] = (0, 1, 2)
 
     def angles(self, counts: Sequence[float]) -> Vector:
         """Joint angles (tD, tE, tF) [rad] of calibrated counts."""
-        d, e, f = counts
-        ways, turn = self.direction, 2.0 * pi / self.counts_per_turn
-        return ways[0] * turn * d, ways[1] * turn * e, ways[2] * turn * f
+        d, e, f = (
+            way * 2.0 * pi * counts[there] / turn
+            for way, there, turn in zip(self.direction, self.order, self.counts_per_turn, strict=True)
+        )
+        return d, e, f
 
     def rotation(self, carrier: Matrix, counts: Sequence[float]) -> Matrix:
         """Handle to common frame, where the body that carries the gimbal is turned by `carrier`."""
@@ -60,5 +66,6 @@ class Gimbal:
         return turned
 
 
-POLHEM = Gimbal(axes="xyx", direction=(-1.0, -1.0, 1.0), counts_per_turn=1024.0, home_counts=(0.0, 30.0, 0.0))
-VINTAGE = Gimbal(axes="zyx", direction=(-1.0, 1.0, 1.0), counts_per_turn=2000.0, home_counts=(0.0, 0.0, 0.0))
+POLHEM = Gimbal("xyx", (-1.0, -1.0, 1.0), (1024.0, 1024.0, 1024.0), home_counts=(0.0, 30.0, 0.0))
+POLHEM_HID = Gimbal("xyx", (-1.0, -1.0, -1.0), (1024.0, 1024.0, 4096.0), home_counts=(0.0, 30.0, 0.0), order=(2, 1, 0))
+VINTAGE = Gimbal("zyx", (-1.0, 1.0, 1.0), (2000.0, 2000.0, 2000.0), home_counts=(0.0, 0.0, 0.0))

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.arm.gimbal import IDENTITY, Gimbal
-from cogrip.devices.arm.kinematics import Kinematics, Matrix, Vector, joint_torque
+from cogrip.devices.arm.kinematics import NO_TORQUE, Kinematics, Matrix, Vector, joint_torque
 from cogrip.devices.arm.motors import NO_CURRENT, CableDrive, Currents
 from cogrip.devices.device import Capability, DeviceError
 
@@ -27,11 +27,13 @@ class ArmSettings(msgspec.Struct, frozen=True, kw_only=True):
     home          counts in the home pose
     turn          counts a turn of the motor
     capstan_m, body_m, motor_nm_per_a
-    limit_ma      largest motor current per axis [mA]
+    limit_ma      what the motor current of each axis stays below [mA]
     full_scale_ma what amplifiers and firmware were built and set for [mA]; bounds limit_ma
     peak_force_n  largest force [N]
+    gravity       "maker": the motors hold the arm's own weight where its maker's software does; "off": they never do
     """
 
+    gravity: Literal["maker", "off"] = "maker"
     pose: Pose = "stored"
     dir: tuple[float, ...] = ()
     home: tuple[float, ...] = ()
@@ -40,7 +42,7 @@ class ArmSettings(msgspec.Struct, frozen=True, kw_only=True):
     body_m: tuple[float, ...] = ()
     motor_nm_per_a: tuple[float, ...] = ()
     limit_ma: tuple[float, ...] = ()
-    full_scale_ma: Annotated[float, Meta(ge=1.0, le=6000.0)] | None = None
+    full_scale_ma: Annotated[float, Meta(ge=2.0, le=6000.0)] | None = None
     peak_force_n: Annotated[float, Meta(gt=0.0, le=40.0)] | None = None
 
 
@@ -52,6 +54,7 @@ class ArmModel:
     record      for three axes, with the drive as it is here
     reach_m     radius about the origin where force is meant to be given [m]
     gimbal      None: the handle does not turn, or has no encoders
+    holds_weight the motors hold the arm's own weight, as with its maker's software
     """
 
     kinematics: Kinematics
@@ -60,6 +63,7 @@ class ArmModel:
     record: Capability
     reach_m: float
     gimbal: Gimbal | None = None
+    holds_weight: bool = False
 
     def with_settings(self, settings: ArmSettings, where: str) -> ArmModel:
         """This model with the keys that were given in place. Raises DeviceError for a value that no arm has.
@@ -73,13 +77,16 @@ class ArmModel:
             "capstan_m": _three(settings.capstan_m, "capstan_m", where, (1e-4, 1.0)),
             "body_m": _three(settings.body_m, "body_m", where, (1e-3, 10.0)),
             "motor_nm_per_a": _three(settings.motor_nm_per_a, "motor_nm_per_a", where, (1e-4, 10.0)),
-            "limit_ma": _three(settings.limit_ma, "limit_ma", where, (1.0, full_scale)) or self._limits(full_scale),
+            "limit_ma": _three(settings.limit_ma, "limit_ma", where, (2.0, full_scale)) or self._limits(full_scale),
         }
         home = _three(settings.home, "home", where, (-1e6, 1e6))
         given = {key: value for key, value in own.items() if value is not None}
         drive = replace(self.drive, full_scale_ma=full_scale, **given)
         record = self._record(drive, settings.peak_force_n)
-        return replace(self, drive=drive, home_counts=home or self.home_counts, record=record)
+        holds_weight = self.holds_weight and settings.gravity == "maker"
+        return replace(
+            self, drive=drive, home_counts=home or self.home_counts, record=record, holds_weight=holds_weight
+        )
 
     def _limits(self, full_scale_ma: float) -> Vector:
         a, b, c = self.drive.limit_ma
@@ -117,10 +124,20 @@ class ArmModel:
         carrier = self.kinematics.carrier(angles)
         return None if carrier is None else self.gimbal.rotation(carrier, gimbal_counts)
 
-    def currents(self, angles: Vector, force: Vector) -> tuple[Currents, bool]:
+    def weight_currents(self, angles: Vector, share: float) -> tuple[Vector, bool]:
+        """Motor currents [mA] that hold `share` of the arm's own weight, not rounded. True if limits let them hold less."""
+        a, b, c = self.drive.currents(self.kinematics.gravity(angles))
+        a, b, c = share * a, share * b, share * c
+        part = min(
+            [1.0, *(most / abs(i) for i, most in zip((a, b, c), self.drive.largest_ma, strict=True) if abs(i) > most)]
+        )
+        return (part * a, part * b, part * c), part < 1.0
+
+    def currents(self, angles: Vector, force: Vector, held_ma: Vector = NO_TORQUE) -> tuple[Currents, bool]:
         """Motor currents [mA] for a force [N] of the tip on the hand, within the limits of force and motors.
 
-        True if they had to be scaled down; a force that is not finite gives none. Raises DeviceError at angles where the
+        held_ma: those that hold the arm's weight (`weight_currents`); they go first, and the force gets what they leave.
+        True if the force had to be scaled down; one that is not finite gives none. Raises DeviceError at angles where the
         linkage does not close, or only just.
         """
         x, y, z = force
@@ -137,19 +154,17 @@ class ArmModel:
                 f"{self.record.model}: joint angles {angles} rad are out of reach of its linkage; "
                 "its counters are wrong, calibrate it again"
             )
-        a, b, c = joint_torque(jacobian, (x, y, z))
-        ga, gb, gc = self.kinematics.gravity(angles)
-        currents, limited = self.drive.limited(self.drive.currents((a + ga, b + gb, c + gc)))
+        currents, limited = self.drive.limited(self.drive.currents(joint_torque(jacobian, (x, y, z))), held_ma)
         return currents, limited or scaled
 
-    def share_given(self, angles: Vector, force: Vector, currents: Currents) -> float:
-        """The part of `force` that `currents`, scaled down by `currents()`, give, of 1; without the arm's weight."""
+    def share_given(self, angles: Vector, force: Vector, currents: Currents, held_ma: Vector = NO_TORQUE) -> float:
+        """The part of `force` that `currents`, scaled down by `currents()`, give beside `held_ma`, of 1."""
         jacobian = self.kinematics.jacobian(angles)
         if jacobian is None:
             return 0.0
         wanted = self.drive.currents(joint_torque(jacobian, force))
         most = max(range(3), key=lambda joint: abs(wanted[joint]))
-        return currents[most] / wanted[most] if wanted[most] else 0.0
+        return max(0.0, (currents[most] - held_ma[most]) / wanted[most]) if wanted[most] else 0.0
 
 
 def _three(

@@ -5,7 +5,8 @@ What the tables do not say, and how the records got it:
 - peak force 5 N, stiffness, damping, radius: the tables. slew: ours, none of them bounds it.
 - continuous force: what the default current limits give in the worst direction at the worst place of the sphere of reach_m, the
   smallest over joints of limit / (column of the Jacobian, in amperes a newton), rounded down. The limits: 2 A, the public one
-  of haptikfabrikenapi, whose amplifiers cannot hold more; 1 A for the vintage Phantom, of whose motors nobody states one.
+  of haptikfabrikenapi, whose amplifiers cannot hold more; 1 A for the vintage Phantom, of whose motors nobody states one. The
+  Polhem's motors hold its weight with up to 0.94 A of that, as in hfabapi, where nothing switches it off.
 - resolution: one count of the coarsest joint at the centre of the workspace, rounded up.
 - apparent mass: the smallest over directions at the centre, of link masses and of rotors through the cables (Maxon catalogue,
   nominal: RE 30 34 g cm^2, RE 40 140 g cm^2); turret and handle are not stated, so the true one is larger. That is the safe
@@ -24,7 +25,7 @@ from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
-from cogrip.devices.arm.polhem import Polhem
+from cogrip.devices.arm.polhem import Bodies, Polhem
 from cogrip.devices.device import SLEW_NPS, Capability
 
 RATE_HZ = 1024
@@ -77,7 +78,7 @@ _WOODEN_DRIVE = CableDrive(
     direction=_alike(1.0),
     motor_nm_per_a=_alike(RE30_310007_NM_PER_A),
     limit_ma=_alike(2000.0),
-    full_scale_ma=2999.0,  # of the firmware's source build, which clamps nothing; its "6Amps" build: full_scale_ma=5999
+    full_scale_ma=3000.0,  # of the firmware's source build, which clamps nothing; its "6Amps" build: full_scale_ma=6000
 )
 
 _WOODENHAPTICS = ArmModel(
@@ -114,7 +115,7 @@ _VINTAGE = ArmModel(
 )
 
 _POLHEM = ArmModel(
-    kinematics=Polhem(lengths_m=(0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), origin_m=(0.2045, 0.0, 0.0325)),
+    kinematics=Polhem((0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), (0.2045, 0.0, 0.0325), Bodies(g_mps2=9.81)),
     drive=CableDrive(
         counts_per_turn=_alike(4096.0),
         capstan_m=(0.0288534, 0.0136981, 0.0137281),
@@ -125,9 +126,20 @@ _POLHEM = ArmModel(
         full_scale_ma=6000.0,
     ),
     home_counts=(8312.0, -10366.0, 19764.0),
-    record=_record("serial", "polhem", 0.15, 2000.0, 1.0, 1.64, 5.18e-5, 0.049),
+    record=_record("serial", "polhem", 0.15, 2000.0, 1.0, 1.16, 5.18e-5, 0.049),
     reach_m=0.15,
     gimbal=gimbal.POLHEM,
+    holds_weight=True,
+)
+
+# polhem_v3 of haptikfabrikenapi, with which an interface is made there if nothing else is said: other capstans, counted
+# from another place. The linkage and the weights are those of hfabapi: the older source leaves that file out.
+_POLHEM_HID = replace(
+    _POLHEM,
+    drive=replace(_POLHEM.drive, capstan_m=(0.0288, 0.0130, 0.010), full_scale_ma=3000.0),
+    home_counts=(8327.0, -10926.0, 27140.0),
+    record=_record("hid", "polhem-hid", 0.15, 2000.0, 1.0, 1.25, 5.17e-5, 0.063),
+    gimbal=gimbal.POLHEM_HID,
 )
 
 _DEFAULT_WOODY = replace(
@@ -155,6 +167,7 @@ MODELS: dict[str, ArmModel] = {
     "aluhaptics": _ALUHAPTICS,
     "default-woody": _DEFAULT_WOODY,
     "polhem": _POLHEM,
+    "polhem-hid": _POLHEM_HID,
     "vintage": _VINTAGE,
     "woodenhaptics": _WOODENHAPTICS,
     "woodenhaptics-serial": _WOODENHAPTICS_SERIAL,

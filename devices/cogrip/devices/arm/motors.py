@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isfinite, pi
+from math import ceil, isfinite, pi
 
-from cogrip.devices.arm.kinematics import Vector
+from cogrip.devices.arm.kinematics import NO_TORQUE, Vector
 
 Currents = tuple[int, int, int]
 """Motor currents [mA], whole, as they go over a wire."""
@@ -22,7 +22,12 @@ NO_CURRENT: Currents = (0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class CableDrive:
-    """limit_ma: largest current of each motor [mA]; full_scale_ma: what amplifier and firmware can take at all."""
+    """Both bounds are exclusive, as in haptikfabrikenapi, which gives a motor at most max_milliamps - 1.
+
+    limit_ma      what the current of each motor stays below [mA]
+    full_scale_ma what amplifier and firmware are built for; bounds limit_ma
+    largest_ma    the largest whole current below each limit
+    """
 
     counts_per_turn: Vector
     capstan_m: Vector
@@ -33,6 +38,7 @@ class CableDrive:
     full_scale_ma: float
     rad_per_count: Vector = field(init=False, repr=False, compare=False)
     ma_per_nm: Vector = field(init=False, repr=False, compare=False)
+    largest_ma: Vector = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         ratio = [way * s / d for way, s, d in zip(self.direction, self.capstan_m, self.body_m, strict=True)]
@@ -40,6 +46,7 @@ class CableDrive:
         per_nm = tuple(1000.0 * r / k for r, k in zip(ratio, self.motor_nm_per_a, strict=True))
         object.__setattr__(self, "rad_per_count", per_count)
         object.__setattr__(self, "ma_per_nm", per_nm)
+        object.__setattr__(self, "largest_ma", tuple(max(0, ceil(limit) - 1) for limit in self.limit_ma))
 
     def angles(self, counts: Sequence[float]) -> Vector:
         """Joint angles [rad] of calibrated counts."""
@@ -65,15 +72,21 @@ class CableDrive:
         a, b, c = self.ma_per_nm
         return ia / a, ib / b, ic / c
 
-    def limited(self, currents_ma: Vector) -> tuple[Currents, bool]:
-        """Whole milliamperes, truncated towards zero; all scaled by one factor where any is above its limit, so that the
+    def limited(self, currents_ma: Vector, held_ma: Vector = NO_TORQUE) -> tuple[Currents, bool]:
+        """Whole milliamperes, truncated towards zero; all scaled by one factor where any reaches its limit, so that the
         force keeps its direction. True if they were. Where one is not finite, all are zero.
+
+        held_ma: what flows beside them whatever they are, itself below the limits; it is in the sum, and is not scaled.
         """
-        a, b, c = currents_ma
+        a, b, c = (current + held for current, held in zip(currents_ma, held_ma, strict=True))
         la, lb, lc = self.limit_ma
-        if -la <= a <= la and -lb <= b <= lb and -lc <= c <= lc:
+        if -la < a < la and -lb < b < lb and -lc < c < lc:
             return (int(a), int(b), int(c)), False
         if not isfinite(a + b + c):
             return NO_CURRENT, True
-        share = min([limit / abs(i) for i, limit in zip(currents_ma, self.limit_ma, strict=True) if abs(i) > limit])
-        return (int(share * a), int(share * b), int(share * c)), True
+        share = 1.0
+        for i, held, most in zip(currents_ma, held_ma, self.largest_ma, strict=True):
+            if abs(i + held) > most:
+                share = min(share, max(0.0, (most - held if i > 0.0 else most + held) / abs(i)))
+        a, b, c = (share * current + held for current, held in zip(currents_ma, held_ma, strict=True))
+        return (int(a), int(b), int(c)), True

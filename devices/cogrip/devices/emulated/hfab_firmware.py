@@ -1,7 +1,10 @@
 """The hfab firmware 2 (Teensy, serial): bracket frames, error numbers, watchdog, the fault of pipelined requests.
 
-Written from the firmware's own parsing rules: bytes before `[` are skipped; `]` ends a frame of at most 127 bytes; after it the
-firmware looks at what is already buffered, where only newline, return and NUL may stand; numbers are read as C's "%d" does.
+Written from the firmware's own parsing rules, in their order. It reads byte by byte until `]`, at most 127 bytes (128). Without
+a `[` among them that is 256; with another number of commas than two, wherever they stand, 512, and the rest stays unread. Only
+after a frame with two commas does it look at what is already buffered, where only newline, return and NUL may stand: it reads
+on through the first byte that is another (8). The numbers are read from the last `[` on, as C's sscanf reads "[%d,%d,%d]":
+blanks and a sign may stand before a number, anything after the third (1024).
 """
 
 from __future__ import annotations
@@ -53,28 +56,25 @@ class HfabFirmware(Firmware):
             self._reply(error)
 
     def _frame(self) -> bytes | int | None:
-        """The next frame, an error number, or None while there is no whole one."""
+        """The next frame from its last `[` on, an error number, or None while there is no whole one."""
         buffer = self._buffer
-        begin, end = buffer.find(b"["), buffer.find(b"]")
-        if end >= 0 and (begin < 0 or end < begin):
-            self._buffer = buffer[end + 1 :]
-            return 256
-        if begin < 0:
-            self._buffer = b""
-            return None
-        if end < 0 or end - begin >= LONGEST:
-            if len(buffer) - begin < LONGEST:
-                self._buffer = buffer[begin:]
+        end = buffer.find(b"]", 0, LONGEST)
+        if end < 0:
+            if len(buffer) < LONGEST:
                 return None
-            self._buffer = buffer[begin + LONGEST :]
+            self._buffer = buffer[LONGEST:]
             return 128
-        rest = buffer[end + 1 :].lstrip(_BLANKS)
+        read, self._buffer = buffer[: end + 1], buffer[end + 1 :]
+        begin = read.rfind(b"[")
+        if begin < 0:
+            return 256
+        if read.count(b",") != 2:
+            return 512
+        rest = self._buffer.lstrip(_BLANKS)
         self._buffer = rest[1:]
-        return 8 if rest else buffer[begin : end + 1]
+        return 8 if rest else read[begin:]
 
     def _act(self, frame: bytes) -> int:
-        if frame.count(b",") != 2:
-            return 512
         numbers = _THREE.match(frame)
         if numbers is None:
             return 1024

@@ -21,7 +21,7 @@ from cogrip.devices.emulated.mechanics import Mechanics
 from cogrip.devices.haply.family import drive as drive_haply
 from cogrip.devices.haply.models import MODELS as HAPLY
 from cogrip.devices.haply.models import HaplySettings
-from cogrip.devices.hid.family import NAMES as HID_NAMES
+from cogrip.devices.hid.family import ARMS as HID_ARMS
 from cogrip.devices.hid.family import drive as drive_hid
 from cogrip.devices.registry import make
 from cogrip.devices.serial.family import SerialSettings
@@ -60,8 +60,13 @@ def _hid(name: str, body: Body, seed: int, powered_at_m: Vector | None) -> Firmw
     return HidFirmware(Mechanics(MODELS[name], body, powered_at_m), Faults(seed, reports=True))
 
 
+def _drive_hid(port: Port, name: str, store: Store, address: Address, axes: int) -> Device:
+    return drive_hid(port, name, store, replace(address, name=address.name.removesuffix("-hid")), axes)
+
+
 MACHINES |= {
-    name: Machine("hid", _hid, drive_hid, keys_of(ArmSettings), MODELS[name], reports=True) for name in HID_NAMES
+    model.record.model: Machine("hid", _hid, _drive_hid, keys_of(ArmSettings), model, reports=True)
+    for model in HID_ARMS.values()
 }
 
 

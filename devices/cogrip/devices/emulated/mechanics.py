@@ -5,6 +5,8 @@ The way round that no driver goes: the inverse kinematics, and its own slopes fo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from cogrip.devices.arm.kinematics import Matrix, Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.emulated.body import Body
@@ -19,6 +21,7 @@ class Mechanics:
         self.model = model
         self.body = body
         self.force_n: Vector = (0.0, 0.0, 0.0)  # what the motors push the hand with
+        self.weight_n: Vector = (0.0, 0.0, 0.0)  # and what the arm's own weight does
         self.peak_force_n = 0.0
         self.currents_ma: Vector = (0.0, 0.0, 0.0)
         self._angles: Vector = (0.0, 0.0, 0.0)
@@ -97,21 +100,22 @@ class Mechanics:
             self._slip[joint] += stood - self.counters[joint]
 
     def drive(self, currents_ma: Vector) -> None:
-        """Currents flow; the tip is pushed by what they make of torque."""
+        """Currents flow; the tip is pushed by what they make of torque, and by the arm's weight."""
         self.currents_ma = currents_ma
-        if not any(currents_ma):
-            force: Vector = (0.0, 0.0, 0.0)
-        else:
-            at = self.body.position_m
-            if self._sloped is None or self._sloped[0] != at:
-                self._sloped = at, self._slopes(at)
-            torque = self.model.drive.torque(currents_ma)
-            x, y, z = (sum(slope * tau for slope, tau in zip(row, torque, strict=True)) for row in self._sloped[1])
-            force = (x, y, z)
-        self.force_n = force
-        size = sum(part * part for part in force) ** 0.5
+        self.force_n = self._at_the_tip(self.model.drive.torque(currents_ma)) if any(currents_ma) else (0.0, 0.0, 0.0)
+        holding = self.model.kinematics.gravity(self._angles)
+        self.weight_n = self._at_the_tip([-torque for torque in holding]) if any(holding) else (0.0, 0.0, 0.0)
+        size = sum(part * part for part in self.force_n) ** 0.5
         self.peak_force_n = max(self.peak_force_n, size)
-        self.body.push(force)
+        x, y, z = (motors + weight for motors, weight in zip(self.force_n, self.weight_n, strict=True))
+        self.body.push((x, y, z))
+
+    def _at_the_tip(self, torque: Sequence[float]) -> Vector:
+        at = self.body.position_m
+        if self._sloped is None or self._sloped[0] != at:
+            self._sloped = at, self._slopes(at)
+        x, y, z = (sum(slope * tau for slope, tau in zip(row, torque, strict=True)) for row in self._sloped[1])
+        return x, y, z
 
     def _slopes(self, position_m: Vector) -> Matrix:
         """(d theta / d x)^T: what each joint turns by along each axis; 0 along an axis on which the links are stretched."""

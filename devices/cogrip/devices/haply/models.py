@@ -2,8 +2,10 @@
 
 Lengths, wiring, home poses and the clamp of 0.123 Nm are those of Haply's examples and firmware. What those do not say:
 
-- peak force: what 0.123 Nm gives in the worst direction at the worst place of the workspace, rounded down. The Pantograph's
-  examples multiply its torques by 0.1, taken here for the ratio of its drive; it would give over 15 N then, and is held to 5.
+- torque: what goes over the wire is that of the joint, tau = J^T F with J in m/rad, at the angle that the encoder counts. So it
+  is in Haply's Python (HaplyHAPI), for all its arms, with a gain of 1, and only so is F dx = tau dtheta. Java and C++ of the
+  old Pantograph leave the length l = 0.05 m out of J and multiply by a gain of 0.1 in its place: twice as much torque.
+- peak force: what 0.123 Nm gives in the worst direction at the worst place of the workspace, rounded down.
 - continuous force, stiffness, damping, mass, slope, speed: nominal and ours, stated by nobody.
 - workspace: a box in front of the motors that both legs reach well; resolution: one count of a joint at its centre, rounded up.
 """
@@ -30,7 +32,7 @@ _STEP_NM_PER_A = 1000.0 * STEP_NM  # so that the drive's whole "milliamperes" ar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HaplyModel(ArmModel):
-    """See `ArmModel`; joints a and b, and a third that is always 0. Currents are steps of STEP_NM at the motor."""
+    """See `ArmModel`; joints a and b, and a third that is always 0. Currents are steps of STEP_NM at the joint."""
 
     five_bar: FiveBar
     wiring: Wiring
@@ -107,10 +109,9 @@ def _home_counts(wiring: Wiring, home_deg: Pair, drive: CableDrive) -> Vector:
 
 
 def _model(
-    name: str, five_bar: FiveBar, wiring: Wiring, box_m: Pair, forces_n: Pair, resolution_m: float, mass_kg: float,
-    ratio: float = 1.0,
+    name: str, five_bar: FiveBar, wiring: Wiring, box_m: Pair, forces_n: Pair, resolution_m: float, mass_kg: float
 ) -> HaplyModel:  # fmt: skip
-    """ratio: turns of the arm for a turn of its motor; the encoder's counts are stated for the arm."""
+    """Counts and torques are those of the joints, whatever is between them and the motors."""
     x, y = box_m
     record = Capability(
         family="haply",
@@ -129,10 +130,10 @@ def _model(
         gives_velocity=False,
         latency_ticks=1,
     )
-    turn = wiring.counts_per_turn * ratio
+    turn = wiring.counts_per_turn
     drive = CableDrive(
         counts_per_turn=(turn, turn, turn),
-        capstan_m=(ratio, ratio, ratio),
+        capstan_m=(1.0, 1.0, 1.0),
         body_m=(1.0, 1.0, 1.0),
         direction=(1.0, 1.0, 1.0),
         motor_nm_per_a=(_STEP_NM_PER_A,) * 3,
@@ -174,10 +175,9 @@ MODELS: dict[str, HaplyModel] = {
         FiveBar(0.05, 0.07, 0.02, (0.01, 0.065)),
         Wiring((1, 2), (False, False), 13824.0, (180.0, 0.0)),
         (0.03, 0.04),
-        (5.0, 1.5),
+        (2.28, 0.7),
         2.2e-5,
         0.08,
-        ratio=0.1,
     ),
 }
 """Name -> model with its makers' numbers: 2DIY version 3 (plastic), version 2 (metal), and the old Pantograph."""

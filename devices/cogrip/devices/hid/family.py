@@ -18,7 +18,8 @@ from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
 
 MAX_AXES = 3
-NAMES = tuple(name for name, model in MODELS.items() if model.record.family == "hid")
+ARMS = {name.removesuffix("-hid"): model for name, model in MODELS.items() if model.record.family == "hid"}
+NAMES = tuple(ARMS)
 NO_FORCE_N = 1e-9  # what a record can say that comes nearest to none
 NO_LIMIT_MA = (0.0, 0.0, 0.0)
 
@@ -42,13 +43,13 @@ IDENTITY = ("variant", "path", "serial")
 
 def family() -> Family:
     """The family `hid:`, for the registry."""
-    what = "arms over USB HID (Haptikfabriken, WoodenHaptics): hid:woodenhaptics?variant=mbed14, teensy64 or mbed8 (read only)"
+    what = "arms over USB HID (Polhem, WoodenHaptics): hid:woodenhaptics?variant=mbed14, teensy64 or mbed8 (read only)"
     return Family(
         what,
         make,
         tuple(f"hid:{name}" for name in NAMES),
         real=True,
-        stand_ins=tuple(f"emulated:{name}" for name in NAMES),
+        stand_ins=tuple(f"emulated:{model.record.model}" for model in ARMS.values()),
     )
 
 
@@ -70,7 +71,7 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
     if not 1 <= axes <= MAX_AXES:
         raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
     settings = _settings(address)
-    model = MODELS[address.name].with_settings(settings, where)
+    model = ARMS[address.name].with_settings(settings, where)
     if not VARIANTS[settings.variant].gives_force:
         model = _without_force(model)
 

@@ -39,8 +39,8 @@ class ReportCodec:
         return self._pack((a, b, c, APPLY, 0, 0, 0), "mA")
 
     def load(self, counts: Sequence[float]) -> bytes:
-        a, b, c = counts
-        return self._pack((0, 0, 0, LOAD, a, b, c), "counts")
+        a, b, c, d, e, f = counts
+        return self._pack((d, e, f, LOAD, a, b, c), "counts")
 
     def _pack(self, fields: Sequence[float], unit: str) -> bytes:
         """Raises DeviceError for what no int16 holds: nothing wraps around into another force."""

@@ -1,5 +1,7 @@
 """A HID device, by the package hidapi: its module `hidraw` (Linux) or `hid` (libusb on Linux, the system's own elsewhere).
 
+Where the path is that of a local socket, an emulated device is behind it (`report_socket`), and hidapi is left out.
+
 The system call that writes a report comes back when the device has taken it: within a millisecond, but from a device that hangs
 only after one second (libusb) or five (hidraw). So reports are written in a thread of their own, and the loop does not wait;
 what went wrong there is raised at the next verb. Reading while another thread writes is what hidapi allows.
@@ -21,6 +23,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import Found, choose
 from cogrip.devices.hid.variants import Variant
 from cogrip.devices.io.plugging import stamp_of
+from cogrip.devices.io.report_socket import SocketDevice, is_socket
 
 LONGEST_REPORT = 65  # one more than any has, so that a longer one is not taken for a right one
 MOST_WAITING = 64  # reports that a system keeps
@@ -53,9 +56,18 @@ class HidPort:
         """Raises DeviceError where hidapi is missing, or where the device is not there, not alone, not ours, or another one."""
         if self._writer is not None:
             raise DeviceError(f"{self.name}: is open already; close it first")
-        hidapi = load_hidapi(self._backend, self.name)
         path, serial = self._asked
         path = os.path.realpath(path) if path.startswith("/") else path  # udev's links
+        device = self._emulated(path) if is_socket(path) else self._real(path, serial)
+        self._device, self._writer = device, _Writer(device)
+        try:
+            self._discard()
+        except DeviceError:
+            self.close()
+            raise
+
+    def _real(self, path: str, serial: str) -> Any:
+        hidapi = load_hidapi(self._backend, self.name)
         found = choose(_found(hidapi, self._variant.usb_id), self._variant, self.name, path, serial)
         device = hidapi.device()
         try:
@@ -67,12 +79,17 @@ class HidPort:
                 " the right to it (udev rules: configs/99-cogrip.rules)"
             ) from None
         self.path = found.path
-        self._device, self._writer = device, _Writer(device)
+        return device
+
+    def _emulated(self, path: str) -> SocketDevice:
         try:
-            self._discard()
-        except DeviceError:
-            self.close()
-            raise
+            device = SocketDevice(path)
+        except OSError as error:
+            raise DeviceError(
+                f"{self.name}: {path} cannot be opened ({error.strerror}); start `cogrip devices emulate hid --link {path}`"
+            ) from None
+        self.path = path
+        return device
 
     def _discard(self) -> None:
         """The report that was already waiting in the device is old: from power-up, or from its last host. It is one at most."""
