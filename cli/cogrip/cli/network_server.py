@@ -126,6 +126,7 @@ def settings_of(job: Job) -> list[Settings]:
         rooms.append(resolve({
             "name": room_name(number), "rates": {"network_hz": NETWORK_HZ}, "object": {"axes": job.axes},
             "playout": {"frames": 2}, "users": [{"name": f"p{seat}"} for seat in range(seats)],
+            "admission": {"seats_per_token": max(1, job.people)},
         }))  # fmt: skip
     return rooms
 

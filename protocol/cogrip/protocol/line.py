@@ -126,11 +126,15 @@ class LineReceiver:
         if newest >= cursor:
             self._marks[newest] = mark
         if first > self._settled:
-            if self._cursor is None or first > cursor:
-                self._totals[first] = (total, square)
-            elif self._usable is None or first >= self._usable[0]:
-                self._usable = first, total, square
+            self._keep_totals(first, total, square)
         return True
+
+    def _keep_totals(self, first: int, total: Frame, square: Frame) -> None:
+        """Of those that speak of played frames alone the newest, the others until their frame is due."""
+        if self._cursor is None or first > self._cursor:
+            self._totals[first] = (total, square)
+        elif self._usable is None or first >= self._usable[0]:
+            self._usable = first, total, square
 
     def _near(self, newest: int) -> bool:
         """Whether a datagram that ends with this frame can be of this line: what is kept, and gone over, is bounded by it."""

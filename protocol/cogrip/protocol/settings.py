@@ -85,6 +85,7 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Who may come in, and what they may do. The server's own: no client needs to know."""
 
     observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # at once, in this room
+    seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8  # that one token holds at once, in all rooms
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
     # of device records: those that claim more are refused, those without a bound get this one. None: any, but under a seal
     # what `for_strangers` says

@@ -365,6 +365,11 @@ class ServerCore:
             self._refuse(hello.nonce, address, found)
             return
         room, number = found
+        most = room.settings.admission.seats_per_token
+        if grant.token and self._seats_of(grant.token) >= most:
+            words = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
+            self._refuse(hello.nonce, address, Denied("token", words))
+            return
         seat = room.seats[number]
         self._unlink(room, number)  # whoever sat here before
         self._tickets.pop(seat.session, None)
@@ -375,6 +380,10 @@ class ServerCore:
         self._door.admitted(grant)
         self._tell("joined", room, seat, f"joined from {place_text(address)} with {hello.device}", address)
         self._welcome(room, seat)
+
+    def _seats_of(self, token: str) -> int:
+        """How many seats are held by this token now."""
+        return sum(seat.state == "seated" and seat.token == token for room in self.rooms for seat in room.seats)
 
     def _give_view(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
         room = find_view(self.rooms, hello, grant)
