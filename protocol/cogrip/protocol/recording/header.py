@@ -83,4 +83,8 @@ def header_of(metadata: dict[str, str]) -> Header:
         if field.name in metadata:
             text = metadata[field.name]
             fields[field.name] = text if field.type is str else msgspec.json.decode(text)
-    return msgspec.convert(fields, Header)
+    header = msgspec.convert(fields, Header)
+    for name in ("role", "who", "room"):
+        if not getattr(header, name).isprintable():
+            raise ValueError(f"its {name} holds control characters")
+    return header
