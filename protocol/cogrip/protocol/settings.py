@@ -221,6 +221,18 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
     return msgspec.structs.replace(settings.coupling, **own)
 
 
+def not_passive(settings: Settings) -> str:
+    """The settings by which a room can make energy of nothing, "" if none does."""
+    coupling = settings.coupling
+    if coupling.kind == "coupling":
+        return 'coupling.kind = "coupling"'
+    if coupling.kind != "wave":
+        return ""
+    active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
+    decimators = {coupling_of(settings, user).decimator for user in settings.users}
+    return ", ".join(active + [f'decimator = "{each}"' for each in ("lowpass", "none") if each in decimators])
+
+
 def rates_of(settings: Settings, user: User) -> Rates:
     """[rates] with this user's own device rate in place."""
     device_hz = settings.rates.device_hz if user.device_hz is None else user.device_hz

@@ -164,8 +164,9 @@ def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
 
 
 def _limited(room: Room) -> dict[str, int]:
-    """What people brought in beyond what their seats may, and was taken off."""
-    return {
+    """What people brought in beyond what their seats may, and was taken off; how often their object had to be put back."""
+    put_back = {"object put back from out of reach": room.put_back} if room.put_back else {}
+    return put_back | {
         f"{seat.name}: {reason}": count
         for number, seat in enumerate(room.seats)
         for reason, count in room.limited(number).items()

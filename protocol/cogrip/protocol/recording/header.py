@@ -4,11 +4,12 @@ import platform
 import sys
 import zlib
 from importlib.metadata import version
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
 from cogrip.protocol.messages import PROTOCOL_VERSION
+from cogrip.protocol.rates import Hz
 from cogrip.protocol.version import VERSION
 
 NAME = "cogrip"
@@ -50,9 +51,9 @@ class Header(msgspec.Struct, frozen=True):
     role: str
     who: str
     start: str
-    rate_hz: int
+    rate_hz: Hz
     seed: int
-    epoch_ns: int
+    epoch_ns: Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
     virtual: bool
     versions: Versions
     topics: tuple[str, ...]
