@@ -1,5 +1,6 @@
 """What a recording says of itself before its first message: MCAP metadata `cogrip`, text to text."""
 
+import json
 import platform
 import sys
 import zlib
@@ -88,4 +89,10 @@ def header_of(metadata: dict[str, str]) -> Header:
     for name in ("role", "who", "room"):
         if not getattr(header, name).isprintable():
             raise ValueError(f"its {name} holds control characters")
+    try:
+        json.loads(header.start)
+    except RecursionError:
+        raise ValueError("its start is nested too deep") from None
+    except ValueError:  # whoever makes a core of it says what is wrong with it
+        pass
     return header
