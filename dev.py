@@ -104,7 +104,7 @@ def lock(*args: str) -> int:
     _need_pip()
     with tempfile.TemporaryDirectory() as folder:
         # uv is only needed here, so it is no dependency of the project.
-        if code := _call(sys.executable, "-m", "pip", "install", "--quiet", "--target", folder, "uv"):
+        if code := _call(sys.executable, "-P", "-m", "pip", "install", "--quiet", "--target", folder, "uv"):
             return code
         return _call(
             Path(folder) / "bin" / "uv",
@@ -142,7 +142,7 @@ def _need_pip() -> None:
 
 
 def _pip(*args: str | Path) -> None:
-    pip = (sys.executable, "-m", "pip", "--python", _tool("python"), "--disable-pip-version-check", "--quiet")
+    pip = (sys.executable, "-P", "-m", "pip", "--python", _tool("python"), "--disable-pip-version-check", "--quiet")
     if code := _call(*pip, *args):
         raise SystemExit(f"dev.py: pip could not fill .venv (exit code {code}, its reason is above); try again")
 

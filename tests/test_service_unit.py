@@ -2,6 +2,7 @@
 
 import configparser
 import inspect
+import re
 import shlex
 import shutil
 import subprocess
@@ -96,3 +97,15 @@ def test_real_time_is_allowed():
 def test_callbacks_of_openssl_can_be_made():
     """They are written to memory that is run: the cookie exchange fails where that is denied."""
     assert "MemoryDenyWriteExecute" not in settings()
+
+
+@pytest.mark.parametrize("page", [UNIT, UNIT.parents[1] / "docs" / "operations.md"])
+def test_what_is_installed_is_what_was_locked(page):
+    """Every package by its hash, and nothing beside it: not even what builds ours."""
+    installs = re.findall(r"/bin/pip (install .*)", page.read_text())
+    assert [shlex.split(each, comments=True)[1:] for each in installs] == [
+        ["--require-hashes", "-r", "requirements.lock"],
+        ["--no-build-isolation", "--no-deps", "."],
+    ]
+    lock = (UNIT.parents[1] / "requirements.lock").read_text()
+    assert re.search(r"^hatchling==", lock, re.MULTILINE)

@@ -70,6 +70,27 @@ def test_a_key_that_others_could_read_is_refused(tmp_path: Path, mode: int) -> N
     load(tmp_path)
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give a file away")
+def test_a_key_of_another_user_is_refused_by_root_too(tmp_path: Path) -> None:
+    load(tmp_path)
+    key = tmp_path / "server.key"
+    os.chown(key, 12345, -1)
+    for use in (load, secret_of):
+        with pytest.raises(
+            CertificateError, match=f"{key} belongs to user 12345, who knows it, and this is user 0; run"
+        ):
+            use(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners here")
+def test_a_key_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    load(tmp_path)
+    mine = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: mine + 1)
+    with pytest.raises(CertificateError, match=f"belongs to user {mine}, who knows it, and this is user {mine + 1}"):
+        load(tmp_path)
+
+
 def test_a_lost_certificate_is_named_and_nothing_is_made(tmp_path: Path) -> None:
     """Another one would make all links void, and say nothing of it."""
     load(tmp_path)

@@ -392,11 +392,21 @@ def test_contents_of_another_line_change_nothing(first: int, waves: Frame, total
 
 def test_jumps_are_measured_from_the_playout_so_that_they_cannot_add_up() -> None:
     receiver = LineReceiver(1, 0, FRAME_S)
-    assert receiver.receive(line.FURTHEST_JUMP, (0.1,), (0.0,), (0.0,))
-    assert not receiver.receive(line.FURTHEST_JUMP + 1, (0.1,), (0.0,), (0.0,))
-    receiver.take()
-    assert receiver.receive(2 * line.FURTHEST_JUMP + 1, (0.1,), (0.0,), (0.0,))
-    assert not receiver.receive(2 * line.FURTHEST_JUMP + 2, (0.1,), (0.0,), (0.0,))
+    far, ahead = line.FURTHEST_JUMP, line.HISTORY
+    assert not receiver.receive(far + 1, (0.1,), (0.0,), (0.0,))
+    assert receiver.receive(far, (0.1,), (0.0,), (0.0,))
+    assert receiver.receive(far + ahead, (0.1,), (0.0,), (0.0,))
+    for outside in (far + ahead + 1, far - ahead - 1):
+        assert not receiver.receive(outside, (0.1,), (0.0,), (0.0,))
+    receiver.take()  # frame `far + ahead`
+    assert receiver.receive(far + 2 * ahead + 1, (0.1,), (0.0,), (0.0,))
+    assert not receiver.receive(far + 2 * ahead + 2, (0.1,), (0.0,), (0.0,))
+
+
+def test_a_datagram_has_no_more_frames_than_the_largest_redundancy() -> None:
+    receiver = LineReceiver(1, 0, FRAME_S)
+    assert not receiver.receive(0, (0.1,) * (line.MOST_FRAMES + 1), (0.0,), (0.0,))
+    assert receiver.receive(0, (0.1,) * line.MOST_FRAMES, (0.0,), (0.0,))
 
 
 def test_marks_come_with_the_frame_they_speak_of() -> None:

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import struct
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -12,14 +13,23 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import pytest
+import zstandard
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of, versions_here
-from cogrip.protocol.recording.reader import Follower, Message, Recording, RecordingError, open_recording
+from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, _check, header_of, versions_here
+from cogrip.protocol.recording.reader import (
+    MOST_CHUNK_BYTES,
+    MOST_PACKED,
+    Follower,
+    Message,
+    Recording,
+    RecordingError,
+    open_recording,
+)
 from cogrip.protocol.recording.records import KINDS, Record, SeatStep
 from cogrip.protocol.recording.schema import json_schema
 from cogrip.protocol.recording.sink import encode, topics
@@ -477,3 +487,50 @@ def test_any_bytes_are_a_recording_or_are_refused(path, data):
     path.write_bytes(SMALL[:8] + data)
     with pytest.raises(RecordingError):
         open_recording(path)
+
+
+def bomb(unpacked: int, chunks: int) -> bytes:
+    """A file with chunks of empty records, each of which packs away to nothing."""
+    data = zstandard.compress(bytes(unpacked))
+    body = (
+        struct.pack("<QQQI", 0, 0, unpacked, 0) + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(data)) + data
+    )
+    whole = written(header(), [])
+    begin = HEADER_END
+    return whole[:begin] + (struct.pack("<BQ", 6, len(body)) + body) * chunks + whole[begin:]
+
+
+@pytest.mark.parametrize(("unpacked", "chunks"), [(1 << 20, 200), (60 << 20, 40)])
+def test_chunks_that_unpack_to_far_more_than_was_ever_written_are_not_opened(path, unpacked, chunks, monkeypatch):
+    """Work is counted: bytes that are unpacked, for each of the file."""
+    data = bomb(unpacked, chunks)
+    taken = []
+    whole = zstandard.decompress
+    monkeypatch.setattr(zstandard, "decompress", lambda packed: taken.append(len(out := whole(packed))) or out)
+    recording, found = read(path, data)
+    assert sum(taken) <= MOST_PACKED * len(data)
+    assert found == []
+    assert len(recording.damage) == chunks
+    most = min(MOST_CHUNK_BYTES, MOST_PACKED * (recording.damage[0].length - 9))
+    assert f"bytes that say they hold {unpacked}, and {most} is the most that is opened" in recording.damage[0].reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rate_hz": "0"}, "rate_hz"),
+        ({"rate_hz": "1e308"}, "rate_hz"),
+        ({"rate_hz": "20001"}, "rate_hz"),
+        ({"epoch_ns": "9223372036854775808"}, "epoch_ns"),
+        ({"who": "anna\x1b[2J"}, "its who holds control characters"),
+        ({"room": "lab\u202e"}, "its room holds control characters"),
+        ({"start": "[" * 20000 + "]" * 20000}, "its start is nested too deep"),
+    ],
+)
+def test_a_header_that_no_session_has_is_refused(path, changes, words):
+    texts = {key: value for key, value in header().metadata().items() if key != CHECK} | changes
+    path.write_bytes(foreign(lambda writer: writer.add_metadata(NAME, {**texts, CHECK: _check(texts)})))
+    with pytest.raises(RecordingError) as refused:
+        open_recording(path)
+    assert words in str(refused.value)
+    assert str(refused.value).isprintable()

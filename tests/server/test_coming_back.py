@@ -448,3 +448,19 @@ def test_who_brings_nothing_in_is_silent_whatever_they_say() -> None:
     assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free", "seated"]
     assert desk.core.dropped["unfit"] > 250
     assert desk.core.dropped["seat timed out"] == 1
+
+
+def test_one_token_holds_so_many_seats_at_once_in_all_rooms() -> None:
+    users = [{"name": name} for name in ("anna", "ben", "cleo", "dora")]
+    rooms = [room(name=name, users=users, admission={"seats_per_token": 3}) for name in ("lab", "annex")]
+    desk = Guarded(*rooms)
+    desk.welcome("a", room="lab", name="")
+    desk.welcome("b", room="annex", name="")
+    first = desk.welcome("c", room="annex", name="")
+    refused = desk.hello("d", token="p", room="lab", name="")
+    assert isinstance(refused, Refuse)
+    assert refused.code == "token"
+    assert "holds 3 seats already (admission.seats_per_token)" in refused.reason
+    assert isinstance(desk.hello("e", token="b", room="lab", name="ben"), Welcome)  # another token
+    desk.say(messages.encode(Leave(first.session, "goodbye")), "c")
+    assert isinstance(desk.hello("f", token="p", room="lab", name=""), Welcome)

@@ -13,7 +13,7 @@ from cogrip.protocol.join_link import JoinLink
 from cogrip.server.io import token_file
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
-from cogrip.server.tokens import TokenBook, TokenError
+from cogrip.server.tokens import TokenBook, TokenError, why_not
 
 WRITE = """
 import os, signal, sys
@@ -159,3 +159,13 @@ def test_a_file_that_others_may_read_is_refused(file: TokenFile, folder: StateFo
             use()
     folder.tokens.chmod(0o600)
     assert notes(file) == ["one"]
+
+
+def test_what_was_written_by_a_clock_before_1970_is_read_again(folder: StateFolder) -> None:
+    file, then_s = TokenFile(folder), -86_400.5
+    made = file.change(lambda book: book.new(draw_token(), then_s, once=True))
+    file.change(lambda book: (book.use(made.id, then_s), None))
+    file.change(lambda book: (book.revoke(made.id, then_s), None))
+    (token,) = file.load().tokens
+    assert (token.created, token.used, token.revoked) == (-86_400, -86_400, -86_400)
+    assert why_not(token, 0.0) == "was revoked at 1969-12-31 00:00 UTC"

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, Seat
 from cogrip.protocol.settings import resolve
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
+from cogrip.sim.run_list import list_runs
 from cogrip.sim.summary import UserRecord, summarise
+from cogrip.sim.traces import load_run
 from cogrip.sim.verdict import MANY_LATE, energy, number, share, verdict
 
 from tests.sim.reported_runs import printed
@@ -179,3 +182,34 @@ def test_what_is_not_finite_is_null_in_the_file(strange: float) -> None:
 def test_what_is_finite_is_written_as_it_is() -> None:
     summary = said(0.1, 0.2, 0.3)
     assert json.loads(summary_text(summary)) == msgspec.json.decode(msgspec.json.encode(summary))
+
+
+CONTROLS = "\x1b[31m\x9b\x07\r\n\u202e\u2028\x00"
+
+
+def test_texts_of_a_run_folder_that_somebody_else_wrote_are_shown_clean(finished: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(finished, tmp_path / "run"))
+    path = folder / "summary.json"
+    summary = json.loads(path.read_text())
+    summary["name"] = summary["users"][0]["name"] = f"anna{CONTROLS}"
+    summary["users"][0] |= {"state": f"fault{CONTROLS}", "reason": f"why{CONTROLS}"}
+    table = printed(summary)
+    path.write_text(json.dumps({**summary, "diverged": True}))
+    (listed,) = list_runs(folder, lambda _: False)
+    run = load_run(folder)
+    for text in (table.replace("\n", ""), listed.verdict, "".join(listed.people), "".join(run.names)):
+        assert text.isprintable()
+    assert "why" in listed.verdict
+
+
+def test_what_only_a_client_of_others_says_decides_no_verdict(finished: Path) -> None:
+    summary = json.loads((finished / "summary.json").read_text())
+    ben = summary["users"][1]
+    ben["claimed"] = {"diverged": True, "down_margin_j": -0.0034}
+    ben["energy"]["down_margin_j"] = -0.0034
+    assert verdict(summary)[0][0] == verdict(summary)[1][0] == "good"
+    assert "The client of ben says that the line down gave out 3.4 mJ too much." in words(summary)
+    assert "The client of ben says that it diverged." in words(summary)
+    summary["passive"] = False
+    ben["energy"]["up_margin_j"] = -0.001
+    assert "Not passive: the line up of ben gave out 1 mJ more than its client says was put in." in words(summary)

@@ -170,7 +170,7 @@ def _server(file: str, runs: Path) -> Iterator[tuple[subprocess.Popen[str], str]
 
 def _start(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-u", "-m", "cogrip.cli", *arguments],
+        [sys.executable, "-P", "-u", "-m", "cogrip.cli", *arguments],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 

@@ -149,7 +149,7 @@ def _session(folder: Path, names: Sequence[str], seconds: float, recorded: bool)
 
 def _start(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-u", "-m", "cogrip.cli", *arguments],
+        [sys.executable, "-P", "-u", "-m", "cogrip.cli", *arguments],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
@@ -236,7 +236,7 @@ def _in_child(task: str, path: Path) -> Measured:
 
 def _child(code: str, *arguments: str) -> str:
     """What a process of its own prints. Raises Problem where it fails."""
-    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-P", "-c", code, *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
         raise Problem(f"{' '.join(arguments)}: failed:\n{done.stderr.strip()}")
     return done.stdout

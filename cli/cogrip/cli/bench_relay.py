@@ -127,7 +127,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
 def echo_server() -> Iterator[int]:
     """Its port."""
     child = subprocess.Popen(
-        [sys.executable, "-m", "cogrip.cli.relay_echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-P", "-m", "cogrip.cli.relay_echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
         assert child.stdout is not None
@@ -145,7 +145,7 @@ def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterat
         told = Path(base) / "relay.json"
         child = subprocess.Popen(
             [
-                sys.executable, "-m", "cogrip.cli", "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0",
+                sys.executable, "-P", "-m", "cogrip.cli", "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0",
                 "--json", str(told), "--seed", str(SEED),
                 *(f"--set=link.up.{key}={value}" for key, value in _way_up(profile).items()),
             ],

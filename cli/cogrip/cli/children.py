@@ -20,7 +20,7 @@ def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
     """A child of its own session: Ctrl-C reaches it through us, so that its last words are not lost."""
     with log.open("wb") as out:
         return subprocess.Popen(
-            [sys.executable, "-m", "cogrip.cli", *arguments],
+            [sys.executable, "-P", "-m", "cogrip.cli", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=subprocess.STDOUT,

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from cogrip.cli.problem import Problem
 from cogrip.protocol.version import VERSION
-from cogrip.sim.blas_threads import BLAS_THREADS
+from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
 COMMANDS = {
     "demo": (
@@ -67,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Our matrices are small: threads that wait for each other took eleven times the processor. What the user set stays.
     if not any(os.environ.get(name) for name in BLAS_THREADS):
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
+    if arguments is None:  # this is a process of its own: those that it starts import nothing from where it stands
+        os.environ[SAFE_PATH] = "1"
     errors = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     try:
         code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")

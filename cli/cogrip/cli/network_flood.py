@@ -56,7 +56,7 @@ class Flood:
 
     def __init__(self, job: Job) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "cogrip.cli.network_flood"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, "-P", "-m", "cogrip.cli.network_flood"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
         assert self._child.stdin is not None
         assert self._child.stdout is not None

@@ -82,7 +82,7 @@ class Process:
     """The other end of this: start it, ask, and end it."""
 
     def __init__(self, job: Job) -> None:
-        command = [sys.executable, "-m", "cogrip.cli.network_server", msgspec.json.encode(job).decode()]
+        command = [sys.executable, "-P", "-m", "cogrip.cli.network_server", msgspec.json.encode(job).decode()]
         self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self.started = msgspec.json.decode(self._line(), type=Started)
 
@@ -126,6 +126,7 @@ def settings_of(job: Job) -> list[Settings]:
         rooms.append(resolve({
             "name": room_name(number), "rates": {"network_hz": NETWORK_HZ}, "object": {"axes": job.axes},
             "playout": {"frames": 2}, "users": [{"name": f"p{seat}"} for seat in range(seats)],
+            "admission": {"seats_per_token": max(1, job.people)},
         }))  # fmt: skip
     return rooms
 

@@ -11,6 +11,7 @@ from rich.text import Text
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
 from cogrip.protocol.io.recorder import is_being_written
+from cogrip.protocol.messages import shown
 from cogrip.sim.run_list import ListedRun, list_runs
 
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
@@ -56,10 +57,10 @@ def _table(found: list[ListedRun]) -> Table:
     for run in found:
         mark, tint = _TONES[run.tone]
         table.add_row(
-            Text(run.name),
+            Text(shown(run.name)),
             Text(f"{run.when:%Y-%m-%d %H:%M}"),
             Text("-" if run.seconds is None else f"{run.seconds:.1f}"),
-            Text(", ".join(run.people) if len(run.people) <= _MOST_NAMES else f"{len(run.people)} people"),
+            Text(shown(", ".join(run.people)) if len(run.people) <= _MOST_NAMES else f"{len(run.people)} people"),
             Text(_size(run.size_bytes)),
             Text(mark, style=tint),
             Text(run.verdict, style="bold red" if run.tone == "bad" else ""),

@@ -23,7 +23,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_host
-from cogrip.protocol.settings import Settings, for_strangers
+from cogrip.protocol.settings import Settings, for_strangers, not_passive
 from cogrip.protocol.version import VERSION
 from cogrip.server.core import ServerCore
 from cogrip.server.gate import Gate, limits_for
@@ -188,7 +188,13 @@ def _warn_of(rooms: Sequence[Settings], bound: tuple[str, int], sealed: bool, sa
             f"warning: {bound[0]} is open to whoever can reach it, and sessions are not sealed (--insecure): "
             "anyone may join, listen, and forge what moves a motor"
         )
+    open_to_others = sealed or not ip_address(bound[0].partition("%")[0]).is_loopback
     for settings in rooms:
+        if open_to_others and (active := not_passive(settings)):
+            say(
+                f"warning: room {settings.name} is not passive ({active}): it can make energy, and throw about what people "
+                "hold; serve people you trust, or leave these settings out"
+            )
         if sealed and settings.coupling.kind == "coupling":
             say(
                 f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
@@ -287,8 +293,8 @@ def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
 
     try:
         return SealedListener(folder.path, gate, core.knows)
-    except CertificateError as error:
-        raise ServeError(str(error)) from None
+    except CertificateError as error:  # it will be as bad the next time: a person has to see to it
+        raise BadInput(str(error)) from None
 
 
 def _write_settings(rooms: Sequence[Settings], folders: dict[str, Path], run_folder: Path, say: Say) -> None:

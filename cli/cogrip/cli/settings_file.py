@@ -17,6 +17,8 @@ from cogrip.devices.registry import is_real
 from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
+NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
+
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     """Raises BadInput, naming the file, for anything wrong in it."""
@@ -32,9 +34,15 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
         raise BadInput(f"{path}: cannot be read: {error}") from None
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         raise BadInput(f"{path}: not valid {path.suffix.removeprefix('.').upper() or 'TOML'}: {error}") from None
+    except RecursionError:
+        raise BadInput(f"{path}: {NESTED}") from None
+    if not isinstance(table, dict):
+        raise BadInput(f"{path}: holds no table of settings; give a settings file, such as configs/demo.toml")
     _place_traces(table, path.parent)
     try:
         settings = resolve(table, _overrides(overrides))
+    except RecursionError:
+        raise BadInput(f"{path}: {NESTED}") from None
     except SettingsError as error:
         raise BadInput(f"{path}: {error}") from None
     _try_traces(settings, f"{path}: ")
@@ -132,3 +140,5 @@ def override(text: str) -> tuple[str, Any]:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key, value
+    except RecursionError:
+        raise BadInput(f"--set {key}: the value {NESTED}") from None

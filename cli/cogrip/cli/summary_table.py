@@ -6,6 +6,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.protocol.messages import shown
 from cogrip.sim.verdict import (
     UNKNOWN,
     Summary,
@@ -32,7 +33,7 @@ _LOOP = ("ticks\nrun", "late p99\nµs")
 
 def terminal_summary(summary: Summary) -> Group:
     """What to print of `summary.json`. Whatever is null stands as a dash."""
-    title = Text(str(summary.get("name") or "run"), style="bold")
+    title = Text(shown(str(summary.get("name") or "run")), style="bold")
     table = Table(title=title, title_justify="left", header_style="dim", box=None, padding=(0, 1, 0, 0))
     table.add_column(Text("\nperson"), overflow="ellipsis", max_width=12, no_wrap=True)
     for heading in (*_NUMBERS, *_LOOP):
@@ -44,7 +45,7 @@ def terminal_summary(summary: Summary) -> Group:
             table.add_row(*_person({**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting))
     table.add_row(*_object(summary))
     sentences = [
-        Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (text, "bold red" if tone == "bad" else ""))
+        Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (shown(text), "bold red" if tone == "bad" else ""))
         for tone, text in verdict(summary)
     ]
     return Group(table, Text(""), *sentences)
@@ -54,7 +55,7 @@ def _person(user: dict[str, Any]) -> list[Text]:
     worst, link, state = worst_margin([{**user, "earlier": None}]), user.get("link"), user.get("state")
     rtt = dig(link, "rtt_ms", "p99")
     return [
-        Text(name_of(user)),
+        Text(shown(name_of(user))),
         _cell(_spaced(user.get("position_m"))),
         _cell(number(user.get("peak_force_n"), digits=2)),
         _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
@@ -62,7 +63,7 @@ def _person(user: dict[str, Any]) -> list[Text]:
         _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
         _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
         *_loop(user.get("ticks")),
-        Text(str(state) if state else _DASH, style=_STATES.get(str(state), "")),
+        Text(shown(str(state)) if state else _DASH, style=_STATES.get(str(state), "")),
     ]
 
 
@@ -89,4 +90,4 @@ def _short(value_ms: Any) -> str:
 
 def _cell(text: str) -> Text:
     """The words for what is not known are too long for a table."""
-    return Text(text.replace(UNKNOWN, _DASH))
+    return Text(shown(text).replace(UNKNOWN, _DASH))

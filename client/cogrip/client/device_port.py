@@ -146,7 +146,9 @@ class DevicePort:
         self._controlled += 1
         return tuple([force * (most_n / size) for force in force_n])
 
-    def watch(self, force_n: Sequence[float], clipped: bool, local_n: Sequence[float], limited: bool = False) -> Trouble:
+    def watch(
+        self, force_n: Sequence[float], clipped: bool, local_n: Sequence[float], limited: bool = False
+    ) -> Trouble:
         """See the unramped force of a tick, adapt the impedance, and tell whether the force is to be let go.
 
         force_n   to the motors until the next tick [N], shape (axes,)

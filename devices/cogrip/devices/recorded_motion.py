@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.simulated.recorded_hand import MOST_S
 from cogrip.protocol.recording.folder import find_client
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Row, Tick, kind_of
@@ -93,6 +95,12 @@ def read_motion(recording: Recording) -> Motion:
         raise DeviceError(f"replay: {recording.path} cannot be read: {error}") from None
     if len(rows) < 2:
         raise DeviceError(f"replay: {recording.path} holds {len(rows)} samples; a motion needs at least 2")
+    most = round(MOST_S * recording.header.rate_hz)
+    if numbers[-1] - numbers[0] > most or any(later <= tick for tick, later in pairwise(numbers)):
+        raise DeviceError(
+            f"replay: {recording.path}: its ticks go from {numbers[0]} to {numbers[-1]}; they have to rise, by {most} at most "
+            f"({MOST_S:g} s)"
+        )
     table = np.array(rows, dtype=float)  # (n, 3, axes)
     known = np.array(numbers) - numbers[0]
     grid = np.arange(known[-1] + 1)

@@ -21,10 +21,9 @@ from cogrip.protocol.line_sender import Frame
 from cogrip.protocol.playout import PLAY, REPEAT, Frames, make_playout
 from cogrip.protocol.running_sum import BANK_SHARE, BOUND_SHARE, RunningSum, WaveSums
 
-FURTHEST_JUMP = (
-    1 << 14
-)  # frames, 16 s at the highest rate there is use for; a number further ahead is none of this session
-HISTORY = 1024  # frames for which the receiver still knows what it had played
+FURTHEST_JUMP = 1 << 14  # frames, at which a line that is heard of for the first time may already be
+HISTORY = 1024  # frames for which the receiver still knows what it had played, and the most that it keeps ahead of that
+MOST_FRAMES = 32  # of one datagram: the largest redundancy
 
 Mark = tuple[float, float, int]  # the sender's books up to a frame: made_j, port_j, heard
 
@@ -48,7 +47,11 @@ class LineReceiver:
         self._missing: set[int] = set()  # their time came without them; they may still arrive late
         self._seen = [-1] * 256  # newest frame of recent datagrams: a second one alike is a duplicate
         self._marks: dict[int, Mark] = {}
-        self._totals: dict[int, tuple[Frame, Frame]] = {}  # frame -> totals before it, not usable yet
+        self._anchor: int | None = (
+            None  # newest frame of the first datagram, which others are measured by until playing begins
+        )
+        self._totals: dict[int, tuple[Frame, Frame]] = {}  # frame after the cursor -> totals before it, not usable yet
+        self._usable: tuple[int, Frame, Frame] | None = None  # the newest of frames up to the cursor
         self._settled = 0  # the newest frame whose totals are in use
 
         self._no_fades = (0.0,) * (2 * axes)  # sums of the squares of fades, and what each is beyond the true one
@@ -92,13 +95,7 @@ class LineReceiver:
         axes = self._axes
         count, rest = divmod(len(waves), axes)
         newest = first + count - 1
-        if (
-            rest
-            or not count
-            or len(total) != axes
-            or len(square) != axes
-            or newest > (self._cursor or 0) + FURTHEST_JUMP
-        ):
+        if rest or not 0 < count <= MOST_FRAMES or len(total) != axes or len(square) != axes or not self._near(newest):
             return False
         slot = newest & 255
         if self._seen[slot] == newest:
@@ -129,8 +126,25 @@ class LineReceiver:
         if newest >= cursor:
             self._marks[newest] = mark
         if first > self._settled:
-            self._totals[first] = (total, square)
+            self._keep_totals(first, total, square)
         return True
+
+    def _keep_totals(self, first: int, total: Frame, square: Frame) -> None:
+        """Of those that speak of played frames alone the newest, the others until their frame is due."""
+        if self._cursor is None or first > self._cursor:
+            self._totals[first] = (total, square)
+        elif self._usable is None or first >= self._usable[0]:
+            self._usable = first, total, square
+
+    def _near(self, newest: int) -> bool:
+        """Whether a datagram that ends with this frame can be of this line: what is kept, and gone over, is bounded by it."""
+        if self._cursor is not None:
+            return newest <= self._cursor + HISTORY
+        if self._anchor is None:
+            if newest > FURTHEST_JUMP:
+                return False
+            self._anchor = newest
+        return abs(newest - self._anchor) <= HISTORY
 
     def _begin(self) -> None:
         """Set the playout by the newest frame there is; what came before it is late, or was never heard."""
@@ -143,6 +157,10 @@ class LineReceiver:
                 self._missing.add(number)
         self._waiting = {number: frame for number, frame in self._waiting.items() if number >= cursor}
         self._marks = {number: mark for number, mark in self._marks.items() if number >= cursor}
+        usable = max((number for number in self._totals if number <= cursor), default=None)
+        if usable is not None:
+            self._usable = usable, *self._totals[usable]
+            self._totals = {number: totals for number, totals in self._totals.items() if number > cursor}
 
     def take(self, frames: int = 1) -> Frame:
         """The wave to apply now, shape (axes,). `frames` > 1: the loop missed frames - 1 calls; those frames are not played."""
@@ -230,19 +248,14 @@ class LineReceiver:
 
     def _settle(self, cursor: int) -> None:
         """Use the newest totals that speak only of frames whose time has come."""
-        best = -1
-        for number in list(self._totals):
-            if number <= cursor:
-                if number > best:
-                    if best >= 0:
-                        del self._totals[best]
-                    best = number
-                else:
-                    del self._totals[number]
-        if best <= self._settled or best <= cursor - HISTORY:
-            self._totals.pop(best, None)
+        newest = self._totals.pop(cursor, None)
+        usable = self._usable if newest is None else (cursor, *newest)
+        if usable is None:
             return
-        total, square = self._totals.pop(best)
+        self._usable = None
+        best, total, square = usable
+        if best <= self._settled or best <= cursor - HISTORY:
+            return
         sums, squares, fades = self._history[best % HISTORY]
         self._settled = best
         self._settled_fades = fades

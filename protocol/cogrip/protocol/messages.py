@@ -5,7 +5,7 @@ bounded length; anything else raises MalformedError and nothing but it. Only the
 free numbers: a session that diverged may report inf or nan, and no force is computed from them.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -231,7 +231,19 @@ def clipped(text: str) -> str:
 
 
 def shown(text: str) -> str:
-    """What the other end says, as one may put it on a terminal: nothing in it moves a cursor or looks like a line of ours."""
+    """A text of the other end as one may show it: control characters, line ends and changes of the direction of writing are
+    escaped, so that nothing in it moves a cursor, turns what stands beside it, or looks like a line of ours."""
     if text.isprintable():
         return text
     return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
+
+
+def all_shown(value: Any) -> Any:
+    """A table read from a file that somebody else wrote, every text in it as `shown`. Raises RecursionError."""
+    if isinstance(value, str):
+        return shown(value)
+    if isinstance(value, dict):
+        return {shown(key) if isinstance(key, str) else key: all_shown(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [all_shown(item) for item in value]
+    return value

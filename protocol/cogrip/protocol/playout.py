@@ -37,6 +37,7 @@ DOUBT = 3.0  # arrivals that a frame counts for which is not there when it is du
 SPACING = 16  # takes from one frame that is passed over to the next: what it carried is repaid meanwhile
 GAP_WAIT = 64  # takes that a frame which is not there anyhow is waited for, to pass over that one
 DEEPEST = 256  # frames
+MOST_BINS = 3 * DEEPEST  # latenesses that are kept apart: what comes at one offset has 2 DEEPEST + 1 at most
 _LARGEST = 4.0  # of a weight, before all are scaled down
 _FORGOTTEN = 0.02  # of a new arrival: an old one that weighs less is dropped
 
@@ -155,6 +156,9 @@ class AdaptivePlayout:
             self._most_now = x
         if new > _LARGEST:
             self._scale()
+        if len(bins) > MOST_BINS:  # a sender that has been everywhere: nothing comes from beyond DEEPEST
+            near = self._offset - DEEPEST, self._offset + DEEPEST
+            self._bins = {x: share for x, share in self._bins.items() if near[0] <= x <= near[1]}
 
     def decide(self, lead: int, here: bool, fresh: bool) -> int:
         """What to do at this take; lead, here, fresh as for a fixed depth."""

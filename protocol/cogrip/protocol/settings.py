@@ -86,6 +86,7 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Who may come in, and what they may do. The server's own: no client needs to know."""
 
     observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # at once, in this room
+    seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8  # that one token holds at once, in all rooms
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
     # of device records: those that claim more are refused, those without a bound get this one. None: any, but under a seal
     # what `for_strangers` says
@@ -221,6 +222,18 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
         if getattr(user, name) is not None
     }
     return msgspec.structs.replace(settings.coupling, **own)
+
+
+def not_passive(settings: Settings) -> str:
+    """The settings by which a room can make energy of nothing, "" if none does."""
+    coupling = settings.coupling
+    if coupling.kind == "coupling":
+        return 'coupling.kind = "coupling"'
+    if coupling.kind != "wave":
+        return ""
+    active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
+    decimators = {coupling_of(settings, user).decimator for user in settings.users}
+    return ", ".join(active + [f'decimator = "{each}"' for each in ("lowpass", "none") if each in decimators])
 
 
 def rates_of(settings: Settings, user: User) -> Rates:

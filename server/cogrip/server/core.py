@@ -135,7 +135,7 @@ class ServerCore:
             observer.last_heard_ns = now_ns
             observer.clock.read(message.stamp, now_ns)
         elif isinstance(message, Leave):
-            self._show_out(room, number, "goodbye", "left", f"left: {message.reason}")
+            self._show_out(room, number, "goodbye", "left", f"left: {messages.shown(message.reason)}")
         elif isinstance(message, Frame):
             self.drop("observer's waves")
             reason = "an observer may not send waves: they were not applied; join with a player's link"
@@ -365,6 +365,11 @@ class ServerCore:
             self._refuse(hello.nonce, address, found)
             return
         room, number = found
+        most = room.settings.admission.seats_per_token
+        if grant.token and self._seats_of(grant.token) >= most:
+            words = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
+            self._refuse(hello.nonce, address, Denied("token", words))
+            return
         seat = room.seats[number]
         self._unlink(room, number)  # whoever sat here before
         self._tickets.pop(seat.session, None)
@@ -373,8 +378,14 @@ class ServerCore:
         seat.ticket = self._ticket(seat.session)
         seat.token = grant.token
         self._door.admitted(grant)
-        self._tell("joined", room, seat, f"joined from {place_text(address)} with {hello.device}", address)
+        self._tell(
+            "joined", room, seat, f"joined from {place_text(address)} with {messages.shown(hello.device)}", address
+        )
         self._welcome(room, seat)
+
+    def _seats_of(self, token: str) -> int:
+        """How many seats are held by this token now."""
+        return sum(seat.state == "seated" and seat.token == token for room in self.rooms for seat in room.seats)
 
     def _give_view(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
         room = find_view(self.rooms, hello, grant)
@@ -418,7 +429,7 @@ class ServerCore:
         if account is None:
             self._repeat_farewell(seat, now_ns)
             return
-        self._tell("left", room, seat, f"left: {leave.reason}")
+        self._tell("left", room, seat, f"left: {messages.shown(leave.reason)}")
         # the seat keeps its address until the next hello, so that a repeated leave is answered again
         seat.farewell = messages.encode(Farewell(seat.session, "goodbye", account, room.account()))
         seat.farewell_ns = now_ns

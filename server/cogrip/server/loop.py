@@ -103,7 +103,11 @@ class LiveServer:
             self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.doorkeeper,
             lambda: secrets.token_urlsafe(16), mark,
         )  # fmt: skip
-        self.channel = self.open_channel(self.core)
+        try:
+            self.channel = self.open_channel(self.core)
+        except BaseException:  # there is no such key
+            self.close()
+            raise
         self._patience_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
         return host, port
 

@@ -48,6 +48,11 @@ class WavePort:
             self.origin = message.state[: self._axes]
         return True
 
+    @property
+    def neutral(self) -> Row:
+        """What goes back of a step that did not count: nothing."""
+        return (0.0,) * self._axes
+
     def take(self, frames: int) -> Row:
         """The row to step with; `frames` > 1 if the loop missed frames - 1 steps."""
         receiver = self._receiver
@@ -144,6 +149,11 @@ class StatePort(NewestPort[State]):
     def limited(self) -> dict[str, int]:
         """States that were not believed."""
         return self._states.counts
+
+    @property
+    def neutral(self) -> Row:
+        """What goes back of a step that did not count: an object that rests where the hand is."""
+        return (self.hand or (0.0,) * self._axes) + (0.0,) * self._axes
 
     def take(self, frames: int) -> Row:
         newest = self._take(frames)

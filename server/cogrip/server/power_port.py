@@ -37,6 +37,11 @@ class PowerPort(NewestPort[Power]):
             return False
         return self._accept(message)
 
+    @property
+    def neutral(self) -> Row:
+        """What goes back of a step that did not count: no force, and a proxy that stands."""
+        return (0.0,) * (2 * self._axes)
+
     def _origin(self, message: Power) -> Row:
         moved = [speed * self._frame_s for speed in message.velocity_mps]
         return tuple([place - step for place, step in zip(message.position_m, moved, strict=True)])

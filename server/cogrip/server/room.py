@@ -1,6 +1,6 @@
 """A room: one object, its seats, those who look on, and one step a frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import dist, inf, isnan
 from typing import NamedTuple
 
@@ -103,6 +103,7 @@ class Room:
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)  # the loop sets its own
         self.travel_m = 0.0
         self.diverged = ""
+        self.put_back = 0  # times that the object was, from out of everybody's reach
 
     def sit(self, number: int, session: int, nonce: int, address: Address, now_ns: int, record: Record) -> SeatSettings:
         """Give a free seat away."""
@@ -217,13 +218,17 @@ class Room:
         before = world.motion()[: world.axes]
         if not any(seat.on_object for seat in seats):
             world.rest()  # an object that nobody holds is put down
-        answers = world.advance(rows)
+        answers: Sequence[Sequence[float]] = world.advance(rows)
         self.steps += 1
         state = world.motion()
         here = state[: world.axes]
-        self.travel_m += dist(here, before)
         if world.left_workspace and not self.diverged:
             self.diverged = f"the object left the workspace at {here} m"
+        if world.out_of_reach:
+            answers = self._put_back()
+            state = world.motion()
+        else:
+            self.travel_m += dist(here, before)
         work = world.worked()
         out = []
         for number, seat in enumerate(seats):
@@ -243,6 +248,23 @@ class Room:
             holding = [number for number, seat in enumerate(seats) if seat.on_object]
             out += self.gallery.views(self.steps, world, holding, now_ns)
         return out
+
+    def _put_back(self) -> list[Row]:
+        """The object is laid to rest in the middle, and everybody takes hold of it anew, where the hand is: what springs and
+        motion held is lost, so no energy is made. Gives what goes back to each in place of the step's answer."""
+        world = self.world
+        self.put_back += 1
+        answers: list[Row] = [()] * len(self.seats)
+        for number, seat in enumerate(self.seats):
+            if seat.on_object:
+                world.leave(number)
+        world.position = np.zeros(world.axes)
+        world.rest()
+        for number, seat in enumerate(self.seats):
+            if seat.on_object and seat.port is not None and seat.port.hand is not None:
+                world.join(number, np.array(seat.port.hand))
+                answers[number] = seat.port.neutral
+        return answers
 
     def _take(self, frames: int) -> list[Row]:
         """What comes in at each seat; whose first frame is there takes hold of the object, and springs are told their aim."""

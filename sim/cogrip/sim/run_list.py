@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from cogrip.protocol.messages import all_shown, shown
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
@@ -90,7 +91,7 @@ def _listed(folder: Path, base: Path, is_running: Callable[[Path], bool]) -> Lis
         float(seconds) if seconds is not None and is_number(seconds) else None,
         tuple(names),
         worst,
-        "; ".join(text for _, text in sorted(words, key=lambda each: -_TONES.index(each[0]))),
+        shown("; ".join(text for _, text in sorted(words, key=lambda each: -_TONES.index(each[0])))),
         _size(folder, files),
     )
 
@@ -98,10 +99,10 @@ def _listed(folder: Path, base: Path, is_running: Callable[[Path], bool]) -> Lis
 def _table(path: Path, words: list[tuple[str, str]]) -> dict[str, Any]:
     """A JSON table; an empty one where there is none, and what is wrong with it into `words`."""
     try:
-        table = json.loads(path.read_bytes())
+        table = all_shown(json.loads(path.read_bytes()))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         words.append(("bad", f"{path.name} is not readable ({getattr(error, 'strerror', None) or error})"))
         return {}
     if isinstance(table, dict) and table:
@@ -134,7 +135,11 @@ def _seats(recordings: list[Recording], words: list[tuple[str, str]]) -> list[st
 def _of_summary(summary: Summary) -> Iterator[tuple[str, str]]:
     diverged = summary.get("diverged") is True
     if diverged:
-        why = [f"{name_of(user)}: {user['reason']}" for user in people(summary) if user.get("reason")]
+        why = [
+            f"{name_of(user)}: {user['reason']}"
+            for user in people(summary)
+            if user.get("reason") and not user.get("claimed")
+        ]
         yield "bad", f"diverged{f' ({why[0]})' if why else ''}"
     worst, said = worst_margin(people(summary)), summary.get("passive")
     if worst is None or not isinstance(said, bool):

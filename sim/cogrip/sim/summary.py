@@ -16,7 +16,7 @@ from cogrip.protocol.accounts import (
     SeatAccount,
     TickCount,
 )
-from cogrip.protocol.messages import Farewell
+from cogrip.protocol.messages import Farewell, shown
 from cogrip.protocol.power import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings
 
@@ -46,19 +46,23 @@ def summarise(
     room: RoomAccount | None,
     dropped: Mapping[str, int],
     playout_frames: int | str | None = None,
+    claims: bool = False,
 ) -> dict[str, Any]:
-    """The summary of a run. What an end that was not heard alone knew is null. playout_frames: as the settings have it."""
-    rows = [{**_user(user), "earlier": [_user(before) for before in user.earlier]} for user in users]
+    """The summary of a run. What an end that was not heard alone knew is null. playout_frames: as the settings have it.
+
+    claims: the clients are others', so that what they alone say decides neither `passive` nor `diverged`; it stands in
+    `claimed` of each user, null elsewhere.
+    """
+    rows = [{**_user(user, claims), "earlier": [_user(before, claims) for before in user.earlier]} for user in users]
     sittings = [sitting for user in users for sitting in (*user.earlier, user)]
     lent_j = tank_mj * 1e-3
-    allowed = {
-        "up_margin_j": lent_j,
-        "down_margin_j": lent_j,
-        "line_margin_j": 2.0 * lent_j,
-    }  # each direction may lend it
+    allowed = {"up_margin_j": lent_j, "line_margin_j": 2.0 * lent_j}  # each direction may lend it
+    if not claims:
+        allowed["down_margin_j"] = lent_j
     books = [sitting["energy"] for row in rows for sitting in (*row["earlier"], row)]
     margins = [(energy[key], lent) for energy in books for key, lent in allowed.items()]
-    diverged = any(each.client.diverged for each in sittings if each.client) or bool(room and room.diverged)
+    said = not claims and any(each.client.diverged for each in sittings if each.client)
+    diverged = said or bool(room and room.diverged)
     return {
         "name": name,
         "seed": seed,
@@ -119,6 +123,7 @@ def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str,
         ],
         room=room.account(),
         dropped={**dropped, **_limited(room)},
+        claims=True,
     )
 
 
@@ -159,15 +164,21 @@ def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
 
 
 def _limited(room: Room) -> dict[str, int]:
-    """What people brought in beyond what their seats may, and was taken off."""
-    return {
+    """What people brought in beyond what their seats may, and was taken off; how often their object had to be put back."""
+    put_back = {"object put back from out of reach": room.put_back} if room.put_back else {}
+    return put_back | {
         f"{seat.name}: {reason}": count
         for number, seat in enumerate(room.seats)
         for reason, count in room.limited(number).items()
     }
 
 
-def _user(user: UserRecord) -> dict[str, Any]:
+def _claimed(client: ClientAccount | None) -> dict[str, Any]:
+    """What a client alone says that would decide the verdict, if it were believed."""
+    return {"diverged": client.diverged if client else None, "down_margin_j": client.down_margin_j if client else None}
+
+
+def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
     client, seat = user.client, user.seat
     return {
         "name": user.name,
@@ -193,8 +204,9 @@ def _user(user: UserRecord) -> dict[str, Any]:
         "delay": _delay(client.delay if client else DelayAccount()),
         "rendered_npm": seat.rendered_npm if seat else None,
         "ticks": _ticks(client.ticks if client else None),
-        "state": client.state if client else None,
-        "reason": client.reason if client else None,
+        "state": shown(client.state) if client else None,
+        "reason": shown(client.reason) if client else None,
+        "claimed": _claimed(client) if claims else None,
     }
 
 

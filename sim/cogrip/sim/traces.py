@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.client.safety import STATES
+from cogrip.protocol.messages import all_shown
 from cogrip.protocol.recording.reader import Damage, RecordingError
 from cogrip.server.recorded import step_topic
 from cogrip.sim.records import End, RunRecords, open_run
@@ -192,11 +193,11 @@ def _room(records: RunRecords) -> str:
 
 def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:
     try:
-        value = json.loads(path.read_bytes())
+        value = all_shown(json.loads(path.read_bytes()))
     except FileNotFoundError:
         notes.append(f"{path.name} is not here: the run was cut short, or this end never wrote it.")
         return {}
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         notes.append(f"{path.name} is not readable ({error}); it is left out.")
         return {}
     if isinstance(value, dict):

@@ -70,8 +70,16 @@ def sittings(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
     """Whether a margin that is a number is below what its ledger may lend: the tank of each direction."""
     bounds = {key: -(2.0 if key == "line_margin_j" else 1.0) * tank_j - _ROUNDING_J for key in MARGINS}
-    books = [dig(user, "energy") for user in sittings(users)]
-    return any(is_number(value := dig(book, key)) and value < bound for book in books for key, bound in bounds.items())
+    return any(
+        is_number(value := dig(user, "energy", key)) and value < bounds[key]
+        for user in sittings(users)
+        for key in ledgers(user)
+    )
+
+
+def ledgers(user: dict[str, Any]) -> dict[str, str]:
+    """Those that the verdict rests on: not the one that only somebody else's client kept."""
+    return {key: words for key, words in MARGINS.items() if key != "down_margin_j" or not user.get("claimed")}
 
 
 def name_of(user: dict[str, Any]) -> str:
@@ -83,7 +91,7 @@ def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:
     found = [
         (float(value), words, name_of(user))
         for user in sittings(users)
-        for key, words in MARGINS.items()
+        for key, words in ledgers(user).items()
         if is_number(value := dig(user, "energy", key))
     ]
     return min(found) if found else None
@@ -109,6 +117,7 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[str, st
     return [
         _passive(summary, tank_j),
         _diverged(summary),
+        *_claims(summary),
         *_balance(summary),
         *_states(summary),
         *_late(summary),
@@ -128,7 +137,8 @@ def _passive(summary: Summary, tank_j: float | None) -> tuple[str, str]:
     where = f"{ledger} of {who}"
     lent = f" The tank may lend {energy(tank_j)}." if tank_j else ""
     if not said:
-        return "bad", f"Not passive: the {where} gave out {energy(-margin_j)} more than had been put in.{lent}"
+        put_in = "its client says was" if any(user.get("claimed") for user in people(summary)) else "had been"
+        return "bad", f"Not passive: the {where} gave out {energy(-margin_j)} more than {put_in} put in.{lent}"
     if margin_j < -_ROUNDING_J:
         lender = "its tank" if tank_j else "its passivity controller, E(0),"
         return "good", f"Passive: the {where} was {energy(-margin_j)} ahead at most, which {lender} had lent.{lent}"
@@ -144,9 +154,28 @@ def _diverged(summary: Summary) -> tuple[str, str]:
         return "good", "Nothing diverged."
     if said is not True:
         return "warn", "Whether anything diverged is not known."
-    why = [f"{name_of(user)}: {user['reason']}" for user in people(summary) if user.get("reason")]
+    why = [
+        f"{name_of(user)}: {user['reason']}"
+        for user in people(summary)
+        if user.get("reason") and not user.get("claimed")
+    ]
     where = vector(dig(summary, "object", "position_m"), scale=1e3)
     return "bad", f"Diverged. {'; '.join(why) or f'The object left the workspace, it was last at {where} mm'}."
+
+
+def _claims(summary: Summary) -> Iterator[tuple[str, str]]:
+    """What only the clients of others say: it is theirs, and decides nothing."""
+    for user in people(summary):
+        for sitting in (*earlier(user), user):
+            claimed, margin_j = sitting.get("claimed"), dig(sitting, "claimed", "down_margin_j")
+            if dig(claimed, "diverged"):
+                reason = sitting.get("reason")
+                yield "warn", f"The client of {name_of(user)} says that it diverged{f' ({reason})' if reason else ''}."
+            if is_number(margin_j) and margin_j < -_ROUNDING_J:
+                yield (
+                    "warn",
+                    f"The client of {name_of(user)} says that the line down gave out {energy(-margin_j)} too much.",
+                )
 
 
 def _balance(summary: Summary) -> Iterator[tuple[str, str]]:
@@ -166,9 +195,10 @@ def _states(summary: Summary) -> Iterator[tuple[str, str]]:
         if state is None:
             yield "warn", f"The client of {name_of(user)} was never heard: what it alone knows is missing."
         elif state in ("fault", "degraded") and not summary.get("diverged"):
+            said = ", its client says" if user.get("claimed") else ""
             yield (
                 ("bad" if state == "fault" else "warn"),
-                f"{name_of(user)} ended in {state}: {reason or 'no reason given'}.",
+                f"{name_of(user)} ended in {state}{said}: {reason or 'no reason given'}.",
             )
 
 

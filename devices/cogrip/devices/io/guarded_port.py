@@ -88,7 +88,7 @@ class GuardedPort(SerialPort):
             told = msgspec.json.encode(goodbye).hex()
             try:
                 self._guard = subprocess.Popen(
-                    [sys.executable, "-m", "cogrip.devices.io.guard", str(os.getpid()), *map(str, handed), told],
+                    [sys.executable, "-P", "-m", "cogrip.devices.io.guard", str(os.getpid()), *map(str, handed), told],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     pass_fds=handed,

@@ -17,6 +17,7 @@ from cogrip.devices.hid.enumeration import Found, choose
 from cogrip.devices.hid.family import NAMES as HID_NAMES
 from cogrip.devices.hid.variants import VARIANTS, Variant
 from cogrip.devices.io.hid_port import _found, load_hidapi
+from cogrip.protocol.messages import shown
 
 BY_ID = Path("/dev/serial/by-id")
 TEENSY_SERIAL = (0x16C0, 0x0483)
@@ -56,8 +57,8 @@ def serial_ports(ports: Iterable[Listed], links: Mapping[str, str]) -> list[Plug
 
 def _port(port: Listed, path: str) -> PluggedIn:
     number = "" if port.vid is None else f" {port.vid:04x}:{port.pid or 0:04x}"
-    said = f"{port.product or 'serial port'}{number} at {port.device}" + (
-        f", serial number {port.serial_number}" if port.serial_number else ""
+    said = shown(f"{port.product or 'serial port'}{number} at {port.device}") + (
+        f", serial number {shown(port.serial_number)}" if port.serial_number else ""
     )
     if (port.vid, port.pid) == TEENSY_SERIAL:
         return PluggedIn(
@@ -93,9 +94,9 @@ def _may_be(each: Found, variant: Variant) -> bool:
 
 
 def _hid(each: Found, variant: str) -> PluggedIn:
-    key = f"serial={each.serial}" if each.serial else f"path={each.path}"
+    key = f"serial={shown(each.serial)}" if each.serial else f"path={each.path}"
     older = [f"variant={name}" for name in _variants(each)[1:]]
-    said = f"{each.product or 'HID device'} {VARIANTS[variant].usb_text} at {each.path}"
+    said = shown(f"{each.product or 'HID device'} {VARIANTS[variant].usb_text} at {each.path}")
     text = f"{said}: reports as a WoodenHaptics has; which arm it is only you can say: {', '.join(HID_NAMES)}" + (
         f"; old firmware wants {' or '.join(older)}" if older else ""
     )

@@ -25,6 +25,8 @@ Array: TypeAlias = NDArray[np.float64]
 RETURN_S = 1.0
 """With loop=1: the time from the last position back to the first, by minimum jerk, so that no seam kicks."""
 
+MOST_S = 14_400.0  # of a recorded motion: every tick of it is worked out before it begins
+
 
 class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
     """Query keys of `csv`; `time` to `origin` are those of a replayed table too (`TableSettings`).
@@ -147,6 +149,12 @@ def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recordin
         raise DeviceError(
             f"csv hand: {path!r} line {lines[k + 1]}: {settings.time}={times[k + 1]!r} is not after {times[k]!r};"
             " if the file holds several recordings, keep one by a row filter, where=column:value"
+        )
+    length_s = settings.time_scale * (float(time[-1]) - float(time[0]))
+    if not length_s <= MOST_S:
+        raise DeviceError(
+            f"csv hand: {path!r} is {length_s:g} s long, and {MOST_S:g} s is the most; if its times are in other units than s, "
+            "say so by time_scale"
         )
     position = np.zeros((len(time), axes))
     for axis, column in columns.items():

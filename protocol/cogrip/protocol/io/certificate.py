@@ -25,6 +25,7 @@ BACKDATED = timedelta(days=1)
 COMMON_NAME = "cogrip"
 SECRET_LABEL = b"cogrip: secret of this server, 1"
 SECRET_BYTES = 32
+MOST_BYTES = 1 << 16  # of a key or certificate that is read
 
 
 class CertificateError(Exception):
@@ -80,12 +81,17 @@ def _key(folder: Path) -> ec.EllipticCurvePrivateKey:
     path = folder / KEY_FILE
     try:
         with path.open("rb") as file:
-            mode = S_IMODE(os.fstat(file.fileno()).st_mode)
-            pem = file.read()
+            found = os.fstat(file.fileno())
+            mode, pem = S_IMODE(found.st_mode), file.read(MOST_BYTES)
     except FileNotFoundError:
         return _new_key(path)
     except OSError as error:
         raise CertificateError(f"{path}: {error.strerror}; let this user read it, and no one else") from None
+    if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+        raise CertificateError(
+            f"{path} belongs to user {found.st_uid}, who knows it, and this is user {os.geteuid()}; run this as the former, or "
+            f"delete it and {CERTIFICATE_FILE}: new ones are made, and links change"
+        )
     if mode & 0o077:
         raise CertificateError(
             f"{path} has mode {mode:04o}, so others may have read it, and 0600 is the most; `chmod 600 {path}` "

@@ -110,7 +110,7 @@ def observe(rate_hz: int, names: Sequence[str], seconds: float, spin_ns: int, se
 def measure(rate_hz: int, setup: str, seconds: float) -> Punctuality:
     """`observe` for a setup of SETUPS in a fresh child process. Raises RuntimeError with its words when it fails."""
     names, spin_ns = SETUPS[setup]
-    command = [sys.executable, "-m", _MODULE]
+    command = [sys.executable, "-P", "-m", _MODULE]
     command += [str(rate_hz), ",".join(names), str(seconds), str(spin_ns), setup]
     child = subprocess.run(command, capture_output=True, text=True, timeout=60.0 + 4.0 * seconds, check=False)
     if child.returncode:

@@ -124,7 +124,7 @@ def open_recorder(
     try:
         ring = make_ring(ring_for(header.rate_hz) if ring_bytes is None else ring_bytes)
         process = subprocess.Popen(
-            [sys.executable, "-m", "cogrip.protocol.io.recording_process", str(ring.fd), str(out)],
+            [sys.executable, "-P", "-m", "cogrip.protocol.io.recording_process", str(ring.fd), str(out)],
             stdin=subprocess.PIPE, pass_fds=(ring.fd, out), start_new_session=True,
         )  # fmt: skip
         assert process.stdin is not None

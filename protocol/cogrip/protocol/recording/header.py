@@ -1,14 +1,16 @@
 """What a recording says of itself before its first message: MCAP metadata `cogrip`, text to text."""
 
+import json
 import platform
 import sys
 import zlib
 from importlib.metadata import version
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
 from cogrip.protocol.messages import PROTOCOL_VERSION
+from cogrip.protocol.rates import Hz
 from cogrip.protocol.version import VERSION
 
 NAME = "cogrip"
@@ -50,9 +52,9 @@ class Header(msgspec.Struct, frozen=True):
     role: str
     who: str
     start: str
-    rate_hz: int
+    rate_hz: Hz
     seed: int
-    epoch_ns: int
+    epoch_ns: Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
     virtual: bool
     versions: Versions
     topics: tuple[str, ...]
@@ -83,4 +85,14 @@ def header_of(metadata: dict[str, str]) -> Header:
         if field.name in metadata:
             text = metadata[field.name]
             fields[field.name] = text if field.type is str else msgspec.json.decode(text)
-    return msgspec.convert(fields, Header)
+    header = msgspec.convert(fields, Header)
+    for name in ("role", "who", "room"):
+        if not getattr(header, name).isprintable():
+            raise ValueError(f"its {name} holds control characters")
+    try:
+        json.loads(header.start)
+    except RecursionError:
+        raise ValueError("its start is nested too deep") from None
+    except ValueError:  # whoever makes a core of it says what is wrong with it
+        pass
+    return header

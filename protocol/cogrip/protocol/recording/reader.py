@@ -24,6 +24,8 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(0x01, 0x0
 ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 _IN_DATA = (HEADER, SCHEMA, CHANNEL, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END)
 MOST_BYTES = 64 * 2**20  # of one record: more is a damaged length
+MOST_CHUNK_BYTES = 8 * 2**20  # in a chunk: the writer ends one at 64 KiB, and no tool makes them larger than 4 MiB
+MOST_PACKED = 100  # bytes that come of one: sessions are packed to a third, to a tenth where nothing moves
 _FRAME = Struct("<BQ")
 _CHUNK = Struct("<QQQI")
 _MESSAGE = Struct("<HIQQ")
@@ -137,14 +139,16 @@ class Recording:
             offset = following
 
     def open_chunk(self, content: bytes) -> list[Message]:
-        """The messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged."""
+        """The messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged, or that
+        would take more time and memory to open than any that was written."""
         _, _, size, crc = _CHUNK.unpack_from(content)
         (name_length,) = _LENGTH.unpack_from(content, _CHUNK.size)
         at = _CHUNK.size + _LENGTH.size + name_length
         if content[at - name_length : at] != b"zstd":
             raise ValueError(f"compressed as {content[at - name_length : at][:20]!r}")
-        if size > MOST_BYTES:
-            raise ValueError(f"says it holds {size} bytes")
+        most = min(MOST_CHUNK_BYTES, MOST_PACKED * len(content))
+        if size > most:
+            raise ValueError(f"{len(content)} bytes that say they hold {size}, and {most} is the most that is opened")
         if _INNER.unpack_from(content, at)[0] != len(content) - at - _INNER.size:
             raise ValueError("length")
         if zstandard.frame_content_size(content[at + 8 :]) != size:  # asked first: that much memory will be taken
@@ -231,7 +235,7 @@ def open_recording(path: Path) -> Recording:
                 f"{path} is a recording of format {written}, newer than {FORMAT}, the newest known here; update cogrip"
             )
         header = header_of(metadata)
-    except (msgspec.MsgspecError, ValueError, error) as problem:
+    except (msgspec.MsgspecError, ValueError, RecursionError, error) as problem:
         raise RecordingError(f"{path} is an MCAP file, but its header is not cogrip's: {problem}") from None
     return Recording(path, header)
 

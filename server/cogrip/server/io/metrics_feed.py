@@ -15,7 +15,7 @@ START_LIMIT_S = 20.0
 END_LIMIT_S = 5.0
 START_AGAIN_NS = 60_000_000_000
 PIPE_BYTES = 1 << 20  # of a server of thousands; the usual 64 KiB hold some 400 people
-PROGRAM = (sys.executable, "-m", "cogrip.server.io.metrics_process")
+PROGRAM = (sys.executable, "-P", "-m", "cogrip.server.io.metrics_process")
 
 
 class MetricsError(Exception):

@@ -7,6 +7,7 @@ It says on standard output where it listens, or why it cannot, and ends when its
 import json
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -22,10 +23,11 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from cogrip.server.io.metrics_families import families
-from cogrip.server.snapshot import LENGTH_BYTES, Health, Snapshot, decode
+from cogrip.server.snapshot import LENGTH_BYTES, Health, RoomSnapshot, Snapshot, decode
 
 MOST_BYTES = 1 << 26  # longer ones are not the server's
-ASK_LIMIT_S = 5.0  # for whoever connects and says nothing
+MOST_AT_ONCE = 16  # connections, each with a thread: a service has few
+ASK_LIMIT_S = 5.0  # for a connection in all, whatever it says and however slowly
 HOSTS = ("127.0.0.1", "localhost", "")  # a page elsewhere that has its name point here is not answered
 
 
@@ -36,6 +38,7 @@ class Latest:
         self._health = Health()
         self._lock = threading.Lock()
         self.broken_off = 0  # whoever asked was gone before the answer was said
+        self.turned_away = 0  # too many asked at once
 
     def take(self, snapshot: Snapshot) -> None:
         with self._lock:
@@ -60,6 +63,9 @@ class ServerCollector(Collector):
         broken_off = self._latest.broken_off
         yield CounterMetricFamily(
             "cogrip_scrapes_broken_off", "Askers who were gone before the answer.", value=broken_off
+        )
+        yield CounterMetricFamily(
+            "cogrip_scrapes_turned_away", f"Askers beyond {MOST_AT_ONCE} at once.", value=self._latest.turned_away
         )
         if snapshot is not None:
             yield GaugeMetricFamily("cogrip_snapshot_age_seconds", "How old all this is.", value=age_s)
@@ -97,7 +103,7 @@ class Page(BaseHTTPRequestHandler):
                 "version": snapshot.software,
                 "uptime_s": round(snapshot.uptime_s, 1),
                 "age_s": round(age_s, 3),
-                "rooms": {room.room: {"seated": room.seated, "observers": room.observers} for room in snapshot.rooms},
+                "rooms": {room.room: _room(room) for room in snapshot.rooms},
             }
         status = HTTPStatus.SERVICE_UNAVAILABLE if trouble else HTTPStatus.OK
         self._answer(status, "application/json", json.dumps(words).encode() + b"\n")
@@ -118,9 +124,17 @@ class Page(BaseHTTPRequestHandler):
         """Scrapes are no news."""
 
 
+def _room(room: RoomSnapshot) -> dict[str, Any]:
+    words: dict[str, Any] = {"seated": room.seated, "observers": room.observers}
+    return {**words, "diverged": room.diverged} if room.diverged else words
+
+
 class MetricsServer(ThreadingHTTPServer):
+    """At most MOST_AT_ONCE connections, each for ASK_LIMIT_S at most; those beyond are closed unheard, and counted."""
+
     daemon_threads = True
     block_on_close = False
+    _open: dict[socket.socket, float]  # since when [s]
 
     def __init__(self, port: int, latest: Latest) -> None:
         self.latest = latest
@@ -128,7 +142,31 @@ class MetricsServer(ThreadingHTTPServer):
         self.registry.register(ServerCollector(latest))
         server = os.getppid()
         ProcessCollector(namespace="cogrip", pid=lambda: server, registry=self.registry)
+        self._open = {}
         super().__init__(("127.0.0.1", port), Page)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if len(self._open) < MOST_AT_ONCE:
+            self._open[request] = time.monotonic()
+            try:
+                super().process_request(request, client_address)
+                return
+            except RuntimeError:  # there may be no more threads
+                pass
+        self.latest.turned_away += 1
+        self.shutdown_request(request)
+
+    def shutdown_request(self, request: Any) -> None:
+        self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """Now and then: end the connections whose time is over, whatever trickles in."""
+        over_s = time.monotonic() - ASK_LIMIT_S
+        for request, since_s in list(self._open.items()):
+            if since_s < over_s:
+                with suppress(OSError):
+                    request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: object, client_address: object) -> None:
         if isinstance(sys.exc_info()[1], OSError):  # gone, or silent for too long

@@ -13,6 +13,7 @@ Row = tuple[float, ...]
 
 MOST_SAVED_J = 0.05  # that a spring may have put by to grow stiffer: what can be spent at once is bounded
 WORKSPACE_M = 0.5  # the object has left the room beyond this
+REACH_M = 2.0  # no hand holds it there any more: it is put back
 
 
 def dot(a: Array, b: Array) -> float:
@@ -121,6 +122,11 @@ class World(ABC):
     @property
     def left_workspace(self) -> bool:
         return not all(abs(place) <= WORKSPACE_M for place in self.motion()[: self.axes])
+
+    @property
+    def out_of_reach(self) -> bool:
+        """Whether nobody can hold the object where it is, or it is nowhere."""
+        return not all(abs(place) <= REACH_M for place in self.motion()[: self.axes])
 
 
 class HandWorld(World):

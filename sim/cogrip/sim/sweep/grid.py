@@ -81,6 +81,8 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text  # a bare word
+    except RecursionError:
+        raise GridError(f"--vary: {text[:20]}... is nested too deep; give plain values") from None
 
 
 class Grid:

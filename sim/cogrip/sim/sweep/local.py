@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Protocol, cast
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.sim.blas_threads import BLAS_THREADS
+from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 from cogrip.sim.sweep.cell import Result, at_once, run_cells
 
 MOST_DEATHS = 3  # of a worker, before its cells are given up
@@ -91,8 +91,12 @@ class LocalWorkers:
 
     def _begin(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            before = {name: os.environ.get(name) for name in BLAS_THREADS}
-            os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # read where numpy is first imported: in the workers
+            theirs = {
+                **dict.fromkeys(BLAS_THREADS, "1"),
+                SAFE_PATH: "1",
+            }  # read where numpy is first imported: in the workers
+            before = {name: os.environ.get(name) for name in theirs}
+            os.environ.update(theirs)
             try:
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin_worker)

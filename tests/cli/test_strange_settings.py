@@ -1,0 +1,66 @@
+"""Settings and hands that no session has: one line that names the file and the cure, and exit code 2."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.settings_file import shipped
+
+from tests.cli.spoiled_runs import Cogrip
+
+DEEP = 20_000
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("deep.toml", f"name = {'[' * DEEP}{']' * DEEP}\n"),
+        ("tables.toml", f"name = {'{a=' * DEEP}1{'}' * DEEP}\n"),
+        ("keys.toml", f"{'.'.join('a' * DEEP)} = 1\n"),
+        ("deep.json", f'{{"name": {"[" * DEEP}{"]" * DEEP}}}'),
+    ],
+)
+def test_settings_that_are_nested_too_deep(
+    tmp_path: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, name: str, text: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    path = tmp_path / name
+    path.write_text(text)
+    code, _, problems = cogrip("lab", path)
+    assert code == 2
+    assert problems.startswith(f"cogrip: {path}: ")
+    assert len(problems.splitlines()) == 1
+    assert len(problems) < 400
+
+
+@pytest.mark.parametrize("value", ["[" * DEEP + "]" * DEEP, "{a=" * DEEP + "1" + "}" * DEEP])
+def test_values_of_flags_that_are_nested_too_deep(cogrip: Cogrip, value: str) -> None:
+    code, _, problems = cogrip("lab", shipped("demo.toml"), "--set", f"seed={value}")
+    assert code == 2
+    assert "cogrip: --set seed: the value is nested too deep" in problems
+    code, _, problems = cogrip("sweep", shipped("demo.toml"), "--vary", f"seed={value}")
+    assert code == 2
+    assert "nested too deep" in problems
+
+
+def test_settings_that_are_no_table(tmp_path: Path, cogrip: Cogrip) -> None:
+    path = tmp_path / "list.json"
+    path.write_text(json.dumps([1]))
+    code, _, problems = cogrip("lab", path)
+    assert code == 2
+    assert "holds no table of settings" in problems
+
+
+@pytest.mark.parametrize("last_s", ["1e308", "1e9", "14401"])
+@pytest.mark.parametrize("key", ["hand", "device"])
+def test_a_recorded_hand_that_lasts_for_ever(tmp_path: Path, cogrip: Cogrip, last_s: str, key: str) -> None:
+    (tmp_path / "hand.csv").write_text(f"t_s,x_m\n0,0\n{last_s},0.1\n")
+    what = "csv:" if key == "hand" else "replay:"
+    path = tmp_path / "room.toml"
+    path.write_text(f'seconds = 0.1\n[[users]]\nname = "a"\n{key} = "{what}{tmp_path}/hand.csv&time=t_s&x=x_m"\n')
+    if key == "device":
+        path.write_text(path.read_text().replace(".csv&", ".csv?"))
+    code, _, problems = cogrip("lab", path, "--runs", tmp_path / "runs")
+    assert code == 2
+    assert "s long, and 14400 s is the most" in " ".join(problems.split())

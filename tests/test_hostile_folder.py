@@ -1,0 +1,119 @@
+"""No code of the folder that somebody happens to stand in runs as part of cogrip: real processes among hostile files."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.settings_file import shipped
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
+LIMIT_S = 120.0
+HOSTILE = (
+    "json", "msgspec", "numpy", "struct", "pickle", "zlib", "mcap", "zstandard", "prometheus_client", "http", "threading",
+    "multiprocessing", "tempfile", "signal", "random", "select", "mmap", "cogrip", "serial", "rich", "logging", "platform",
+)  # fmt: skip
+# As the installed `cogrip` is begun: by a file elsewhere, whose own folder stands first in the path.
+SCRIPT = "import sys\nfrom cogrip.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
+GUARD = """
+import os, pty, tty
+from cogrip.devices.haply.family import goodbye
+from cogrip.devices.haply.frames import HaplyCodec
+from cogrip.devices.haply.models import MODELS
+from cogrip.devices.io.guarded_port import GuardedPort
+keep, end = pty.openpty()
+tty.setraw(end)
+port = GuardedPort(os.ttyname(end), "haply", lambda: goodbye(HaplyCodec(MODELS["2diy"].wiring, 1)))
+port.open()
+port.close()
+print("guarded")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Full of modules that leave a mark where they are imported, and fail."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    for name in HOSTILE:
+        (folder / f"{name}.py").write_text(
+            f"open({str(tmp_path / 'ran')!r}, 'a').write({name + ' '!r})\nraise SystemExit(3)\n"
+        )
+    return folder
+
+
+def ran_in(folder: Path, *arguments: object, code: str = SCRIPT, module: str = "") -> str:
+    """What a process says that is started in the folder; none of the modules there was imported."""
+    script = folder.parent / "bin" / "script.py"
+    script.parent.mkdir(exist_ok=True)
+    script.write_text(code)
+    start = ["-m", module] if module else [str(script)]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    done = subprocess.run(
+        [sys.executable, *start, *map(str, arguments)],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=LIMIT_S, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    mark = folder.parent / "ran"
+    assert not mark.exists(), f"imported from the folder: {mark.read_text()}\n{done.stdout}{done.stderr}"
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="metrics are not served on Windows")
+def test_a_server_with_its_metrics_and_its_recording(folder: Path, tmp_path: Path) -> None:
+    said = ran_in(
+        folder, "serve", shipped("demo.toml"), "--port", 0, "--seconds", 0.5, "--metrics", 0, "--runs", tmp_path / "runs",
+    )  # fmt: skip
+    assert "metrics: http://127.0.0.1:" in said
+    assert len(list((tmp_path / "runs").glob("*/server.mcap"))) == 1
+
+
+def test_clients_that_a_command_starts_and_their_recordings(folder: Path, tmp_path: Path) -> None:
+    ran_in(folder, "demo", "--set", "seconds=1", "--runs", tmp_path / "runs")
+    assert len(list((tmp_path / "runs").glob("*/*.mcap"))) == 3
+
+
+def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
+    said = ran_in(
+        folder, "sweep", shipped("demo.toml"), "--vary", "seed=1:2:2", "--set", "seconds=0.2", "--measure", "passive",
+        "--out", tmp_path / "out", "--jobs", 2, "--json", "-",
+    )  # fmt: skip
+    assert json.loads(said)["computed"] == 2
+
+
+def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
+    ran_in(folder, "lab", shipped("demo.toml"), "--set", "seconds=0.5", "--runs", tmp_path / "runs")
+    (run,) = (tmp_path / "runs").iterdir()
+    at_once = "import os, cogrip.cli.replay\ncogrip.cli.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
+    assert "bit by bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux: pseudo-terminals and pidfd")
+def test_the_guard_of_a_haply(folder: Path) -> None:
+    assert "guarded" in ran_in(folder, code=GUARD)
+
+
+def test_the_command_line_as_a_module(folder: Path) -> None:
+    (
+        folder / "cogrip.py"
+    ).unlink()  # `python -m` looks the package up there itself; what it then imports is ours to say
+    ran_in(folder, "--version", module="cogrip.cli")
+
+
+def test_every_process_of_python_that_is_started_is_kept_from_its_folder() -> None:
+    """`sys.executable` stands first in a command, and -P second."""
+    found = []
+    for path in [each for folder in FOLDERS for each in (ROOT / folder).rglob("*.py")] + [ROOT / "dev.py"]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            parts = (
+                node.elts if isinstance(node, ast.List | ast.Tuple) else node.args if isinstance(node, ast.Call) else []
+            )
+            if len(parts) > 1 and ast.unparse(parts[0]) == "sys.executable":
+                found.append((path.relative_to(ROOT).as_posix(), ast.unparse(parts[1])))
+    assert len(found) >= 10
+    assert [place for place in found if place[1] != "'-P'"] == []
