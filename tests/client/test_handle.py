@@ -20,6 +20,7 @@ class Core:
     """What a handle knows of a core."""
 
     def __init__(self) -> None:
+        self.capability = RECORD
         self.safety = Safety(RECORD, 1.0 / RATE_HZ)
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)

@@ -21,6 +21,12 @@ class DeviceError(Exception):
     """A device, or an address that asks for one, is at fault. The text names thing, value, bound and cure."""
 
 
+def defect(name: str, verb: str, error: Exception) -> DeviceError:
+    """What is said of a driver, known by `name`, whose `verb` raised something else than DeviceError."""
+    text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return DeviceError(f"{name}: {text} in {verb}; its driver has a defect: correct it, or tell its author")
+
+
 @dataclass(frozen=True, slots=True)
 class Capability:
     """What a device can do; safety reads it before any force flows.
