@@ -13,7 +13,7 @@ from math import isfinite
 
 from cogrip.client.core import ClientCore
 from cogrip.client.safety import STALL_S
-from cogrip.devices.device import Device, DeviceError, Sample, defect
+from cogrip.devices.device import Device, DeviceError, Sample, defect, defects_named
 from cogrip.devices.plausibility import ForceReports
 
 SETTLED_S = 0.03  # samples without a gap for so long: the velocity estimate has forgotten where the hand was before
@@ -43,14 +43,10 @@ class Handle:
 
     def open(self) -> None:
         """A device may know its limits only once it is open; then safety goes by those. Raises DeviceError."""
-        try:
+        with defects_named(self._name, "open"):
             before = self.device.capability
             self.device.open(self._rate_hz)
             opened = self.device.capability
-        except DeviceError:
-            raise
-        except Exception as error:
-            raise defect(self._name, "open", error) from error
         if opened != before:
             self._core.equip(opened)
         self._reports = ForceReports(self._core.capability, self._rate_hz)
