@@ -5,11 +5,11 @@ Symbols: x position [m], v velocity [m/s], T tick [s], t time since the last sam
 
     jump      A held handle goes on as it did, or stops anywhere on the way, or bounces back. Beyond that it is brought off its
               course by the hand, with at most HAND_MPS2 up to HAND_MPS of added speed, and by the motors, with F_peak / m. The
-              velocity known from differences is about a tick and a half old: |off| <= r(t), of dr/dt = dv(t + 3/2 T).
-    velocity  Two sums that forget with w: of x_k - x_{k-1} - v T, which lags of the device's filter below w / 2 leave below
-              w / 2 times the top speed; and of |v| T less thrice the path, for a velocity that only shakes.
+              speed is known from differences, so it is a tick and half the last t old, l: |off| <= r(t), of dr/dt = dv(t + l).
+    velocity  Two sums that forget with w: of x_k - x_{k-1} - v T, which a filter's lag of 0.4 w leaves below 0.6 w times the
+              top speed of the last 2 w; and of |v| T less thrice the path, for a velocity that only shakes.
 
-Clockwork in a loop is uneven: a tick may run up to one period late, so every step may be one tick longer than counted.
+Loops are uneven: a tick may run up to one period late, so every step may be one tick longer than counted.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ SLACK_COUNTS = 4.0
 GAP_S = 0.02  # without a sample: after more the speed is not known; an older sample is not used
 JUMPS = 3.0  # implausible samples, less half of those that were well, are a fault
 WINDOW_S = 0.05
+DRIFT_SHARE = 0.6
 DRIFT_SLACK_M = 3e-4
 PATH_SLACK_M, PATH_SLACK_COUNTS = 2e-3, 20.0
 REPORT_S = 0.03  # the oldest force that may still act: a request was held back, and was made again
@@ -38,12 +39,11 @@ JUMP, AGE, OLD, DRIFT = "implausible jump", "implausible age", "old sample", "ve
 REPORT = "implausible force reported"
 
 
-def off_course_m(time_s: float, tick_s: float, most_mps2: float, most_mps: float = HAND_MPS) -> float:
-    """How far at most it is off the course of a speed that is 3/2 ticks old, after `time_s` [m].
+def off_course_m(time_s: float, late_s: float, most_mps2: float, most_mps: float = HAND_MPS) -> float:
+    """How far at most it is off the course of a speed that is `late_s` old, after `time_s` [m].
 
-    The speed gained is most_mps2 (t + 3/2 T), at most most_mps.
+    The speed gained is most_mps2 (t + late_s), at most most_mps.
     """
-    late_s = 1.5 * tick_s
     rising_s = min(time_s, max(0.0, most_mps / most_mps2 - late_s))
     return most_mps2 * rising_s * (0.5 * rising_s + late_s) + most_mps * (time_s - rising_s)
 
@@ -69,7 +69,9 @@ class Plausibility:
         self._at: Sequence[float] | None = None
         self._taken = 0
         self._known = False
-        self._speed = [0.0] * self._axes
+        self._speed = [0.0] * self._axes  # half of the last step's, a quarter of the one's before ...
+        self._last = [0.0] * self._axes  # of the last step alone
+        self._late_s = 0.0
         self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
         self._jumps = 0.0
         self._told: Sequence[float] | None = None
@@ -104,14 +106,13 @@ class Plausibility:
     def _jumped(self, step: Sequence[float], ticks: int) -> bool:
         """A sample that comes after one that was odd is not believed more readily because time has passed."""
         tick_s = self._tick_s
-        known = self._known and ticks <= self._gap_ticks
         ahead_s, behind_s = (ticks + 1) * tick_s, -REBOUND * ticks * tick_s
         square = 0.0
         for axis, moved in enumerate(step):
-            if known:
-                low, high = ahead_s * self._speed[axis], behind_s * self._speed[axis]
-                if low > high:
-                    low, high = high, low
+            if self._known and ticks <= self._gap_ticks:
+                speed, last = self._speed[axis], self._last[axis]
+                high, low = (speed, last) if speed > last else (last, speed)
+                high, low = max(0.0, ahead_s * high, behind_s * low), min(0.0, ahead_s * low, behind_s * high)
             else:
                 high = ahead_s * UNKNOWN_MPS
                 low = -high
@@ -123,8 +124,8 @@ class Plausibility:
             off_m, time_s = sqrt(square), (self._odd or ticks) * tick_s
             most_m = (
                 self._slack_m
-                + off_course_m(time_s, tick_s, HAND_MPS2)
-                + self._motors_mps2 * time_s * (0.5 * time_s + 1.5 * tick_s)
+                + off_course_m(time_s, self._late_s, HAND_MPS2)
+                + self._motors_mps2 * time_s * (0.5 * time_s + self._late_s)
             )
         if off_m <= most_m:
             self._odd, self._jumps = 0, max(0.0, self._jumps - 0.5)
@@ -140,13 +141,15 @@ class Plausibility:
         return True
 
     def _move(self, step: Sequence[float], ticks: int) -> None:
-        """What is known of the speed: half of the last step, a quarter of the one before ..."""
+        """What is known of the speed; over a gap it is not."""
         rate = 1.0 / (ticks * self._tick_s)
-        share = 0.5 if self._known and ticks <= self._gap_ticks else 1.0
-        speed = self._speed
+        share = 0.5 if self._known else 1.0
+        speed, last = self._speed, self._last
         for axis, moved in enumerate(step):
-            speed[axis] += share * (moved * rate - speed[axis])
-        self._known = True
+            last[axis] = moved * rate
+            speed[axis] += share * (last[axis] - speed[axis])
+        self._known = ticks <= self._gap_ticks
+        self._late_s = (1.0 + 0.5 * ticks) * self._tick_s
 
     def _denied(self, step: Sequence[float], told: Sequence[float], ticks: int) -> str:
         """DRIFT, where what the velocities add up to is not what the positions say."""
@@ -160,9 +163,9 @@ class Plausibility:
             drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + told[axis])
         speed = hypot(*told)
         self._path = keep * self._path + half_s * (hypot(*before) + speed) - 3.0 * hypot(*step)
-        self._top = top = max(keep * self._top, speed, hypot(*self._speed))
+        self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, hypot(*self._speed))
         off_m = hypot(*drift)
-        if off_m <= self._drift_m + 0.5 * WINDOW_S * top and self._path <= self._path_m:
+        if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and self._path <= self._path_m:
             return ""
         self.fault = (
             f"the device's velocity, {speed:.3g} m/s now, and its positions deny each other by"

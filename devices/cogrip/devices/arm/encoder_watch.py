@@ -22,6 +22,7 @@ SLACK_COUNTS = 4  # of noise and of readings that are not evenly spaced
 MOST_SPEED_MPS = 1.5  # of an arm that is not known yet
 STUCK_S = 0.02
 QUICK_COUNTS = 1.5  # a tick
+STILL_TICKS = 8  # without a reading: whether it stopped dead is not known
 DEAD = 0.7  # share of its pace that a joint still has when it stops dead
 _NAMES = "abc"
 
@@ -51,8 +52,8 @@ class _Joint:
         return abs(step - self.near)
 
     def move(self, step: float, ticks: int) -> None:
-        if step:
-            self.still = 0
+        if step or ticks > STILL_TICKS:
+            self.still, self.stopped_dead = 0, False
         else:
             if not self.still:
                 self.stopped_dead = self.pace >= QUICK_COUNTS and abs(self.speed) >= DEAD * self.pace
@@ -77,6 +78,7 @@ class EncoderWatch:
         self._gap_ticks = round(GAP_S * rate_hz)  # without a reading: after more it is judged anew from there
         self._stuck_ticks = max(2, round(STUCK_S * rate_hz))
         self._last: Sequence[float] | None = None
+        self._late_s = 0.0  # how old the speeds are
         self._joints = [_Joint(MOST_SPEED_MPS / rate_hz / resolution_m) for _ in range(joints)]
 
     def check(self, counts: Sequence[float], ticks: int) -> str:
@@ -84,8 +86,10 @@ class EncoderWatch:
         last, self._last = self._last, counts
         if last is None or not 0 < ticks <= self._gap_ticks:
             self._joints = [_Joint(joint.most_speed) for joint in self._joints]
+            self._late_s = 1.5 * self._tick_s
             return "" if last is None else self._after_gap(last, counts, max(ticks, 1))
-        off_m = off_course_m(ticks * self._tick_s, self._tick_s, MOST_ACCELERATION_MPS2)
+        off_m = off_course_m(ticks * self._tick_s, self._late_s, MOST_ACCELERATION_MPS2)
+        self._late_s = (1.0 + 0.5 * ticks) * self._tick_s
         most = SLACK_COUNTS + off_m / self._resolution_m
         odd, worst, stuck = -1, most, ""
         for number, joint in enumerate(self._joints):
