@@ -61,7 +61,7 @@ class Plausibility:
         self._most_age = capability.latency_ticks + self._gap_ticks
         self._axes = capability.axes
         self._tick: int | None = None  # at which a sample was judged
-        self._jumps = 0.0
+        self._quick = self._most_m(tick_s, 1.5 * tick_s) ** 2  # a step of one tick that is no jump at any speed [m^2]
         self.restart()
 
     def restart(self) -> None:
@@ -71,7 +71,7 @@ class Plausibility:
         self._known = False
         self._speed = [0.0] * self._axes  # half of the last step's, a quarter of the one's before ...
         self._last = [0.0] * self._axes  # of the last step alone
-        self._late_s = 0.0
+        self._late_s = 1.5 * self._tick_s
         self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
         self._jumps = 0.0
         self._told: Sequence[float] | None = None
@@ -86,17 +86,23 @@ class Plausibility:
         self.fault = ""
         if not 0 <= age <= self._most_age + (0 if last is None else tick - last):
             return AGE
-        if not isfinite(sum(position)):
-            return ""  # safety's matter
         taken, before = tick - age, self._at
         if before is None:
-            self._at, self._taken, self._told = position, taken, sample.velocity_mps
+            if isfinite(sum(position)):
+                self._at, self._taken, self._told = position, taken, sample.velocity_mps
             return ""
         ticks = taken - self._taken
         if ticks <= 0:
             return OLD if ticks < 0 or tick != last else ""
         step = [new - old for new, old in zip(position, before, strict=True)]
-        if self._jumped(step, ticks):
+        square = 0.0
+        for moved in step:
+            square += moved * moved
+        if square < self._quick and ticks == 1:
+            self._jumps = max(0.0, self._jumps - 0.5) if self._jumps else 0.0
+        elif not isfinite(square):
+            return ""  # safety's matter
+        elif self._jumped(step, ticks):
             return JUMP
         self._move(step, ticks)
         self._at, self._taken = position, taken
@@ -105,11 +111,11 @@ class Plausibility:
 
     def _jumped(self, step: Sequence[float], ticks: int) -> bool:
         """A sample that comes after one that was odd is not believed more readily because time has passed."""
-        tick_s = self._tick_s
+        tick_s, known = self._tick_s, self._known and ticks <= self._gap_ticks
         ahead_s, behind_s = (ticks + 1) * tick_s, -REBOUND * ticks * tick_s
         square = 0.0
         for axis, moved in enumerate(step):
-            if self._known and ticks <= self._gap_ticks:
+            if known:
                 speed, last = self._speed[axis], self._last[axis]
                 high, low = (speed, last) if speed > last else (last, speed)
                 high, low = max(0.0, ahead_s * high, behind_s * low), min(0.0, ahead_s * low, behind_s * high)
@@ -118,15 +124,7 @@ class Plausibility:
                 low = -high
             off = moved - high if moved > high else low - moved if moved < low else 0.0
             square += off * off
-        if square == 0.0:
-            off_m = most_m = 0.0
-        else:
-            off_m, time_s = sqrt(square), (self._odd or ticks) * tick_s
-            most_m = (
-                self._slack_m
-                + off_course_m(time_s, self._late_s, HAND_MPS2)
-                + self._motors_mps2 * time_s * (0.5 * time_s + self._late_s)
-            )
+        off_m, most_m = sqrt(square), self._most_m((self._odd or ticks) * tick_s, self._late_s)
         if off_m <= most_m:
             self._odd, self._jumps = 0, max(0.0, self._jumps - 0.5)
             return False
@@ -140,16 +138,22 @@ class Plausibility:
             )
         return True
 
+    def _most_m(self, time_s: float, late_s: float) -> float:
+        """How far off its course it may be, by the hand, the motors and what its counts leave open [m]."""
+        motors_m = self._motors_mps2 * time_s * (0.5 * time_s + late_s)
+        return self._slack_m + off_course_m(time_s, late_s, HAND_MPS2) + motors_m
+
     def _move(self, step: Sequence[float], ticks: int) -> None:
         """What is known of the speed; over a gap it is not."""
-        rate = 1.0 / (ticks * self._tick_s)
-        share = 0.5 if self._known else 1.0
-        speed, last = self._speed, self._last
-        for axis, moved in enumerate(step):
-            last[axis] = moved * rate
-            speed[axis] += share * (last[axis] - speed[axis])
-        self._known = ticks <= self._gap_ticks
-        self._late_s = (1.0 + 0.5 * ticks) * self._tick_s
+        tick_s = self._tick_s
+        rate = 1.0 / (ticks * tick_s)
+        self._last = last = [moved * rate for moved in step]
+        if self._known:
+            self._speed = [0.5 * (old + new) for old, new in zip(self._speed, last, strict=True)]
+        else:
+            self._speed = last
+        self._known = known = ticks <= self._gap_ticks
+        self._late_s = (1.0 + 0.5 * ticks) * tick_s if known else 1.5 * tick_s
 
     def _denied(self, step: Sequence[float], told: Sequence[float], ticks: int) -> str:
         """DRIFT, where what the velocities add up to is not what the positions say."""
