@@ -209,7 +209,7 @@ def test_a_part_of_the_force_is_believed() -> None:
     [
         lambda tick, sample: Sample((0.0, 0.0), None),
         lambda tick, sample: Sample((), None),
-        lambda tick, sample: Sample(sample.position_m, (0.0,)),
+        lambda tick, sample: Sample(sample.position_m, (0.0, 0.0)),
         lambda tick, sample: Sample((None,), None),
         lambda tick, sample: Sample(sample.position_m, None, 0.5),
         lambda tick, sample: 7,

@@ -37,11 +37,10 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
     try:
         count = axes_of(address) if axes is None else axes
         device = make(address, axes=count)
-        record_of(device, address)
         real = is_real(address)
     except DeviceError as error:
         raise BadInput(str(error)) from None
-    _try(device, rate_hz)
+    _try(device, address, rate_hz)
     knows = not real and hasattr(device, "force_n")
     subject = Subject(
         lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
@@ -70,15 +69,15 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
     return 1 if broken else 0
 
 
-def _try(device: Device, rate_hz: int) -> None:
+def _try(device: Device, address: str, rate_hz: int) -> None:
     """Whether it can be had at all. Raises BadInput, or Problem."""
     try:
-        most_hz = device.capability.rate_hz
+        most_hz = record_of(device, address).rate_hz
         if not 1 <= rate_hz <= most_hz:
             raise BadInput(f"--rate-hz {rate_hz} is outside 1 to {most_hz}")
-        with defects_named(device.capability.family, "open"):
+        with defects_named(repr(address), "open"):
             device.open(rate_hz)
-        with defects_named(device.capability.family, "close"):
+        with defects_named(repr(address), "close"):
             device.close()
     except DeviceError as error:
         raise Problem(str(error)) from None

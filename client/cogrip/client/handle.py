@@ -131,13 +131,12 @@ class Handle:
         isfinite(sum(sample.position_m) + (sum(velocity) if velocity is not None else 0.0))
         if (
             len(sample.position_m) != record.axes
-            or (velocity is not None) != record.gives_velocity
-            or (velocity is not None and len(velocity) != record.axes)
+            or (len(velocity) != record.axes if velocity is not None else record.gives_velocity)
             or type(sample.age_ticks) is not int
         ):
-            kind = "a velocity" if record.gives_velocity else "no velocity"
+            kind = " and a velocity" if record.gives_velocity else ""
             raise DeviceError(
-                f"{self._name}: gives {sample}, and its record says {record.axes} axes with {kind}; correct its driver"
+                f"{self._name}: gives {sample}, and its record says {record.axes} axes{kind}; correct its driver"
             )
 
     def _acted(self, force_n: tuple[float, ...]) -> None:

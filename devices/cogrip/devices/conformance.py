@@ -229,6 +229,7 @@ def raises_device_errors_alone(subject: Subject) -> None:
     _refuses(lambda: subject.make().open(-1), "open(-1)", "rate_hz")
     with _opened(subject) as device:
         axes = device.capability.axes
+        subject.pace(0)
         device.read(0)
         _refuses(lambda: device.read(-1), "read(-1)", "tick=-1")
         for count in {0, axes - 1, axes + 2}:
