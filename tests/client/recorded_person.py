@@ -103,11 +103,15 @@ class Person(RecordedEnd):
         velocity = tuple(velocity_mps[: self.axes]) if self.gives_velocity else None
         return Sample(tuple(position_m[: self.axes]), velocity)
 
+    def swing_m(self, gap: int) -> float:
+        """Where a hand that swings is `gap` ticks on."""
+        return 0.02 * math.sin(0.02 * (self.tick + gap))
+
     def run(self, ticks: int, answered: bool = True) -> None:
         """A hand that swings, and a server that answers or has fallen silent."""
         for _ in range(ticks):
             phase = 0.02 * (self.tick + 1)
-            place, speed = 0.02 * math.sin(phase), 0.02 * 0.02 * DEVICE_HZ * math.cos(phase)
+            place, speed = self.swing_m(1), 0.02 * 0.02 * DEVICE_HZ * math.cos(phase)
             words = [("next", 0, 0.2 * math.cos(phase))] if answered and (self.tick + 1) % M == 0 else []
             self.run_tick(1, self.sample((place,) * 3, (speed,) * 3), words)
 
@@ -133,7 +137,7 @@ def scripted() -> Person:
     person.run(5)
     person.core.rearm()
     person.run(30)
-    person.run_tick(300, person.sample((0.01, 0.01), ()))  # the watchdog
+    person.run_tick(300, person.sample((person.swing_m(300),) * 2, ()))  # the watchdog
     person.core.rearm()
     person.run(40)
     person.core.fail("device: unplugged")
@@ -156,10 +160,10 @@ def outages() -> Person:
     person.sit()
     person.run(40)
     person.run(550, answered=False)
-    person.run_tick(1, person.sample((0.0,) * 3, ()), [("welcome", 0, 0.0)])
+    person.run_tick(1, person.sample((person.swing_m(1),) * 3, ()), [("welcome", 0, 0.0)])
     person.run(60)
     person.run(530, answered=False)
-    person.run_tick(3, person.sample((0.01,) * 3, ()), [("renewed", 0, 0.0), ("next", 0, 0.1)])
+    person.run_tick(3, person.sample((person.swing_m(3),) * 3, ()), [("renewed", 0, 0.0), ("next", 0, 0.1)])
     person.run(60)
     person.core.stop()
     person.run(5)

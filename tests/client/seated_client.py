@@ -29,6 +29,13 @@ def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0, spe
     )  # fmt: skip
 
 
+class Believing:
+    """In place of a `Plausibility`: where hands are random numbers, every one is believed."""
+
+    def judge(self, tick: int, sample: Sample) -> str:
+        return ""
+
+
 class Client:
     """A seated core with a server of our own: what it sends is read back, waves are handed to it frame by frame."""
 
@@ -52,6 +59,7 @@ class Client:
         self.settings, self.session = settings, 7
         self.welcome(0)
         assert self.core.seated
+        self.core._plausibility = Believing()  # type: ignore[assignment]
         self.core.outbox.clear()
         self.line = LineSender(axes, 8)
         self.axes = axes

@@ -20,6 +20,7 @@ class Core:
     """What a handle knows of a core."""
 
     def __init__(self) -> None:
+        self.capability = RECORD
         self.safety = Safety(RECORD, 1.0 / RATE_HZ)
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
@@ -238,3 +239,44 @@ def test_a_device_that_fails_while_it_is_armed_says_why(held: Held) -> None:
     held.device.error = ""
     held.run(2 * SETTLED)
     assert held.state == "fault"
+
+
+@pytest.mark.parametrize("given", [(-8.0,), (float("nan"),), (0.5, 0.5)])
+def test_a_report_that_nobody_asked_for_is_not_believed_and_ends_it(held: Held, given: tuple[float, ...]) -> None:
+    held.device.given = given
+    held.run(2)
+    assert held.core.acting == []
+    assert held.state == "live"
+    held.run(1)
+    assert held.state == "fault"
+    assert held.core.safety.reason.startswith("device: sim: says that (")
+    assert held.handle.counts == {"implausible force reported": 3}
+
+
+def test_a_clock_tells_calls_that_block(held: Held) -> None:
+    """A third of all calls may be twice too long, not more; and a device that was opened anew has a clean sheet."""
+    now_ns = 0
+    tick_ns = 1_000_000_000 // RATE_HZ
+
+    def clock() -> int:
+        return now_ns
+
+    def read(tick: int) -> Sample:
+        nonlocal now_ns
+        now_ns += 2 * tick_ns if tick % every == 0 else 0
+        return HERE
+
+    held.device.read = read  # type: ignore[method-assign]
+    held.handle = Handle(held.device, held.core, RATE_HZ, clock)  # type: ignore[arg-type]
+    every = 3
+    held.run(1000)
+    assert held.state == "live"
+    assert held.handle.counts["slow read"] == pytest.approx(333, abs=1)
+    every = 2
+    held.run(1000)
+    assert held.state == "fault"
+    assert held.core.safety.reason.startswith("device: sim: its read took 2.0 ms, and a tick has 1 ms")
+    every = 3
+    assert held.handle.rearm() == ""
+    held.run(SETTLED + 1)
+    assert held.state == "live"

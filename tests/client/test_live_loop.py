@@ -1,15 +1,16 @@
 """The live loop where something is wrong beyond every foresight: a hand is let go softly, and impossible settings are told."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from cogrip.client import loop
 from cogrip.client.io.calls import JoinError
-from cogrip.client.loop import LiveClient, let_go
+from cogrip.client.loop import Ended, LiveClient, let_go
 from cogrip.client.safety import FAULT_OUT_S
-from cogrip.devices.device import Sample
+from cogrip.devices.device import DeviceError, Sample
 from cogrip.protocol import messages
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.stop import Stop
@@ -50,9 +51,14 @@ class Moving:
         self.forces: list[float] = []
         self.breaks = read
         self.write_breaks = False
+        self.write_error: Exception | None = None
+        self.slow_write_s = 0.0
+        self.clock: VirtualTime | None = None
+        self.times: list[int] = []
 
     def open(self, rate_hz: int) -> None:
         self.did.append("open")
+        self.held = True
 
     def read(self, tick: int) -> Sample:
         self.breaks(tick)
@@ -61,16 +67,23 @@ class Moving:
     def write(self, force_n: Sequence[float]) -> None:
         if self.write_breaks:
             raise RuntimeError("the cable is out")
+        if self.write_error is not None:
+            raise self.write_error
         self.forces.append(force_n[0])
+        if self.clock is not None:
+            self.clock.sleep(self.slow_write_s)
+            self.times.append(self.clock.now_ns)
 
     def close(self) -> None:
         self.did.append("close")
+        self.held = False
 
 
 class Server:
-    """Gives a seat, and hears the goodbye."""
+    """Gives a seat, and hears the goodbye. Breaks the loop as it is told."""
 
-    def __init__(self, **link: object) -> None:
+    def __init__(self, poll: Callable[[], None] = lambda: None, **link: object) -> None:
+        self.breaks = poll
         self.settings = resolve({"link": link, "users": [{"name": "anna"}]})
         self.sent: list[Any] = []
         self.failed = ""
@@ -86,7 +99,9 @@ class Server:
         self.sent.append(messages.decode(message))
 
     def drain(self, *_: object) -> None: ...
-    def poll(self, *_: object, **__: object) -> None: ...
+    def poll(self, *_: object, **__: object) -> None:
+        self.breaks()
+
     def counted(self) -> dict[str, int]:
         return {}
 
@@ -112,13 +127,13 @@ def client(device: Any, server: Any, make_link: Any = LinkEmulator) -> LiveClien
 
 
 def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTime) -> None:
-    def breaks(tick: int) -> None:
-        if tick == 80:
+    def breaks() -> None:
+        if len(device.forces) == 80:
             raise RuntimeError("a defect")
 
-    device = Moving(breaks)
+    device = Moving()
     with pytest.raises(RuntimeError, match="a defect"):
-        client(device, Server()).run()
+        client(device, Server(breaks)).run()
     held, faded = device.forces[79], device.forces[80:]
     assert held > 0.1, "there was a force to let go"
     assert len(faded) == TICKS
@@ -130,16 +145,123 @@ def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTim
 
 
 def test_a_device_that_cannot_be_written_is_closed_at_once(clock: VirtualTime) -> None:
-    def breaks(tick: int) -> None:
-        if tick >= 80:
+    def breaks() -> None:
+        if len(device.forces) == 80:
             device.write_breaks = True
             raise RuntimeError("a defect")
 
-    device = Moving(breaks)
+    device = Moving()
     with pytest.raises(RuntimeError, match="a defect"):
-        client(device, Server()).run()
+        client(device, Server(breaks)).run()
     assert len(device.forces) == 80
     assert device.did == ["open", "close"]
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(5, "Input/output error"), IndexError("list index out of range"), ValueError()]
+)
+@pytest.mark.parametrize("verb", ["read", "write"])
+def test_whatever_a_driver_raises_is_a_fault_and_no_traceback(clock: VirtualTime, verb: str, error: Exception) -> None:
+    """The force fades within the time of a fault, where the device still takes it; the server hears why; all is closed."""
+
+    def breaks(tick: int) -> None:
+        if len(device.forces) == 80:
+            if verb == "write":
+                device.write_error = error
+            else:
+                raise error
+
+    device, server = Moving(breaks), Server()
+    ended = client(device, server).run()
+    assert isinstance(ended, Ended)
+    assert ended.failed.startswith(f"device: test: {type(error).__name__}")
+    assert str(error) in ended.failed
+    assert ended.failed.endswith(f"in {verb}; its driver has a defect: correct it, or tell its author")
+    assert ended.account.state == "fault", "so is the verdict"
+    assert ended.account.reason == ended.failed
+    assert {message.reason for message in server.sent if isinstance(message, Leave)} == {ended.failed[:300]}
+    assert device.did[-1] == "close"
+    assert set(device.did[1:]) == {"close"}
+    if verb == "read":
+        held, faded = device.forces[79], device.forces[80:]
+        assert held > 0.1
+        assert faded.index(0.0) < TICKS + 1
+        steps = [before - after for before, after in zip([held, *faded], faded, strict=False)]
+        assert max(steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
+    assert not device.held
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
+def test_an_interrupt_inside_a_driver_is_not_swallowed(clock: VirtualTime, error: type[BaseException]) -> None:
+    def breaks(tick: int) -> None:
+        if len(device.forces) == 80:
+            raise error
+
+    device = Moving(breaks)
+    with pytest.raises(error):
+        client(device, Server()).run()
+    assert device.did == ["open", "close"]
+
+
+def test_a_driver_that_raises_as_it_is_opened_or_closed(clock: VirtualTime) -> None:
+    device, server = Moving(), Server()
+    device.open = device.close = lambda *_: [][0]  # type: ignore[assignment, method-assign]
+    with pytest.raises(
+        DeviceError, match=r"^test: IndexError: list index out of range in open; its driver has a defect"
+    ):
+        client(device, server).run()
+    goodbye = next(message for message in server.sent if isinstance(message, Leave))
+    assert goodbye.reason.startswith("device: test: IndexError")
+    device, ran = Moving(), client(Moving(), Server())
+    ran.device.close = device.close = lambda: [][0]  # type: ignore[method-assign]
+    ran.seconds = 0.2
+    ended = ran.run()
+    assert isinstance(ended, Ended)
+    assert ended.counts["IndexError as the device was closed"] == 1
+
+
+@pytest.mark.parametrize(("took_s", "most_s"), [(0.03, 0.05), (0.005, 0.05), (0.0015, 0.1)])
+def test_a_device_whose_reads_block_the_loop_is_let_go(clock: VirtualTime, took_s: float, most_s: float) -> None:
+    """From the first read that blocks to zero force, in the time of the loop. 494 ms for reads of 30 ms before."""
+    began: list[int] = []
+
+    def blocks(tick: int) -> None:
+        if tick >= 80:
+            began.append(clock.now_ns)
+            clock.sleep(took_s)
+
+    device = Moving(blocks)
+    device.clock = clock
+    ended = client(device, Server()).run()
+    assert isinstance(ended, Ended)
+    assert ended.failed.startswith(f"device: test: its read took {took_s * 1e3:.1f} ms, and a tick has 0.98 ms")
+    assert ended.counts["slow read"] >= 1
+    told = [(at, force) for at, force in zip(device.times, device.forces, strict=True) if at >= began[0]]
+    assert max(force for _, force in told) > 0.3
+    assert next(at for at, force in told if force == 0.0) - began[0] <= most_s * 1e9
+    steps = [abs(new - old) for (_, old), (_, new) in pairwise(told)]
+    assert max(steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
+
+
+def test_one_slow_read_now_and_then_is_no_fault(clock: VirtualTime) -> None:
+    device = Moving(lambda tick: clock.sleep(0.004 if tick % 50 == 0 else 0.0002))
+    ran = client(device, Server())
+    ran.seconds = 1.0
+    ended = ran.run()
+    assert isinstance(ended, Ended)
+    assert ended.failed == ""
+    assert ended.counts["slow read"] == 21
+
+
+def test_a_device_whose_writes_block_gets_zero_with_the_next(clock: VirtualTime) -> None:
+    device = Moving()
+    device.clock = clock
+    device.slow_write_s = 0.03
+    ended = client(device, Server()).run()
+    assert isinstance(ended, Ended)
+    assert "its write took 30.0 ms" in ended.failed
+    assert len(device.forces) <= 4
+    assert device.forces[-1] == 0.0
 
 
 @pytest.mark.parametrize("rate_hz", [1, 128, 1024, 8192])

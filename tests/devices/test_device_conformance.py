@@ -3,13 +3,26 @@
 A new family is tried as soon as it is in the registry; one that brings nothing to be tried by fails here.
 """
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
+from math import nan
 from pathlib import Path
 
 import pytest
 
 from cogrip.devices import Capability, Device, DeviceError, Sample, make
-from cogrip.devices.conformance import CHECKS, Subject, UnfitError, samples_are_metres
+from cogrip.devices.conformance import (
+    CHECKS,
+    Subject,
+    UnfitError,
+    ages_stay_small,
+    calls_do_not_block,
+    positions_do_not_jump,
+    raises_device_errors_alone,
+    samples_are_metres,
+    velocity_agrees_with_position,
+    write_tells_what_acts,
+)
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
 HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
@@ -136,3 +149,81 @@ def test_a_device_that_breaks_a_promise_is_found() -> None:
         samples_are_metres(Subject(Broken))  # type: ignore[arg-type]
     with pytest.raises(DeviceError, match="unknown device scheme"):
         make("nosuch:thing")
+
+
+class Liar:
+    """A device that is well but for one verb."""
+
+    def __init__(
+        self,
+        read: Callable[[int, Sample], Sample] | None = None,
+        write: Callable[[Sequence[float]], Sequence[float] | None] | None = None,
+        address: str = "sim:ideal?hand=sine",
+    ) -> None:
+        self._device = make(address)
+        self._read, self._write = read, write
+
+    @property
+    def capability(self) -> Capability:
+        return self._device.capability
+
+    def read(self, tick: int) -> Sample | None:
+        sample = self._device.read(tick)
+        assert sample is not None
+        return sample if self._read is None else self._read(tick, sample)
+
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
+        if self._write is not None and len(force_n) != 1:
+            return self._write(force_n)
+        self._device.write(force_n)
+        return None if self._write is None else self._write(force_n)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._device, name)
+
+
+class SlowClock:
+    """Virtual: every read takes `took_ns`."""
+
+    def __init__(self, took_ns: int) -> None:
+        self.now_ns, self._took_ns = 0, took_ns
+
+    def read(self, tick: int, sample: Sample) -> Sample:
+        self.now_ns += self._took_ns
+        return sample
+
+
+LIES: list[tuple[Callable[[Subject], None], str, Callable[[], Liar]]] = [
+    (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t))),
+    (ages_stay_small, "an age of 0 or a few ticks", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, -1000))),
+    (ages_stay_small, "newer than those before", lambda: Liar(lambda t, s: Sample(s.position_m, s.velocity_mps, t % 4))),
+    (positions_do_not_jump, "without jumps",
+     lambda: Liar(lambda t, s: Sample((s.position_m[0] + 0.03 * (t > 100),), s.velocity_mps))),
+    (velocity_agrees_with_position, "agree with the positions", lambda: Liar(lambda t, s: Sample((0.01,), (0.1,)))),
+    (velocity_agrees_with_position, "agree with the positions", lambda: Liar(lambda t, s: Sample((0.01,), (0.4 * (-1) ** t,)))),
+    (velocity_agrees_with_position, "agree with the positions",
+     lambda: Liar(lambda t, s: Sample(s.position_m, (1000.0 * s.velocity_mps[0],)))),  # type: ignore[index]
+    (write_tells_what_acts, "write tells a part of", lambda: Liar(write=lambda f: (-50.0 * f[0],))),
+    (write_tells_what_acts, "write tells a part of", lambda: Liar(write=lambda f: (nan,))),
+    (write_tells_what_acts, "write tells a part of", lambda: Liar(write=lambda f: (f[0], f[0]))),
+    (raises_device_errors_alone, "refused with DeviceError, not with IndexError", lambda: Liar(write=lambda f: [][0])),
+    (raises_device_errors_alone, "refused with DeviceError", lambda: Liar(write=lambda f: None)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "words", "lying"), LIES, ids=map(str, range(len(LIES))))
+def test_a_driver_that_lies_is_found(check: Callable[[Subject], None], words: str, lying: Callable[[], Liar]) -> None:
+    with pytest.raises(UnfitError, match=re.escape(words)):
+        check(Subject(lying))  # type: ignore[arg-type]
+    check(Subject(Liar))  # type: ignore[arg-type]  # the same, without the lie
+
+
+@pytest.mark.parametrize(("took_ns", "fits"), [(970_000, True), (980_000, False), (30_000_000, False)])
+def test_a_driver_whose_reads_block_is_found(took_ns: int, fits: bool) -> None:
+    clock = SlowClock(took_ns)
+    subject = Subject(lambda: Liar(clock.read), clock=lambda: clock.now_ns)  # type: ignore[arg-type, return-value]
+    if fits:
+        calls_do_not_block(subject)
+    else:
+        with pytest.raises(UnfitError, match=r"read and write within a tick of 0\.98 ms: "):
+            calls_do_not_block(subject)

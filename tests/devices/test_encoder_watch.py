@@ -15,12 +15,14 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
-from cogrip.devices.arm.encoder_watch import GAP_TICKS, QUICK_COUNTS, SLACK_COUNTS, STUCK_S, EncoderWatch
+from cogrip.devices.arm.encoder_watch import QUICK_COUNTS, SLACK_COUNTS, STUCK_S, EncoderWatch
 from cogrip.devices.arm.models import MODELS
+from cogrip.devices.plausibility import GAP_S
 from cogrip.devices.registry import make
 
 RATE_HZ = 1024
 STUCK = round(STUCK_S * RATE_HZ)
+GAP_TICKS = round(GAP_S * RATE_HZ)
 DATA = Path(__file__).parents[3] / "shared" / "data"
 NAMES = ("aluhaptics", "polhem", "vintage", "woodenhaptics")  # the others have the same joints, or coarser ones
 WAYS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
@@ -267,6 +269,46 @@ def test_both_sides_of_what_counts_as_a_jump(name: str) -> None:
             slipped[joint] += size
             assert bool(judge.check(slipped, 1)) == found
         assert tip(least) < 1e-3  # a millimetre at most goes by
+
+
+@every_model
+@pytest.mark.parametrize("hand", ["hold", "reach&amplitude_m=0.04&direction=0.5,1,0.3", "tremor&direction=1,1,1"])
+@pytest.mark.parametrize("silence_s", [0.001, 0.006, 0.011])
+def test_a_jump_of_400_counts_in_a_silence_is_found(name: str, hand: str, silence_s: float) -> None:
+    """It is a pose that is wrong by a centimetre. Before, 6 ms and the wait for a lost reply left room for 25 mm."""
+    readings, gap = simulated(name, hand), round(silence_s * RATE_HZ) + 1
+    for begin in range(100, 900, 50):
+        for joint in range(3):
+            for size in (400, -400):
+                judge = watch(name)
+                assert all(judge.check(reading, 1) == "" for reading in readings[begin - 30 : begin])
+                assert watch_off_m(name, readings[begin + gap - 1], joint, size) > 0.007
+                slipped = list(readings[begin + gap - 1])
+                slipped[joint] += size
+                assert "jumped by" in judge.check(slipped, gap)
+
+
+def watch_off_m(name: str, reading: tuple[int, ...], joint: int, size: int) -> float:
+    """How far a jump puts the tip from where it is."""
+    model = MODELS[name]
+    slipped = list(reading)
+    slipped[joint] += size
+    true, said = (model.kinematics.forward(model.drive.angles(raw)) for raw in (reading, tuple(slipped)))
+    return hypot(*(a - b for a, b in zip(true, said, strict=True)))
+
+
+@every_model
+@pytest.mark.parametrize("hand", HANDS)
+def test_recorded_hands_are_believed_where_readings_are_missing(name: str, hand: str) -> None:
+    read, *arguments = HANDS[hand]
+    random, tick = Random(hand), 0
+    readings = counts(name, read(*arguments).tolist())
+    judge = watch(name)
+    while tick < len(readings):
+        gap = random.choice((1, 1, 1, 3, 7, 12, GAP_TICKS, 2 * GAP_TICKS))
+        tick += gap
+        for reading in readings[tick : tick + 1]:
+            assert judge.check(reading, gap) == ""
 
 
 # stuck encoders

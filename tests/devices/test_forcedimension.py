@@ -23,6 +23,8 @@ from cogrip.devices.forcedimension.family import family
 from cogrip.devices.forcedimension.models import RECORDS, TYPES, confirm
 from cogrip.devices.settings import parse_address
 
+from tests.devices.moved_evenly import ends_softly, forces_over_a_jump
+
 SOURCE = Path(__file__).parent / "stubs" / "libdrd.c"
 PACKAGE = "forcedimension_core"
 RATE_HZ = 1024
@@ -381,6 +383,16 @@ def test_it_keeps_what_every_device_promises(sdk, check, axes) -> None:
         return tuple(-f for f in sdk.force()[:axes])
 
     check(Subject(lambda: sdk.device(0, axes), RATE_HZ, acting=acting))
+
+
+@pytest.mark.parametrize("model", ["omega3", "delta3"])
+@pytest.mark.parametrize("jump_m", [0.03, -0.03])
+def test_a_jump_of_30_mm_is_no_kick(sdk, model, jump_m) -> None:
+    """Before, a step of 24 N (omega.3) or 40 N (delta.3), from one limit to the other."""
+    sdk.lib.stub_type(0, next(kind for kind, name in TYPES.items() if name == model))
+    device = sdk.device(0, 1, f"&model={model}")
+    client, forces = forces_over_a_jump(device, lambda x: sdk.move(0, x, 0.0, 0.0), jump_m)
+    ends_softly(client, forces)
 
 
 # -- the SDK and the package ---------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from cogrip.devices.device import DeviceError
 from cogrip.devices.openhaptics.axes import to_library
 from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, Mailbox
 
+from tests.devices.moved_evenly import ends_softly, forces_over_a_jump
 from tests.devices.openhaptics_bench import RATE_HZ, make
 
 
@@ -145,3 +146,16 @@ def test_it_keeps_what_every_device_promises(bench, check, axes) -> None:
         bench.step()
 
     check(Subject(lambda: bench.device(0, axes), RATE_HZ, pace, acting))
+
+
+@pytest.mark.parametrize("model", ["touch", "premium1.5"])
+@pytest.mark.parametrize("jump_m", [0.03, -0.03])
+def test_a_jump_of_30_mm_is_no_kick(bench, model, jump_m) -> None:
+    def move(x_m: float) -> None:
+        bench.move(0, 0.0, 0.0, 1e3 * x_m)
+        bench.step()
+
+    if model != "touch":
+        bench.lib.stub_model(0, b"Phantom Premium 1.5", *map(ctypes.c_double, (8.5, 1.4, 3.5)))
+    client, forces = forces_over_a_jump(bench.device(0, 1), move, jump_m)
+    ends_softly(client, forces)

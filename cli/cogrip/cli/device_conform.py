@@ -7,8 +7,8 @@ from rich.console import Console
 from cogrip.cli.arm_at import wait_for_enter
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
-from cogrip.devices.device import Device, DeviceError
-from cogrip.devices.registry import axes_of, is_real, make
+from cogrip.devices.device import Device, DeviceError, defects_named
+from cogrip.devices.registry import axes_of, is_real, make, record_of
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real
@@ -40,12 +40,13 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
         real = is_real(address)
     except DeviceError as error:
         raise BadInput(str(error)) from None
-    _try(device, rate_hz)
+    _try(device, address, rate_hz)
     knows = not real and hasattr(device, "force_n")
     subject = Subject(
         lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
         (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
         PUSH_N if real else PLANT_PUSH_N if address.startswith("sim:") else float("inf"),
+        time.monotonic_ns if real else None,
     )  # fmt: skip
     if real and not yes:
         wait_for_enter(
@@ -58,20 +59,26 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
         except (UnfitError, DeviceError) as error:
             broken += 1
             console.print(f"✗ {check.__name__}: {error}", markup=False)
+        except Exception as error:  # noqa: BLE001 (that is what a driver's author wants to know)
+            broken += 1
+            found = f"{type(error).__name__}: {error}"
+            console.print(f"✗ {check.__name__}: only DeviceError may be raised, not {found}", markup=False)
         else:
             console.print(f"✓ {check.__name__}", markup=False)
     console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
     return 1 if broken else 0
 
 
-def _try(device: Device, rate_hz: int) -> None:
+def _try(device: Device, address: str, rate_hz: int) -> None:
     """Whether it can be had at all. Raises BadInput, or Problem."""
     try:
-        most_hz = device.capability.rate_hz
+        most_hz = record_of(device, address).rate_hz
         if not 1 <= rate_hz <= most_hz:
             raise BadInput(f"--rate-hz {rate_hz} is outside 1 to {most_hz}")
-        device.open(rate_hz)
-        device.close()
+        with defects_named(repr(address), "open"):
+            device.open(rate_hz)
+        with defects_named(repr(address), "close"):
+            device.close()
     except DeviceError as error:
         raise Problem(str(error)) from None
 

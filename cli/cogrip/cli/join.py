@@ -23,7 +23,7 @@ from cogrip.client.loop import Ended, LiveClient
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
-from cogrip.devices.registry import axes_of, make
+from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.protocol.channel import Channel, PlainChannel
 from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -309,24 +309,23 @@ def _play_back(device: str | None, **options: float | None) -> str | None:
 def _device(settings: Settings | None, name: str, address: str | None, axes: int | None) -> tuple[Device, str]:
     try:
         if settings is None:
-            return _ready(make(address or DEFAULT_DEVICE, axes=axes or axes_of(address or DEFAULT_DEVICE))), (
-                address or DEFAULT_DEVICE
-            )
+            address = address or DEFAULT_DEVICE
+            return _ready(make(address, axes=axes or axes_of(address)), address), address
         users = [user for user in settings.users if name in ("", user.name)]
         if not users:
             known = ", ".join(user.name for user in settings.users)
             raise BadInput(f"--name {name!r}: no such user in the settings; there is: {known}")
         axes = axes or settings.object.axes
         if address:
-            return _ready(make(address, axes=axes)), address
-        return _ready(make_for(users[0], axes)), address_of(users[0])
+            return _ready(make(address, axes=axes), address), address
+        return _ready(make_for(users[0], axes), address_of(users[0])), address_of(users[0])
     except DeviceError as error:
         raise BadInput(str(error)) from None
 
 
-def _ready(device: Device) -> Device:
+def _ready(device: Device, address: str) -> Device:
     """`device` once its record is known to be there, and that it may give force. Raises DeviceError."""
-    _ = device.capability
+    record_of(device, address)
     if isinstance(device, ArmDevice) and device.reads_only:
         raise DeviceError(
             "pose=none opens an arm to read only, so nobody would feel anything: calibrate it, and leave the key out"

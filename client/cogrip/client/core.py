@@ -21,6 +21,7 @@ from cogrip.client.rest import RestStiffness
 from cogrip.client.safety import Safety
 from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample
+from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import Hello, Stamp, View, clipped, encode
@@ -128,6 +129,7 @@ class ClientCore:
         self._reckon_ticks = round(RECKON_S * rates.device_hz)
         self._rest = RestStiffness(self.capability.resolution_m, rates.frame_s) if seat.object.kind == "wall" else None
         self._origin: tuple[float, ...] | None = None
+        self._jumped: tuple[float, ...] | None = None  # what jumps have added to the device's positions
         self._sampled = 0  # the tick at which the newest position was taken
         self._forces: deque[tuple[float, ...]] = deque()  # of the last ticks, oldest first, where samples are old
         self._frame_position: tuple[float, ...] = ()
@@ -141,6 +143,7 @@ class ClientCore:
         """Fit to the record's estimator, and to the age of its samples."""
         assert self.seat is not None
         self._estimator = estimator_for(self.capability, self.seat.rates.tick_s)
+        self._plausibility = Plausibility(self.capability, self.seat.rates.tick_s)
         self._latency = ticks = self.capability.latency_ticks
         self._forces = deque([*[(0.0,) * len(self.force_n)] * ticks, *self._forces], maxlen=ticks)
         self.coupling.set_latency(ticks)
@@ -223,19 +226,12 @@ class ClientCore:
         self.tick = tick
         position: tuple[float, ...] | None = None
         velocity: Sequence[float] = ()
+        if sample is not None and (wrong := self._plausibility.judge(tick, sample)):
+            sample = self._refused(wrong, sample)
         if sample is None:
             self.safety.absent(elapsed)
         else:
-            position = sample.position_m
-            if sample.velocity_mps is not None:
-                velocity = sample.velocity_mps
-            else:
-                assert self._estimator is not None
-                velocity = self._estimator.update(position, max(1, tick - sample.age_ticks - self._sampled))
-            if not self.safety.check(elapsed, position, velocity):
-                position = None
-                if self._estimator is not None:
-                    self._estimator.reset()
+            position, velocity = self._judged(elapsed, sample)
         if self._origin is None:
             self._forces.extend((self.force_n,) * elapsed)
             if position is None:
@@ -258,6 +254,35 @@ class ClientCore:
             self._sampled = tick - sample.age_ticks
         if border:
             self._send(now_ns)
+
+    def _judged(self, elapsed: int, sample: Sample) -> tuple[tuple[float, ...] | None, Sequence[float]]:
+        """Position, None where safety has no use for it, and velocity."""
+        position = sample.position_m
+        if self._jumped is not None:
+            position = tuple([at - jump for at, jump in zip(position, self._jumped, strict=True)])
+        if sample.velocity_mps is not None:
+            velocity: Sequence[float] = sample.velocity_mps
+        else:
+            assert self._estimator is not None
+            velocity = self._estimator.update(position, max(1, self.tick - sample.age_ticks - self._sampled))
+        if self.safety.check(elapsed, sample.position_m, velocity):
+            return position, velocity
+        if self._estimator is not None:
+            self._estimator.reset()
+        return None, velocity
+
+    def _refused(self, wrong: str, sample: Sample) -> Sample | None:
+        """A sample that no held device gives is not used. In a fault a jump sets a new reference: no hand has moved so."""
+        judge, safety = self._plausibility, self.safety
+        safety.note(wrong)
+        if judge.fault:
+            safety.fail(judge.fault)
+        if wrong != JUMP or safety.state != "fault":
+            return None
+        self._jumped = tuple([at - here for at, here in zip(sample.position_m, self.position_m, strict=True)])
+        judge.restart()
+        judge.judge(self.tick, sample)
+        return sample
 
     def _where(
         self, elapsed: int, sample: Sample | None, position: tuple[float, ...] | None, velocity: Sequence[float]

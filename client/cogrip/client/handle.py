@@ -1,15 +1,20 @@
 """The device as a core holds it: what fails in it becomes a latched fault, and re-arming opens it anew.
 
+A driver may have defects: whatever it raises, returns, or how long it takes, the force ends and the loop goes on.
+
 fault --rearm: opened anew where it had failed--> arming --samples for SETTLED_S--> live
 arming --fails, or not settled within ARMING_S--> fault, and `refusal` says why
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import isfinite
 
 from cogrip.client.core import ClientCore
-from cogrip.devices.device import Device, DeviceError, Sample
+from cogrip.client.safety import STALL_S
+from cogrip.devices.device import Device, DeviceError, Sample, defect, defects_named
+from cogrip.devices.plausibility import ForceReports
 
 SETTLED_S = 0.03  # samples without a gap for so long: the velocity estimate has forgotten where the hand was before
 ARMING_S = 1.0
@@ -17,30 +22,52 @@ MOST_GAP_TICKS = 3  # a reply that is missed now and then is no reason
 
 
 class Handle:
-    """One device in one core's hand. Only `open` raises."""
+    """One device in one core's hand. Only `open` raises, and only DeviceError.
 
-    def __init__(self, device: Device, core: ClientCore, rate_hz: int) -> None:
+    clock: [ns], by which a call that blocks is found; in virtual time none does.
+    """
+
+    def __init__(self, device: Device, core: ClientCore, rate_hz: int, clock: Callable[[], int] = lambda: 0) -> None:
         self.device = device
         self.refusal = ""  # why an arming that had begun came to nothing
+        self.counts: dict[str, int] = {}
         self._core = core
         self._rate_hz = rate_hz
+        self._clock = clock
+        self._reports = ForceReports(core.capability, rate_hz)
+        self._blocked_ns = 0.0  # by which calls were longer than a tick, less half a tick for each that was not
+        self._slow = ""  # the call that blocked, and is not made any more
         self._failed = False
         self._arming = False
         self._first = self._last = self._begun = -1  # ticks: of the samples without a gap, and of the arming
 
     def open(self) -> None:
         """A device may know its limits only once it is open; then safety goes by those. Raises DeviceError."""
-        before = self.device.capability
-        self.device.open(self._rate_hz)
-        if self.device.capability != before:
-            self._core.equip(self.device.capability)
+        with defects_named(self._name, "open"):
+            before = self.device.capability
+            self.device.open(self._rate_hz)
+            opened = self.device.capability
+        if opened != before:
+            self._core.equip(opened)
+        self._reports = ForceReports(self._core.capability, self._rate_hz)
+        self._blocked_ns, self._slow = 0.0, ""
 
     def read(self, tick: int) -> Sample | None:
         """The sample at `tick`, None where there is none."""
+        if self._slow == "read":
+            return None
+        begun_ns = self._clock()
         try:
             sample = self.device.read(tick)
+            if sample is not None:
+                self._check(sample)
         except DeviceError as error:
             self._fail(error)
+            return None
+        except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
+            self._fail(defect(self._name, "read", error))
+            return None
+        if self._blocks("read", self._clock() - begun_ns):
             return None
         if self._arming:
             self._watch(sample is not None, tick)
@@ -48,17 +75,31 @@ class Handle:
 
     def write(self, force_n: Sequence[float]) -> None:
         """Also in a fault: a device that can still be reached takes the force that fades out."""
+        if self._slow == "write":
+            force_n = (0.0,) * len(force_n)  # there is no time to let it fade
+        begun_ns = self._clock()
         try:
+            self._reports.asked(force_n)
             acting = self.device.write(force_n)
             if acting is not None:
-                self._core.acted(tuple(acting))
+                self._acted(tuple([float(part) for part in acting]))
         except DeviceError as error:
             self._fail(error)
+        except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
+            self._fail(defect(self._name, "write", error))
+        self._blocks("write", self._clock() - begun_ns)
         if self._failed and self._core.safety.quiet:
-            self.device.close()  # so that whoever sees to it can have it
+            self.close()  # so that whoever sees to it can have it
         if self._arming and self._last - self._first >= SETTLED_S * self._rate_hz:
             self._arming = False
             self._core.rearm()
+
+    def close(self) -> None:
+        """Let go of the device. What it raises is counted: nothing more can be done about it."""
+        try:
+            self.device.close()
+        except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
+            self._count(f"{type(error).__name__} as the device was closed")
 
     def rearm(self) -> str:
         """Begin to leave a latched fault; a device that failed is opened anew first. Returns why that cannot be, "" if it can.
@@ -68,7 +109,7 @@ class Handle:
         if self._arming or self._core.safety.state != "fault":
             return ""
         if self._failed:
-            self.device.close()
+            self.close()
             try:
                 self.open()
             except DeviceError as error:
@@ -78,6 +119,61 @@ class Handle:
         self._arming = True
         self._first = self._last = self._begun = -1
         return ""
+
+    @property
+    def _name(self) -> str:
+        """By which its driver is known."""
+        return self._core.capability.family
+
+    def _check(self, sample: Sample) -> None:
+        """Raises DeviceError for a sample that no core can take, or whatever its parts raise where they are no numbers."""
+        record, velocity = self._core.capability, sample.velocity_mps
+        isfinite(sum(sample.position_m) + (sum(velocity) if velocity is not None else 0.0))
+        if (
+            len(sample.position_m) != record.axes
+            or (len(velocity) != record.axes if velocity is not None else record.gives_velocity)
+            or type(sample.age_ticks) is not int
+        ):
+            kind = " and a velocity" if record.gives_velocity else ""
+            raise DeviceError(
+                f"{self._name}: gives {sample}, and its record says {record.axes} axes{kind}; correct its driver"
+            )
+
+    def _acted(self, force_n: tuple[float, ...]) -> None:
+        """The device says that this acts, and not what it was asked for."""
+        wrong = self._reports.judge(force_n)
+        if not wrong:
+            self._core.acted(force_n)
+            return
+        self._count(wrong)
+        if self._reports.fault:
+            self._fail(DeviceError(f"{self._name}: {self._reports.fault}"))
+
+    def _blocks(self, verb: str, took_ns: int) -> bool:
+        """True where calls have blocked for STALL_S, and the hand held an old force.
+
+        It is read no more, so that the loop lets go on time.
+        """
+        tick_ns = 1e9 / self._rate_hz
+        if took_ns <= tick_ns:
+            self._blocked_ns = max(0.0, self._blocked_ns - 0.25 * tick_ns)  # two calls a tick
+            return False
+        self._count(f"slow {verb}")
+        self._blocked_ns += took_ns - tick_ns
+        if self._blocked_ns < STALL_S * 1e9:
+            return False
+        if not self._slow:
+            self._slow = verb
+            self._fail(
+                DeviceError(
+                    f"{self._name}: its {verb} took {took_ns * 1e-6:.1f} ms, and a tick has {tick_ns * 1e-6:.2g} ms:"
+                    " the loop must not wait for a device; see to its driver, then re-arm"
+                )
+            )
+        return True
+
+    def _count(self, name: str) -> None:
+        self.counts[name] = self.counts.get(name, 0) + 1
 
     def _watch(self, heard: bool, tick: int) -> None:
         """Samples come again, or they do not."""

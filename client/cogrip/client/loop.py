@@ -95,7 +95,7 @@ class LiveClient:
         assert seat is not None
         self._link(seat)
         device = self.device = first_axes(self.device, seat.object.axes)
-        handle = Handle(device, core, seat.rates.device_hz)
+        handle = Handle(device, core, seat.rates.device_hz, lambda: time.monotonic_ns())
         recorder = None
         try:
             self._open(handle)
@@ -113,7 +113,7 @@ class LiveClient:
             account = core.account(pacer.count())
             self._leave(failed, account)
         finally:
-            device.close()
+            handle.close()
             core.record(Nowhere())
             if recorder is not None:
                 recorder.close()
@@ -122,6 +122,7 @@ class LiveClient:
             **core.session.dropped,
             **core.safety.counts,
             **device.counts,
+            **handle.counts,
             **self.calls.counted(),
             **self._counts,
             "came back": core.session.resumed,

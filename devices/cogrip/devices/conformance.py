@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from math import hypot, inf, isfinite, nan
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample
+from cogrip.devices.plausibility import AGE, DRIFT, JUMP, OLD, ForceReports, Plausibility
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 FEW_TICKS = 40
+JUDGED_TICKS = 160
 SETTLE_TICKS = 4  # from a write to what the motors do
 
 
@@ -34,6 +36,7 @@ class Subject:
     pace     waits until a tick is due; a device in virtual time needs none
     acting   what truly acts [N], as F that loads the hand; None where nobody knows
     push_n   largest force that is tried beyond 0 [N]; inf: also more than the device can give
+    clock    [ns], by which calls are timed; None in virtual time, where they take none
     """
 
     make: Callable[[], Device]
@@ -41,6 +44,7 @@ class Subject:
     pace: Callable[[int], None] = _at_once
     acting: Callable[[Device], Sequence[float]] | None = None
     push_n: float = inf
+    clock: Callable[[], int] | None = None
 
 
 def record_is_complete(subject: Subject) -> None:
@@ -188,6 +192,77 @@ def lets_go_when_closed(subject: Subject) -> None:
     _expect(not any(subject.acting(device)), f"no force after close: {subject.acting(device)}")
 
 
+def ages_stay_small(subject: Subject) -> None:
+    """A sample is as old as the record says, or a little older, and newer than the one before: an age that grows is a stall."""
+    found, samples = _judged(subject)
+    _expect(AGE not in found, f"an age of 0 or a few ticks: {found.get(AGE)}")
+    _expect(
+        3 * len(found.get(OLD, ())) <= samples, f"samples newer than those before: {found.get(OLD, ())[:1]} came again"
+    )
+
+
+def positions_do_not_jump(subject: Subject) -> None:
+    """From one sample to the next a held handle goes only so far off its course: see `cogrip.devices.plausibility`."""
+    found, _ = _judged(subject)
+    _expect(JUMP not in found, f"positions without jumps: {found.get(JUMP)}")
+
+
+def velocity_agrees_with_position(subject: Subject) -> None:
+    """What the velocities add up to is what the positions say. Nothing to see where the device stands still, or gives none."""
+    found, _ = _judged(subject)
+    _expect(DRIFT not in found, f"velocities that agree with the positions: {found.get(DRIFT)}")
+
+
+def write_tells_what_acts(subject: Subject) -> None:
+    """None, or for each axis a part of the force that was asked for now or lately: finite, not larger, not the other way."""
+    with _opened(subject) as device:
+        record = device.capability
+        reports = ForceReports(record, subject.rate_hz)
+        push = min(subject.push_n, 1.5 * record.peak_force_n)
+        for tick in range(FEW_TICKS):
+            subject.pace(tick)
+            device.read(tick)
+            asked = (push * ((tick // 8) % 3 - 1),) * record.axes
+            reports.asked(asked)
+            acting = device.write(asked)
+            if acting is not None:
+                fits = len(acting) == record.axes and not reports.judge(tuple(acting))
+                _expect(fits, f"write tells a part of {asked} N, or of a force before it: {acting}")
+
+
+def raises_device_errors_alone(subject: Subject) -> None:
+    """Whatever it is asked wrongly, and it works on. Any other exception is a defect, and ends the session."""
+    _refuses(lambda: subject.make().open(-1), "open(-1)", "rate_hz")
+    with _opened(subject) as device:
+        axes = device.capability.axes
+        subject.pace(0)
+        device.read(0)
+        _refuses(lambda: device.read(-1), "read(-1)", "tick=-1")
+        for count in {0, axes - 1, axes + 2}:
+            _refuses(lambda count=count: device.write((0.0,) * count), f"a force of {count} axes", "axes")  # type: ignore[misc]
+        for tick in range(1, 6):
+            subject.pace(tick)
+            device.read(tick)
+            device.write(_zero(device))
+
+
+def calls_do_not_block(subject: Subject) -> None:
+    """Read and write together take less than a tick, on the average: the loop waits for no device."""
+    clock = subject.clock
+    if clock is None:
+        return
+    with _opened(subject) as device:
+        took_ns = 0
+        for tick in range(FEW_TICKS):
+            subject.pace(tick)
+            begun_ns = clock()
+            device.read(tick)
+            device.write(_zero(device))
+            took_ns += clock() - begun_ns
+        mean_ms, tick_ms = 1e-6 * took_ns / FEW_TICKS, 1e3 / subject.rate_hz
+        _expect(mean_ms < tick_ms, f"read and write within a tick of {tick_ms:.2g} ms: {mean_ms:.2g} ms")
+
+
 CHECKS: tuple[Callable[[Subject], None], ...] = (
     record_is_complete,
     refuses_while_closed,
@@ -198,6 +273,12 @@ CHECKS: tuple[Callable[[Subject], None], ...] = (
     refuses_wrong_forces,
     force_keeps_to_the_record,
     lets_go_when_closed,
+    ages_stay_small,
+    positions_do_not_jump,
+    velocity_agrees_with_position,
+    write_tells_what_acts,
+    raises_device_errors_alone,
+    calls_do_not_block,
 )
 
 
@@ -221,6 +302,24 @@ def _run(subject: Subject, device: Device) -> list[Sample | None]:
     return samples
 
 
+def _judged(subject: Subject) -> tuple[dict[str, list[Sample]], int]:
+    """The samples of a run that are not plausible, by the name of what is wrong with them, and how many there were in all."""
+    found: dict[str, list[Sample]] = {}
+    samples = 0
+    with _opened(subject) as device:
+        judge = Plausibility(device.capability, 1.0 / subject.rate_hz)
+        for tick in range(JUDGED_TICKS):
+            subject.pace(tick)
+            sample = device.read(tick)
+            device.write(_zero(device))
+            if sample is not None:
+                samples += 1
+                wrong = judge.judge(tick, sample)
+                if wrong:
+                    found.setdefault(wrong, []).append(sample)
+    return found, samples
+
+
 def _zero(device: Device) -> tuple[float, ...]:
     return (0.0,) * device.capability.axes
 
@@ -236,5 +335,7 @@ def _refuses(call: Callable[[], object], what: str, word: str) -> None:
         call()
     except DeviceError as error:
         _expect(word in str(error), f"{what} is refused with a word of {word!r}: {error}")
+    except Exception as error:
+        raise UnfitError(f"{what} is refused with DeviceError, not with {type(error).__name__}: {error}") from error
     else:
         raise UnfitError(f"{what} is refused with DeviceError")

@@ -10,7 +10,8 @@ Power F v flows from the hand into the line (theory.md section 1).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Protocol
@@ -29,6 +30,23 @@ IDEAL_DAMPING_NSPM = 50.0
 
 class DeviceError(Exception):
     """A device, or an address that asks for one, is at fault. The text names thing, value, bound and cure."""
+
+
+@contextmanager
+def defects_named(name: str, verb: str) -> Iterator[None]:
+    """Make a DeviceError, with the driver's name, of whatever else its `verb` raises inside."""
+    try:
+        yield
+    except DeviceError:
+        raise
+    except Exception as error:
+        raise defect(name, verb, error) from error
+
+
+def defect(name: str, verb: str, error: Exception) -> DeviceError:
+    """Return what is said of a driver, known by `name`, whose `verb` raised something else than DeviceError."""
+    text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return DeviceError(f"{name}: {text} in {verb}; its driver has a defect: correct it, or tell its author")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from cogrip.devices.device import Capability, Device, Sample
+from cogrip.devices.device import Capability, Device, DeviceError, Sample
 
 
 def first_axes(device: Device, axes: int) -> Device:
-    """`device` itself if it has just `axes` axes, else a view of its first ones."""
-    return device if device.capability.axes == axes else FirstAxes(device, axes)
+    """`device` itself if it has just `axes` axes, else a view of its first ones. Raises DeviceError where it has fewer."""
+    record = device.capability
+    if record.axes < axes:
+        raise DeviceError(
+            f"{record.family}:{record.model} has {record.axes} axes, and the room has {axes}; take another device, or set"
+            f" object.axes={record.axes}"
+        )
+    return device if record.axes == axes else FirstAxes(device, axes)
 
 
 class FirstAxes:

@@ -1,7 +1,8 @@
 """The device a user's settings ask for."""
 
-from cogrip.devices.device import Device
-from cogrip.devices.registry import make
+from cogrip.devices.device import Device, defects_named
+from cogrip.devices.first_axes import first_axes
+from cogrip.devices.registry import make, record_of
 from cogrip.protocol.settings import User
 
 HANDLESS = ("sim:", "emulated:")  # devices that need a simulated hand
@@ -16,15 +17,19 @@ def address_of(user: User) -> str:
 
 
 def make_for(user: User, axes: int) -> Device:
-    """Made, not opened. Raises DeviceError."""
+    """Made, not opened; the first axes of it, where its driver gives more. Raises DeviceError."""
     address = address_of(user)
     if address.startswith("sim:"):
         return make(address, axes=axes, mass_kg=user.device_mass_kg, damping_nspm=user.device_damping_nspm)
-    return make(address, axes=axes)
+    device = make(address, axes=axes)
+    record_of(device, address)
+    return first_axes(device, axes)
 
 
 def try_for(user: User, axes: int, rate_hz: int) -> None:
     """Make, open and close the user's device, to learn before a session whether it can be had. Raises DeviceError."""
     device = make_for(user, axes)
-    device.open(rate_hz)
-    device.close()
+    with defects_named(repr(address_of(user)), "open"):
+        device.open(rate_hz)
+    with defects_named(repr(address_of(user)), "close"):
+        device.close()

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 
-from cogrip.devices.device import Capability, Device, DeviceError
+from cogrip.devices.device import Capability, Device, DeviceError, defects_named
 from cogrip.devices.settings import Address, Setting, parse_address, unknown
 
 FAMILIES: dict[str, str] = {
@@ -63,13 +63,23 @@ def make(address: str, *, axes: int = 1, **defaults: Setting) -> Device:
     nearest right name and the list, for an unknown scheme, name or key; with the bound for a value that is out of it.
     """
     parsed = parse_address(address)
-    return _family(parsed.scheme, address).make(parsed, axes, defaults)
+    family = _family(parsed.scheme, address)
+    with defects_named(repr(address), "make"):
+        return family.make(parsed, axes, defaults)
+
+
+def record_of(device: Device, address: str) -> Capability:
+    """The record of a device made of `address`. Raises DeviceError, also where the driver raises something else."""
+    with defects_named(repr(address), "capability"):
+        return device.capability
 
 
 def axes_of(address: str) -> int:
     """How many axes the device at `address` has, at most MOST_AXES. Raises DeviceError."""
     parsed = parse_address(address)
-    return _family(parsed.scheme, address).axes(parsed)
+    family = _family(parsed.scheme, address)
+    with defects_named(repr(address), "axes"):
+        return family.axes(parsed)
 
 
 def families() -> dict[str, str]:

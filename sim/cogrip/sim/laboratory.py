@@ -276,7 +276,7 @@ class Laboratory:
     def _say_goodbye(self, person: Person, ticks: int) -> None:
         person.going, person.gone = False, True
         person.core.leave("had enough", person.core.account(TickCount(due=ticks, run=ticks)), self.now_ns)
-        person.device.close()
+        person.handle.close()
 
     def run(
         self,

@@ -2,7 +2,8 @@
 
 A hand and the motors together accelerate the tip by a few hundred m/s^2 at most, so from one reading to the next it can only go
 so far off its course; but it may stop, or be stopped. Where the joints say that it went further, one of them has jumped. The
-tip is asked only where a joint looks odd: near the ends of its reach a joint turns far while the tip hardly moves.
+tip is asked only where a joint looks odd: near the ends of its reach a joint turns far while the tip hardly moves. It is the
+same where readings were missing for up to GAP_S: the course goes on, and a hand adds little speed in so short a time.
 
 A joint that was quick, stops dead from one tick to the next, and then does not flicker by a single count, has lost its encoder:
 what a hand holds seldom stands still to a count after a blow. (It may have hit its end stop; then the person re-arms.) One
@@ -14,13 +15,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import dist
 
+from cogrip.devices.plausibility import GAP_S, off_course_m
+
 MOST_ACCELERATION_MPS2 = 250.0  # 14 N of hand and 5 N of motors on 75 g
 SLACK_COUNTS = 4  # of noise and of readings that are not evenly spaced
 MOST_SPEED_MPS = 1.5  # of an arm that is not known yet
 STUCK_S = 0.02
 QUICK_COUNTS = 1.5  # a tick
+STILL_TICKS = 8  # without a reading: whether it stopped dead is not known
 DEAD = 0.7  # share of its pace that a joint still has when it stops dead
-GAP_TICKS = 8  # without a reading: what the arm did meanwhile is not known, so it is judged anew from there
 _NAMES = "abc"
 
 
@@ -49,8 +52,8 @@ class _Joint:
         return abs(step - self.near)
 
     def move(self, step: float, ticks: int) -> None:
-        if step:
-            self.still = 0
+        if step or ticks > STILL_TICKS:
+            self.still, self.stopped_dead = 0, False
         else:
             if not self.still:
                 self.stopped_dead = self.pace >= QUICK_COUNTS and abs(self.speed) >= DEAD * self.pace
@@ -59,7 +62,7 @@ class _Joint:
         if not self.known:
             self.known, self.speed, self.pace = True, now, abs(now)
         self.speed += 0.5 * (now - self.speed)
-        self.pace += 0.0625 * ticks * (abs(now) - self.pace)
+        self.pace += min(1.0, 0.0625 * ticks) * (abs(now) - self.pace)
 
 
 Tip = Callable[[Sequence[float]], Sequence[float] | None]
@@ -71,19 +74,23 @@ class EncoderWatch:
     def __init__(self, joints: int, resolution_m: float, rate_hz: int, tip: Tip | None = None) -> None:
         self._resolution_m = resolution_m
         self._tip = tip
-        self._jump = MOST_ACCELERATION_MPS2 / (rate_hz * rate_hz) / resolution_m  # counts a tick^2
+        self._tick_s = 1.0 / rate_hz
+        self._gap_ticks = round(GAP_S * rate_hz)  # without a reading: after more it is judged anew from there
         self._stuck_ticks = max(2, round(STUCK_S * rate_hz))
         self._last: Sequence[float] | None = None
+        self._late_s = 0.0  # how old the speeds are
         self._joints = [_Joint(MOST_SPEED_MPS / rate_hz / resolution_m) for _ in range(joints)]
 
     def check(self, counts: Sequence[float], ticks: int) -> str:
         """What is wrong with these counts, `ticks` after the last; "" for nothing."""
         last, self._last = self._last, counts
-        if last is None or not 0 < ticks <= GAP_TICKS:
+        if last is None or not 0 < ticks <= self._gap_ticks:
             self._joints = [_Joint(joint.most_speed) for joint in self._joints]
+            self._late_s = 1.5 * self._tick_s
             return "" if last is None else self._after_gap(last, counts, max(ticks, 1))
-        # a t^2 / 2 for the motion itself, and the smoothed speed is about a tick behind
-        most = SLACK_COUNTS + self._jump * ticks * (0.5 * ticks + 1.5)
+        off_m = off_course_m(ticks * self._tick_s, self._late_s, MOST_ACCELERATION_MPS2)
+        self._late_s = (1.0 + 0.5 * ticks) * self._tick_s
+        most = SLACK_COUNTS + off_m / self._resolution_m
         odd, worst, stuck = -1, most, ""
         for number, joint in enumerate(self._joints):
             step = counts[number] - last[number]

@@ -1,0 +1,215 @@
+"""Samples, and reports of the acting force, that no held device gives: a position that jumps, an age that grows, a velocity
+that its positions deny, a force that nobody asked for.
+
+Symbols: x position [m], v velocity [m/s], T tick [s], t time since the last sample that was used [s], w window [s].
+
+    jump      A held handle goes on as it did, or stops anywhere on the way, or bounces back. Beyond that it is brought off its
+              course by the hand, with at most HAND_MPS2 up to HAND_MPS of added speed, and by the motors, with F_peak / m. The
+              speed is known from differences, so it is a tick and half the last t old, l: |off| <= r(t), of dr/dt = dv(t + l).
+    velocity  Two sums that forget with w: of x_k - x_{k-1} - v T, which a filter's lag of 0.4 w leaves below 0.6 w times the
+              top speed of the last 2 w; and of |v| T less thrice the path, for a velocity that only shakes.
+
+Loops are uneven: a tick may run up to one period late, so every step may be one tick longer than counted.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from math import hypot, isfinite, sqrt
+
+from cogrip.devices.device import Capability, Sample
+
+HAND_MPS2 = 200.0  # peak acceleration of what a hand holds; recorded strokes stay below 100
+HAND_MPS = 0.6  # speed that a hand, or a blow, adds to it within a few milliseconds
+REBOUND = 0.5  # share of the speed that an end stop gives back
+UNKNOWN_MPS = 1.5  # speed, as long as there is only one position
+SLACK_COUNTS = 4.0
+GAP_S = 0.02  # without a sample: after more the speed is not known; an older sample is not used
+JUMPS = 3.0  # implausible samples, less half of those that were well, are a fault
+WINDOW_S = 0.05
+DRIFT_SHARE = 0.6
+DRIFT_SLACK_M = 3e-4
+PATH_SLACK_M, PATH_SLACK_COUNTS = 2e-3, 20.0
+REPORT_S = 0.03  # the oldest force that may still act: a request was held back, and was made again
+REPORT_SLACK = 0.02  # of the peak force
+REPORTS = 3.0  # implausible ones, less half of those that were well, are a fault
+
+JUMP, AGE, OLD, DRIFT = "implausible jump", "implausible age", "old sample", "velocity against position"
+REPORT = "implausible force reported"
+
+
+def off_course_m(time_s: float, late_s: float, most_mps2: float, most_mps: float = HAND_MPS) -> float:
+    """How far at most it is off the course of a speed that is `late_s` old, after `time_s` [m].
+
+    The speed gained is most_mps2 (t + late_s), at most most_mps.
+    """
+    rising_s = min(time_s, max(0.0, most_mps / most_mps2 - late_s))
+    return most_mps2 * rising_s * (0.5 * rising_s + late_s) + most_mps * (time_s - rising_s)
+
+
+class Plausibility:
+    """Judges the samples of one device. Plain sums, no clock: time is that of the ticks at which samples were taken."""
+
+    def __init__(self, capability: Capability, tick_s: float) -> None:
+        self._tick_s = tick_s
+        self._motors_mps2 = capability.peak_force_n / capability.apparent_mass_kg
+        self._slack_m = SLACK_COUNTS * capability.resolution_m + 1e-6
+        self._drift_m = DRIFT_SLACK_M + SLACK_COUNTS * capability.resolution_m
+        self._path_m = PATH_SLACK_M + PATH_SLACK_COUNTS * capability.resolution_m
+        self._gap_ticks = max(1, round(GAP_S / tick_s))
+        self._most_age = capability.latency_ticks + self._gap_ticks
+        self._axes = capability.axes
+        self._tick: int | None = None  # at which a sample was judged
+        self._quick = self._most_m(tick_s, 1.5 * tick_s) ** 2  # a step of one tick that is no jump at any speed [m^2]
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget where the device was: the next sample is taken as it is."""
+        self._at: Sequence[float] | None = None
+        self._taken = 0
+        self._known = False
+        self._speed = [0.0] * self._axes  # half of the last step's, a quarter of the one's before ...
+        self._last = [0.0] * self._axes  # of the last step alone
+        self._late_s = 1.5 * self._tick_s
+        self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
+        self._jumps = 0.0
+        self._told: Sequence[float] | None = None
+        self._drift = [0.0] * self._axes
+        self._path = self._top = 0.0
+        self.fault = ""
+
+    def judge(self, tick: int, sample: Sample) -> str:
+        """The name under which this sample of `tick` is not to be used, "" if it may be. `fault` says why it ends the force."""
+        position, age = sample.position_m, sample.age_ticks
+        last, self._tick = self._tick, tick
+        self.fault = ""
+        if not 0 <= age <= self._most_age + (0 if last is None else tick - last):
+            return AGE
+        taken, before = tick - age, self._at
+        if before is None:
+            if isfinite(sum(position)):
+                self._at, self._taken, self._told = position, taken, sample.velocity_mps
+            return ""
+        ticks = taken - self._taken
+        if ticks <= 0:
+            return OLD if ticks < 0 or tick != last else ""
+        step = [new - old for new, old in zip(position, before, strict=True)]
+        square = 0.0
+        for moved in step:
+            square += moved * moved
+        if square < self._quick and ticks == 1:
+            self._jumps = max(0.0, self._jumps - 0.5) if self._jumps else 0.0
+        elif not isfinite(square):
+            return ""  # safety's matter
+        elif self._jumped(step, ticks):
+            return JUMP
+        self._move(step, ticks)
+        self._at, self._taken = position, taken
+        told = sample.velocity_mps
+        return "" if told is None else self._denied(step, told, ticks)
+
+    def _jumped(self, step: Sequence[float], ticks: int) -> bool:
+        """A sample that comes after one that was odd is not believed more readily because time has passed."""
+        tick_s, known = self._tick_s, self._known and ticks <= self._gap_ticks
+        ahead_s, behind_s = (ticks + 1) * tick_s, -REBOUND * ticks * tick_s
+        square = 0.0
+        for axis, moved in enumerate(step):
+            if known:
+                speed, last = self._speed[axis], self._last[axis]
+                high, low = (speed, last) if speed > last else (last, speed)
+                high, low = max(0.0, ahead_s * high, behind_s * low), min(0.0, ahead_s * low, behind_s * high)
+            else:
+                high = ahead_s * UNKNOWN_MPS
+                low = -high
+            off = moved - high if moved > high else low - moved if moved < low else 0.0
+            square += off * off
+        off_m, most_m = sqrt(square), self._most_m((self._odd or ticks) * tick_s, self._late_s)
+        if off_m <= most_m:
+            self._odd, self._jumps = 0, max(0.0, self._jumps - 0.5)
+            return False
+        self._odd = self._odd or ticks
+        self._jumps += 1.0
+        if self._jumps >= JUMPS:
+            self.fault = (
+                f"the position jumped: {hypot(*step) * 1e3:.1f} mm in {ticks * tick_s * 1e3:.1f} ms, {off_m * 1e3:.1f} mm off"
+                f" its course, and {most_m * 1e3:.2g} mm is the most a hand does; check the encoders and their cables, then"
+                " re-arm"
+            )
+        return True
+
+    def _most_m(self, time_s: float, late_s: float) -> float:
+        """How far off its course it may be, by the hand, the motors and what its counts leave open [m]."""
+        motors_m = self._motors_mps2 * time_s * (0.5 * time_s + late_s)
+        return self._slack_m + off_course_m(time_s, late_s, HAND_MPS2) + motors_m
+
+    def _move(self, step: Sequence[float], ticks: int) -> None:
+        """What is known of the speed; over a gap it is not."""
+        tick_s = self._tick_s
+        rate = 1.0 / (ticks * tick_s)
+        self._last = last = [moved * rate for moved in step]
+        if self._known:
+            self._speed = [0.5 * (old + new) for old, new in zip(self._speed, last, strict=True)]
+        else:
+            self._speed = last
+        self._known = known = ticks <= self._gap_ticks
+        self._late_s = (1.0 + 0.5 * ticks) * tick_s if known else 1.5 * tick_s
+
+    def _denied(self, step: Sequence[float], told: Sequence[float], ticks: int) -> str:
+        """DRIFT, where what the velocities add up to is not what the positions say."""
+        before, self._told = self._told, told
+        if before is None or ticks > self._gap_ticks or not isfinite(sum(told)):
+            return ""
+        half_s = 0.5 * ticks * self._tick_s
+        keep = max(0.0, 1.0 - ticks * self._tick_s / WINDOW_S)
+        drift = self._drift
+        for axis, moved in enumerate(step):
+            drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + told[axis])
+        speed = hypot(*told)
+        self._path = keep * self._path + half_s * (hypot(*before) + speed) - 3.0 * hypot(*step)
+        self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, hypot(*self._speed))
+        off_m = hypot(*drift)
+        if off_m <= self._drift_m + DRIFT_SHARE * WINDOW_S * top and self._path <= self._path_m:
+            return ""
+        self.fault = (
+            f"the device's velocity, {speed:.3g} m/s now, and its positions deny each other by"
+            f" {max(off_m, self._path) * 1e3:.1f} mm in {WINDOW_S * 1e3:g} ms; check the driver and the encoders, then re-arm"
+        )
+        return DRIFT
+
+
+class ForceReports:
+    """Judges what `Device.write` says that acts: a part of what was asked now, or lately."""
+
+    def __init__(self, capability: Capability, rate_hz: int) -> None:
+        self._slack_n = REPORT_SLACK * capability.peak_force_n
+        self._asked: deque[Sequence[float]] = deque(maxlen=max(2, round(REPORT_S * rate_hz)))
+        self._odd = 0.0
+        self.fault = ""
+
+    def asked(self, force_n: Sequence[float]) -> None:
+        """`force_n` [N], shape (axes,), is being written."""
+        self._asked.append(force_n)
+
+    def judge(self, acting_n: Sequence[float]) -> str:
+        """REPORT, where this cannot be what acts; "" if it may be. `fault` says why it ends the force, once it goes on."""
+        self.fault = ""
+        if any(self._fits(acting_n, force_n) for force_n in reversed(self._asked)):
+            self._odd = max(0.0, self._odd - 0.5)
+            return ""
+        self._odd += 1.0
+        if self._odd >= REPORTS:
+            asked = ", ".join(f"{part:.3g}" for part in self._asked[-1])
+            self.fault = (
+                f"says that {tuple(acting_n)} N acts where ({asked}) N was asked; correct what the driver's write returns,"
+                " then re-arm"
+            )
+        return REPORT
+
+    def _fits(self, acting_n: Sequence[float], force_n: Sequence[float]) -> bool:
+        """Each axis has a part of its force, from none to all of it."""
+        slack = self._slack_n
+        return len(acting_n) == len(force_n) and all(
+            min(0.0, asked) - slack <= part <= max(0.0, asked) + slack
+            for part, asked in zip(acting_n, force_n, strict=True)
+        )

@@ -1,0 +1,109 @@
+"""Drivers of other packages that are not as they should be: `lab`, `join` and `devices conform` say so in a line, or cope."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from cogrip.devices import registry
+from cogrip.devices.device import Device
+from cogrip.devices.registry import Family, make
+
+from tests.cli.spoiled_runs import Cogrip
+
+DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
+Install = Callable[[Callable[[], Any]], None]
+
+
+@pytest.fixture
+def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Make `foreign:` the scheme of a package whose driver is made by this, however many axes are asked for."""
+
+    def installed(driver: Callable[[], Device]) -> None:
+        module = ModuleType("foreign_driver")
+        module.family = lambda: Family("foreign", lambda *_: driver(), ("foreign:x",))  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, "foreign_driver", module)
+        point = EntryPoint("foreign", "foreign_driver:family", registry.GROUP)
+        monkeypatch.setattr(registry, "entry_points", lambda group: [point] if group == registry.GROUP else [])
+        registry.schemes.cache_clear()
+
+    yield installed
+    registry.schemes.cache_clear()
+
+
+class Broken:
+    """A simulated device, one verb of which has a defect."""
+
+    def __init__(self, verb: str) -> None:
+        self._device, self._verb = make("sim:phantom?hand=hold"), verb
+
+    def __getattr__(self, name: str) -> Any:
+        if name != self._verb:
+            return getattr(self._device, name)
+        if name == "capability":
+            raise IndexError("list index out of range")
+        return lambda *_: [][0]
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_a_driver_of_more_axes_than_the_room_has_is_held_by_its_first(
+    cogrip: Cogrip, install: Install, axes: int
+) -> None:
+    """`lab` ended in a traceback, where `demo` did not."""
+    install(lambda: make("sim:phantom?hand=reach", axes=2))
+    code, out, _ = cogrip(
+        "lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=2", "--set", f"object.axes={axes}"
+    )
+    assert code == 0
+    assert json.loads(out)["object"]["travel_m"] > 0.005
+
+
+def test_a_driver_of_fewer_axes_is_refused(cogrip: Cogrip, install: Install) -> None:
+    install(lambda: make("sim:phantom?hand=reach", axes=2))
+    code, _, err = cogrip("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "object.axes=3")
+    assert code == 2
+    assert "anna: sim:phantom has 2 axes, and the room has 3; take another device, or set object.axes=2" in err
+
+
+@pytest.mark.parametrize("verb", ["capability", "open", "close"])
+def test_a_driver_that_fails_before_the_session_is_named(cogrip: Cogrip, install: Install, verb: str) -> None:
+    install(lambda: Broken(verb))
+    code, _, err = cogrip("lab", DEMO, "--device", "foreign:x", "--json", "-")
+    assert code == 2
+    assert f"anna: 'foreign:x': IndexError: list index out of range in {verb}; its driver has a defect" in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_a_driver_that_cannot_be_made_is_named(cogrip: Cogrip, install: Install) -> None:
+    def fails() -> Device:
+        raise OSError("no such library")
+
+    install(fails)
+    for arguments in (["lab", DEMO, "--device"], ["join", "127.0.0.1:1", "--device"], ["devices", "conform"]):
+        code, _, err = cogrip(*arguments, "foreign:x")
+        assert code == 2
+        assert "'foreign:x': OSError: no such library in make; its driver has a defect" in err
+
+
+@pytest.mark.parametrize("verb", ["read", "write"])
+def test_a_driver_that_fails_in_the_session_ends_it_in_a_fault(cogrip: Cogrip, install: Install, verb: str) -> None:
+    install(lambda: Broken(verb))
+    code, out, _ = cogrip("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=1")
+    assert code == 1
+    anna = json.loads(out)["users"][0]
+    assert anna["state"] == "fault"
+    assert f"device: sim: IndexError: list index out of range in {verb}" in anna["reason"]
+
+
+def test_conform_tells_a_defect_and_goes_on(cogrip: Cogrip, install: Install) -> None:
+    install(lambda: Broken("write"))
+    code, out, _ = cogrip("devices", "conform", "foreign:x", "--axes", "1")
+    assert code == 1
+    assert "✗ samples_are_metres: only DeviceError may be raised, not IndexError: list index out of range" in out
+    assert "✗ raises_device_errors_alone: a force of" in out
+    assert "✓ record_is_complete" in out
