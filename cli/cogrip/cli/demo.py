@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.live import Live
 
+from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.children import end_all, listening_port, start_child
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
@@ -34,6 +35,7 @@ def demo(
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
     device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
     seconds: float | None = None,
+    allow_unstable: AllowUnstable = False,
     runs: Path = Path("runs"),
 ) -> int:
     """Run a session live on this machine: a server, one client a person, UDP on loopback, an emulated link.
@@ -60,15 +62,16 @@ def demo(
     settings = load(path, changes)
     settings = with_people(settings, hands, device)
     try_hands(settings)
+    check_settings(settings, allow_unstable)
     console = Console(highlight=False, soft_wrap=True)
     folder = new_run_folder(runs, settings.name)
     stop = Stop()
     with on_signals(stop):
-        failed = _watch(settings, folder, stop, console)
+        failed = _watch(settings, folder, stop, console, ["--allow-unstable"] if allow_unstable else [])
     return _conclude(settings, folder, failed, stop, console)
 
 
-def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> list[str]:
+def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str]) -> list[str]:
     """Start everyone, show them until they end, end the server. Returns what went wrong, by process."""
     write_settings(folder, settings)
     file = folder / SETTINGS
@@ -86,7 +89,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
             who = ["--config", str(file), "--name", user.name]
             clients[user.name] = start_child(
                 log,
-                ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *common],
+                ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *flags, *common],
             )
         table = LiveTable(folder, settings.name, list(clients))
         told = begun = False

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -23,6 +24,7 @@ def lab(
     overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
     device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
+    allow_unstable: AllowUnstable = False,
     json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     runs: Path = Path("runs"),
 ) -> int:
@@ -48,6 +50,7 @@ def lab(
     settings = with_people(load(config, overrides), hands, device)
     refuse_real(settings)
     try_hands(settings)
+    check_settings(settings, allow_unstable)
     console = Console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
     with on_signals(Stop()) as stop, Progress(

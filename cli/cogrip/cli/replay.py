@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
+from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.compared_table import compared_table
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.new_run import new_run_folder
@@ -40,6 +41,7 @@ def replay(
     what_if: bool = False,
     overrides: Overrides = (),
     hands: Hands = "same",
+    allow_unstable: AllowUnstable = False,
     runs: Path = Path("runs"),
     json: Json = None,
 ) -> int:
@@ -72,7 +74,7 @@ def replay(
         return _verify(records, console, json)
     if json:
         raise BadInput("replay: --json goes with --verify; --what-if leaves a run folder with its summary.json")
-    return _what_if(records, overrides, hands, runs, console)
+    return _what_if(records, overrides, hands, allow_unstable, runs, console)
 
 
 def _verify(records: RunRecords, console: Console, json: str | None) -> int:
@@ -162,7 +164,9 @@ def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs: Path, console: Console) -> int:
+def _what_if(
+    records: RunRecords, overrides: tuple[str, ...], hands: Hands, allow_unstable: bool, runs: Path, console: Console
+) -> int:
     changes = dict(override(text) for text in overrides)
     worlds = {f"what if {label(changes)}": (changes, "")}
     if changes and not records.virtual:  # what living in virtual time changes by itself stands beside it
@@ -171,8 +175,10 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
         made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     except (RecordingError, SettingsError) as error:
         raise BadInput(str(error)) from None
-    for world in made.values():
+    for name, world in made.items():
         try_hands(world.settings)
+        if name == next(reversed(worlds)):  # what was recorded may be seen again as it was: only what is asked for is refused
+            check_settings(world.settings, allow_unstable or not changes, world.overloads)
     from cogrip.sim.compared_report import write_comparison
     from cogrip.sim.lab_run import run_laboratory
     from cogrip.sim.report import write_report

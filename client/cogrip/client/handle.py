@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cogrip.client.core import ClientCore
-from cogrip.devices.device import Device, DeviceError, Sample
+from cogrip.client.rendered_damper import OverloadError, refusal
+from cogrip.devices.device import Capability, Device, DeviceError, Sample
 
 SETTLED_S = 0.03  # samples without a gap for so long: the velocity estimate has forgotten where the hand was before
 ARMING_S = 1.0
@@ -17,10 +18,14 @@ MOST_GAP_TICKS = 3  # a reply that is missed now and then is no reason
 
 
 class Handle:
-    """One device in one core's hand. Only `open` raises."""
+    """One device in one core's hand. Only `open` raises.
 
-    def __init__(self, device: Device, core: ClientCore, rate_hz: int) -> None:
+    spared: the device is never driven with settings that ask for more than it carries, whatever the server sends.
+    """
+
+    def __init__(self, device: Device, core: ClientCore, rate_hz: int, *, spared: bool = False) -> None:
         self.device = device
+        self._spared = spared
         self.refusal = ""  # why an arming that had begun came to nothing
         self._core = core
         self._rate_hz = rate_hz
@@ -31,9 +36,20 @@ class Handle:
     def open(self) -> None:
         """A device may know its limits only once it is open; then safety goes by those. Raises DeviceError."""
         before = self.device.capability
+        self._judge(before)
         self.device.open(self._rate_hz)
         if self.device.capability != before:
             self._core.equip(self.device.capability)
+            try:
+                self._judge(self.device.capability)
+            except OverloadError:
+                self.device.close()
+                raise
+
+    def _judge(self, record: Capability) -> None:
+        seat = self._core.seat
+        if self._spared and seat is not None and (text := refusal(seat, record)):
+            raise OverloadError(text)
 
     def read(self, tick: int) -> Sample | None:
         """The sample at `tick`, None where there is none."""
