@@ -13,7 +13,8 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
 from cogrip.sim.summary import UserRecord, summarise
-from cogrip.sim.verdict import MANY_LATE, energy, number, share, verdict
+from cogrip.sim.summary_values import energy, number, share
+from cogrip.sim.verdict import MANY_LATE, verdict
 
 from tests.sim.reported_runs import printed
 

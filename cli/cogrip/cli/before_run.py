@@ -3,7 +3,7 @@
 Hardware is never held in what is refused: `--allow-unstable` is for simulated, emulated and replayed devices.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -13,7 +13,7 @@ from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import advise, ample, overloads
+from cogrip.sim.analysis.advice import Finding, advise, ample, overloads
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.analysis.plausible import implausible
@@ -37,21 +37,50 @@ def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple
 
     also: more reasons to refuse than the settings give, each with the value that would do.
     """
-    errors = Console(stderr=True, highlight=False, soft_wrap=True)
     refuse_hardware([user.device for user in settings.users] if allow_unstable else [])
+    check_plausible(settings)
     try:
-        unlikely = implausible(settings)
         warnings, refused = advice_on(settings)
     except DeviceError as error:
         raise BadInput(str(error)) from None
-    refused = (*also, *refused)
-    first = [] if allow_unstable else refused[:1]
-    warn(errors, [finding.text for finding in unlikely if not finding.refused])
-    warn(errors, [text for text in dict.fromkeys((*warnings, *also)) if text not in first])
-    if impossible := [finding.text for finding in unlikely if finding.refused]:
-        raise BadInput(f"refused: {impossible[0]}")
+    first = [] if allow_unstable else (*also, *refused)[:1]
+    warn([text for text in dict.fromkeys((*warnings, *also)) if text not in first])
     if first:
         raise BadInput(f"refused: {first[0]}{ALLOW}")
+
+
+def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = False) -> None:
+    """The same for sessions that are run side by side, by name. Raises BadInput.
+
+    Methods are compared where they are unstable, too: only what a device does not carry is refused.
+    """
+    said: dict[str, list[str]] = {}
+    for name, settings in sessions.items():
+        warnings, _ = advice_on(settings)
+        for text in warnings:
+            said.setdefault(text, []).append(name)
+    refused = next((text for settings in sessions.values() for text in overloads(settings)), "")
+    first = "" if allow_unstable else refused
+    warn([f"{', '.join(names)}: {text}" for text, names in said.items() if text != first])
+    if first:
+        raise BadInput(f"refused: {first}{ALLOW}")
+
+
+def check_plausible(settings: Settings) -> None:
+    """Warn of inputs that are unlikely; raises BadInput for one that cannot be meant."""
+    try:
+        found = implausible(settings)
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    tell_implausible(found)
+
+
+def tell_implausible(found: Iterable[Finding]) -> None:
+    """Raises BadInput for what cannot be meant."""
+    found = list(found)
+    warn([finding.text for finding in found if not finding.refused])
+    if refused := [finding.text for finding in found if finding.refused]:
+        raise BadInput(f"refused: {refused[0]}")
 
 
 def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -71,7 +100,8 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return advice.warnings, (*refused, *(text for text in advice.refusals if text not in refused))
 
 
-def warn(errors: Console, texts: Iterable[str]) -> None:
+def warn(texts: Iterable[str]) -> None:
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
     for text in texts:
         errors.print(f"warning: {text}", markup=False)
 

@@ -19,10 +19,10 @@ from cogrip.cli.settings_file import load, shipped, try_hands, with_people
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.report import write_report
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
 from cogrip.sim.summary import of_accounts
-from cogrip.sim.verdict import in_fault
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
 WATCH_EVERY_S = 0.1
@@ -40,7 +40,7 @@ def demo(
 ) -> int:
     """Run a session live on this machine: a server, one client a person, UDP on loopback, an emulated link.
 
-    Exit code 0 only if the run was passive, nothing diverged or broke off, and the object really moved.
+    Exit code 0 only if the run was passive and stable, devices included, nothing broke off, and the object really moved.
 
     Parameters
     ----------
@@ -146,4 +146,4 @@ def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, c
     console.print(f"report: {report}")
     if stop.reason:
         return 130
-    return 0 if summary["passive"] and not summary["diverged"] and moved and not failed and not in_fault(summary) else 1
+    return 0 if succeeded(summary) and moved and not failed else 1

@@ -13,7 +13,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from cogrip.cli.before_run import ALLOW, HELD_BY_NOBODY, AllowUnstable, refuse_hardware, warn
+from cogrip.cli.before_run import ALLOW, HELD_BY_NOBODY, AllowUnstable, refuse_hardware, tell_implausible
 from cogrip.cli.leave_files import leave_files
 from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
@@ -36,6 +36,7 @@ from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
 from cogrip.sim.analysis.plausible import hand_findings
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.run_folder import client_recording, write_account
 from cogrip.sim.summary import of_client
@@ -76,7 +77,7 @@ def join(
 
     A link is all that is needed. An observer's shows the room and needs no device. A server that falls silent is sought
     again for 10 s, without force.
-    Exit code 0 when the session ended as it should and was passive; 1 when it was refused, lost or broke off.
+    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off.
 
     Parameters
     ----------
@@ -288,7 +289,7 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
         console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}", markup=False)
     if alone:
         leave_files(folder, summary, console, shown=report or folder is None, report=report)
-    return 0 if not ended.failed and summary["passive"] and not summary["diverged"] else 1
+    return 0 if not ended.failed and succeeded(summary) else 1
 
 
 def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSettings, record: Capability) -> str:
@@ -309,7 +310,9 @@ def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSetti
             warnings, refused = advice.warnings, () if allow_unstable else advice.refusals
         except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
             warnings = (f"no advice: {error}",)
-    warn(console, [text for text in warnings if text not in refused])
+    for text in warnings:
+        if text not in refused:
+            console.print(f"warning: {text}", markup=False)
     return _refused("; ".join(refused), address) if refused else ""
 
 
@@ -327,9 +330,7 @@ def _check_hand(device: Device, address: str, name: str, seconds: float | None) 
         found = hand_findings(name or "this hand", address, device, rate_hz, seconds or LOOKED_AHEAD_S)
     except DeviceError:
         return  # the seat's rate may be the one that fits; the session says what is wrong
-    warn(Console(stderr=True, highlight=False, soft_wrap=True), [one.text for one in found if not one.refused])
-    if refused := [one.text for one in found if one.refused]:
-        raise BadInput(f"refused: {refused[0]}")
+    tell_implausible(found)
 
 
 def _play_back(device: str | None, **options: float | None) -> str | None:

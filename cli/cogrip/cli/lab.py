@@ -12,9 +12,9 @@ from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
-from cogrip.sim.verdict import in_fault
 
 
 def lab(
@@ -30,7 +30,7 @@ def lab(
 ) -> int:
     """Run a session in virtual time with the very cores of the live processes.
 
-    Exit code 0 only if the run was passive and nothing diverged.
+    Exit code 0 only if the run was passive and stable, devices included, and nobody ended in a fault.
 
     Parameters
     ----------
@@ -78,4 +78,4 @@ def lab(
     if outcome.interrupted:
         console.print("interrupted: the summary covers what was run", highlight=False)
         return 130
-    return 0 if summary["passive"] and not summary["diverged"] and not in_fault(summary) else 1
+    return 0 if succeeded(summary) else 1

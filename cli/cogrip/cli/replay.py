@@ -177,7 +177,9 @@ def _what_if(
         raise BadInput(str(error)) from None
     for name, world in made.items():
         try_hands(world.settings)
-        if name == next(reversed(worlds)):  # what was recorded may be seen again as it was: only what is asked for is refused
+        if name == next(
+            reversed(worlds)
+        ):  # what was recorded may be seen again as it was: only what is asked for is refused
             check_settings(world.settings, allow_unstable or not changes, world.overloads)
     from cogrip.sim.compared_report import write_comparison
     from cogrip.sim.lab_run import run_laboratory

@@ -6,7 +6,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.sim.verdict import (
+from cogrip.sim.summary_values import (
     UNKNOWN,
     Summary,
     dig,
@@ -19,9 +19,9 @@ from cogrip.sim.verdict import (
     share,
     ticks_share,
     vector,
-    verdict,
     worst_margin,
 )
+from cogrip.sim.verdict import verdict
 
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cogrip.sim.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 from cogrip.sim.traces import Run
-from cogrip.sim.verdict import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 
 MOST_RUNS = 12  # more colours are not told apart
 NOT_SET = "not set"

@@ -153,7 +153,7 @@ def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_n
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
         reach = "" if limit.stiffness_npm is None else f"; it is up to {limit.stiffness_npm:.4g} N/m"
-        text = f"NOT stable: spectral radius {found.decaying:.4g} at {stiffness_npm:.4g} N/m{reach}"
+        text = f"NOT stable: spectral radius {found.decaying:.6g} at {stiffness_npm:.4g} N/m{reach}"
         return Finding("stability", text, "warning")
     if limit.stiffness_npm is None:
         return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")
@@ -212,7 +212,8 @@ def _calmer(session: LinearSession) -> str:
 
     low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
     if low is None:
-        return f'no {key} would do; set coupling.kind to "wave", which holds over any delay'
+        other = {"coupling": '; set coupling.kind to "wave"', "paper": '; set coupling.server_step to "passive"'}
+        return f"no {key} would do{other.get(session.scheme, '')}"
     high = 2.0 * low
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cogrip.sim.methods.watch import Array, Trace
-from cogrip.sim.verdict import Summary, is_number, people, worst_margin
+from cogrip.sim.summary_values import Summary, is_number, people, worst_margin
 
 LAST_S = 0.5  # of the rest at the end, over which it is judged
 SWING_N = 1.0  # swing of a force between hands that hold still

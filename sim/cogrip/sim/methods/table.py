@@ -11,8 +11,8 @@ from cogrip.protocol.version import VERSION
 from cogrip.sim.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.methods.method import OURS
 from cogrip.sim.methods.question import FELT_SEEDS, Comparison
+from cogrip.sim.summary_values import is_number
 from cogrip.sim.sweep.cell import Result
-from cogrip.sim.verdict import is_number
 
 FELT = "felt_error_percent"
 NONE = "–"
