@@ -14,6 +14,7 @@ seconds = 2.0
 device_hz = 512
 [coupling]
 stiffness_npm = 4000.0
+impedance_nspm = 15.0
 [link]
 delay_ms = 20.0
 [[users]]

@@ -46,11 +46,12 @@ LEAST_FELT_N = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """One of three, in a sentence that gives its reasons."""
+    """One of three, in a sentence that gives its reasons; brief: the same in a line of a list, "" where there is no other."""
 
     name: Literal["passive", "stable", "felt as intended"]
     tone: Tone
     sentence: str
+    brief: str = ""
 
 
 def judgements(summary: Summary, tank_j: float | None = None) -> tuple[Judgement, Judgement, Judgement]:
@@ -91,7 +92,7 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
     if said is False:
-        return Judgement("passive", "bad", _not_passive(users, worst, device, tank_j))
+        return Judgement("passive", "bad", *_not_passive(users, worst, device, tank_j))
     missing: dict[str, list[str]] = {}
     for row in _held(users):
         for text in _untold(row):
@@ -114,21 +115,25 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
 
 def _not_passive(
     users: list[Row], worst: tuple[float, str, str] | None, device: tuple[float, str] | None, tank_j: float | None
-) -> str:
-    found = []
+) -> tuple[str, str]:
+    """Sentence and brief."""
+    found, brief = [], []
     if worst and overdrawn(users, tank_j or 0.0):
         lent = f" The tank may lend {energy(tank_j)}." if tank_j else ""
         found.append(f"the {worst[1]} of {worst[2]} gave out {energy(-worst[0])} more than had been put in.{lent}")
+        brief.append(f"{worst[1]} of {worst[2]} {energy(worst[0])}")
     if device and device[0] < -ROUNDING_J:
         leak = "" if (leak_j := _leak_of(users, device[1])) is None else f", {energy(leak_j)} at most,"
         found.append(
             f"the motors of {device[1]} gave the hand more energy{leak} than came in and their own damping takes "
             f"(margin {energy(device[0])})."
         )
+        brief.append(f"device of {device[1]} {energy(device[0])}")
     if found:
-        return f"Not passive: {' '.join(found)}"
+        return f"Not passive: {' '.join(found)}", f"not passive: {', '.join(brief)}"
     least = f"the least that is one is {energy(worst[0])} ({worst[1]} of {worst[2]})" if worst else "none is one"
-    return f"Not passive as far as can be told: an end told an energy margin that is no number; {least}."
+    why = "not passive as far as can be told: an energy margin is no number"
+    return f"Not passive as far as can be told: an end told an energy margin that is no number; {least}.", why
 
 
 def _worst_device(users: list[Row]) -> tuple[float, str] | None:
@@ -182,15 +187,17 @@ def stable(summary: Summary) -> Judgement:
     """Whether nothing diverged and no force oscillated at a hand."""
     users, said = people(summary), summary.get("diverged")
     shaking = list(dict.fromkeys(name_of(row) for row in sittings(users) if row.get("oscillates") is True))
-    found = []
+    found, brief = [], []
     if said is True:
         why = [f"{name_of(user)}: {user['reason']}" for user in users if user.get("reason")]
         where = vector(dig(summary, "object", "position_m"), scale=1e3)
         found.append(f"Diverged. {'; '.join(why) or f'The object left the workspace, it was last at {where} mm'}")
+        brief.append(f"diverged{f' ({why[0]})' if why else ''}")
     if shaking:
         found.append(f"{'Not stable: the' if not found else 'The'} force oscillated at the hand of {_some(shaking)}")
+        brief.append(f"oscillated ({_some(shaking)})")
     if found:
-        return Judgement("stable", "bad", f"{'. '.join(found)}.")
+        return Judgement("stable", "bad", f"{'. '.join(found)}.", ", ".join(brief))
     if said is not False:
         return Judgement(
             "stable", "warn", "Whether the run was stable is not known: no end told whether anything diverged."

@@ -13,7 +13,7 @@ from cogrip.protocol.recording.reader import Recording, RecordingError, open_rec
 from cogrip.protocol.recording.recover import is_closed
 from cogrip.sim.judgement import Judgement, came, judgements, stable, unjudged
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_recording
-from cogrip.sim.summary_values import Summary, dig, energy, is_number, name_of, people, worst_margin
+from cogrip.sim.summary_values import Summary, dig, is_number, name_of, people
 from cogrip.sim.verdict import verdict
 
 _TIME = re.compile(r"\d{8}-\d{6}(?=-|$)")
@@ -141,14 +141,10 @@ def _of_summary(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "warn", "not known whether passive, stable and felt as intended: nothing was told of device ports"
         found = ()
     for judgement in found:
-        if judgement.tone != "good":
-            if not (broken and judgement.name == "felt as intended"):
-                yield judgement.tone, _as_part(judgement.sentence)
-        elif judgement.name == "passive":
-            worst = worst_margin(people(summary))
-            yield "good", f"passive, least margin {energy(worst[0])}" if worst else "passive"
-        else:
-            yield "good", judgement.name
+        if judgement.tone != "good" and not (broken and judgement.name == "felt as intended"):
+            yield judgement.tone, judgement.brief or _as_part(judgement.sentence)
+    if good := [judgement.name for judgement in found if judgement.tone == "good"]:
+        yield "good", ", ".join(good)
     for tone, sentence in () if broken else verdict(summary)[3:]:
         if tone != "good":
             yield tone, _as_part(sentence)

@@ -26,6 +26,11 @@ AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
+_TOO_MUCH = {
+    "passive": "the damper that a device renders is too much for it",
+    "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
+    "paper": "the paper's server step uses a force one frame old",
+}
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
 
 
@@ -149,7 +154,7 @@ def _advise(
 
 def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
-        text = f"NOT stable at any stiffness: the damper that a device renders is too much for it; {_calmer(session)}"
+        text = f"NOT stable at any stiffness: {_TOO_MUCH[session.scheme]}; {_calmer(session)}"
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
         reach = "" if limit.stiffness_npm is None else f"; it is up to {limit.stiffness_npm:.4g} N/m"
