@@ -16,12 +16,14 @@ from cogrip.cli.opened_run import opened
 from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import override, try_hands
+from cogrip.cli.summary_table import verdict_lines
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.comparison import ComparisonError
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.records import RunRecords
 from cogrip.sim.replay.verify import Verdict
 from cogrip.sim.replay.verify import verify as verify_recording
@@ -48,7 +50,8 @@ def replay(
     """Play a recorded session again.
 
     --verify feeds the recorded inputs into the same cores and compares every output bit by bit; exit code 1 and the
-    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares.
+    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares; exit code
+    0 only if that world was passive and stable, devices included.
 
     Parameters
     ----------
@@ -187,11 +190,11 @@ def _what_if(
 
     folder = new_run_folder(runs, folder_name(records))
     folders = {name: folder / place for name, (_, place) in worlds.items()}
-    diverged, stop = {}, Stop()
+    outcomes, stop = {}, Stop()
     with on_signals(stop), console.status("running the other world"):
         for name, world in made.items():
             folders[name].mkdir(exist_ok=True)
-            diverged[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins).diverged
+            outcomes[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins)
     with console.status("writing the reports"):
         write_report(folder)
         labels = ["as recorded", *worlds]
@@ -204,11 +207,11 @@ def _what_if(
     Console(highlight=False, width=max(console.width, TABLE_WIDTH)).print(compared_table(rows, letters))
     for letter, name in zip(letters, labels, strict=True):
         console.print(f"{letter}: {name}", markup=False)
-    for name, why in diverged.items():
-        if why:
-            console.print(f"{name}: diverged: {why}", markup=False)
+    for name, outcome in outcomes.items():
+        console.print(f"{name}:", markup=False)
+        console.print(verdict_lines(outcome.summary))
     console.print(f"comparison: {page}", markup=False)
     if stop.reason:
         console.print("interrupted: the comparison covers what was run")
         return 130
-    return 0
+    return 0 if succeeded(outcome.summary) else 1

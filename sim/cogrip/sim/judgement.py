@@ -194,7 +194,9 @@ def stable(summary: Summary) -> Judgement:
         found.append(f"Diverged. {'; '.join(why) or f'The object left the workspace, it was last at {where} mm'}")
         brief.append(f"diverged{f' ({why[0]})' if why else ''}")
     if shaking:
-        found.append(f"{'Not stable: the' if not found else 'The'} force oscillated at the hand of {_some(shaking)}")
+        found.append(
+            f"{'Not stable: the' if not found else 'The'} force on {_some(shaking)} oscillated or sat at its limit, and was let go"
+        )
         brief.append(f"oscillated ({_some(shaking)})")
     if found:
         return Judgement("stable", "bad", f"{'. '.join(found)}.", ", ".join(brief))
