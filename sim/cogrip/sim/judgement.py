@@ -194,9 +194,8 @@ def stable(summary: Summary) -> Judgement:
         found.append(f"Diverged. {'; '.join(why) or f'The object left the workspace, it was last at {where} mm'}")
         brief.append(f"diverged{f' ({why[0]})' if why else ''}")
     if shaking:
-        found.append(
-            f"{'Not stable: the' if not found else 'The'} force on {_some(shaking)} oscillated or sat at its limit, and was let go"
-        )
+        begins = "The" if found else "Not stable: the"
+        found.append(f"{begins} force on {_some(shaking)} oscillated, or sat at its limit, and was let go")
         brief.append(f"oscillated ({_some(shaking)})")
     if found:
         return Judgement("stable", "bad", f"{'. '.join(found)}.", ", ".join(brief))
@@ -249,7 +248,7 @@ def _worst_reasons(held: list[Row]) -> Iterator[str]:
         found = [(share, row) for row in held if (share := share_of(row)) is not None and share > bound]
         if found:
             share, row = max(found, key=lambda each: each[0])
-            others = f" (and beyond {100.0 * bound:g} % of {len(found) - 1} others)" if len(found) > 1 else ""
+            others = f" (and more than {100.0 * bound:g} % with {len(found) - 1} more)" if len(found) > 1 else ""
             yield words.format(share=_percent(share), name=name_of(row), way=_replaced(row)[1]) + others
     for row in held:
         if row.get("state") in ("fault", "degraded"):
