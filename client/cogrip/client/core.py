@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from math import dist, hypot
 
 from cogrip.client.coupling import COUPLINGS, Coupling
+from cogrip.client.device_port import DevicePort
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.past_lines import PastLines
 from cogrip.client.rest import RestStiffness
@@ -119,6 +120,8 @@ class ClientCore:
         self._stopped: int | None = None  # the tick of `stop`
         self._parting: Sequence[float] = (0.0,) * axes  # how the hand moved when it was told to stop
         self.safety = Safety(self.capability, rates.tick_s)
+        self.port = DevicePort(self.capability, rates.tick_s)
+        self._given_j = 0.0  # by all lines before the present one
         self._session_id = session
         self._ticks_per_frame = rates.ticks_per_frame
         self._rate = float(rates.device_hz)
@@ -141,14 +144,17 @@ class ClientCore:
         self._latency = ticks = self.capability.latency_ticks
         self._forces = deque([*[(0.0,) * len(self.force_n)] * ticks, *self._forces], maxlen=ticks)
         self.coupling.set_latency(ticks)
+        self.coupling.lag_s, self.coupling.peak_n = self.port.lag_s, self.capability.peak_force_n
 
     def _renew(self, session: int) -> None:
         """A new line, whose first frame began at the last border: with nothing, up to the place where the hand is now."""
         assert self.seat is not None
         self._past.close(self.coupling)
+        self._given_j += self.coupling.given_j
         self._session_id = session
         self.coupling = coupling = COUPLINGS[self.seat.coupling.kind](self.seat)
         coupling.set_latency(self._latency)
+        coupling.lag_s, coupling.peak_n = self.port.lag_s, self.capability.peak_force_n
         if self._origin is not None:
             self._origin = self.position_m
         ticks = self.tick % self._ticks_per_frame
@@ -162,6 +168,7 @@ class ClientCore:
         """The device says of itself what it can do, now that it is open."""
         self.capability = capability.first(len(self.force_n))
         self.safety.keep_to(self.capability)
+        self.port.keep_to(self.capability)
         self._fit()
 
     def stop(self) -> None:
@@ -180,6 +187,7 @@ class ClientCore:
     def rearm(self) -> None:
         """Leave a latched fault. The caller has seen to its cause."""
         if self.safety.event("rearm"):
+            self.port.rearm()
             self.safety.event("go")
 
     def fail(self, reason: str) -> None:
@@ -322,8 +330,10 @@ class ClientCore:
                 coupling.elapse(mean, velocity, hold)
             border = tick % ticks_per_frame == 0
             if border:
-                coupling.end_frame()
+                self.port.book(self.work_j, self._given_j + coupling.given_border_j)
+                coupling.end_frame(self.port.spare_j)
                 self._frame(position)
+        self.port.book(self.work_j, self._given_j + coupling.given_j)
         self.leak_j = leak = self.work_j - (self._past.port_j + coupling.port_j)
         if leak < self.least_leak_j:
             self.least_leak_j = leak
@@ -333,6 +343,7 @@ class ClientCore:
         if position is None:
             return
         self.travel_m += dist(position, self._frame_position)
+        self.port.end_frame(self._frame_position, position, self._ticks_per_frame / self._rate, self.coupling.stored_j)
         self._frame_position = position
         if self._rest is not None and self.safety.state == "live":  # not while the force is let go
             assert self.seat is not None
@@ -360,10 +371,21 @@ class ClientCore:
         self._acted = self.tick
         if self.session.state == "resuming" or self.session.stale(now_ns):
             self.safety.event("stale", "nothing new from the server")
-        elif self.safety.state == "degraded":
+        elif self.safety.state == "degraded" and not self.port.resting:
             self.safety.event("fresh")
-        wish = coupling.force(self.position_m, self.velocity_mps) if self.safety.state != "fault" else None
-        force = self.safety.limit(wish, coupling.gap)
+        safety, port = self.safety, self.port
+        port.elapse()
+        coupling.carried_nspm = port.carried_nspm
+        wish = coupling.force(self.position_m, self.velocity_mps) if safety.state != "fault" else None
+        force = port.guard(safety.limit(port.limit(wish) if wish is not None else None, coupling.gap))
+        coupling.gain = safety.gain
+        port.ramped = not safety.full
+        coupling.cut_n = None
+        if wish is not None and safety.full:
+            if (kept := safety.law_n) is not wish:  # what limits took, the line is not told of either
+                coupling.cut_n = [law - left for law, left in zip(wish, kept, strict=True)]
+            if found := port.watch(force, safety.clipped, coupling.local_n):
+                self._let_go(found)
         step = abs(force[0] - self.force_n[0]) if len(force) == 1 else dist(force, self.force_n)
         if step > self.peak_step_n:
             self.peak_step_n = step
@@ -372,6 +394,27 @@ class ClientCore:
         if size > self.peak_force_n:
             self.peak_force_n = size
         return force
+
+    def _let_go(self, found: str) -> None:
+        """The force oscillates or sits at its limit: degrade, or fault if that goes on."""
+        assert self.seat is not None
+        coupling, safety = self.seat.coupling, self.safety
+        if found == "oscillation":
+            wave = coupling.kind == "wave"
+            key, value = (
+                ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
+            )
+            reason = f"the force oscillates at the hand; set coupling.{key} lower than {value:g}"
+        else:
+            reason = (
+                f"the force sits at its limit of {self.capability.peak_force_n:g} N; push less, or set "
+                f"coupling.stiffness_npm lower than {coupling.stiffness_npm:g}"
+            )
+        safety.note(f"let go: {found}")
+        if self.port.goes_on:
+            safety.fail(f"{reason}, then re-arm")
+        else:
+            safety.event("stale", reason)
 
     def acted(self, force_n: tuple[float, ...]) -> None:
         """The device gives this force, not the one that `act` asked for: the books are to hold what the hand feels."""
@@ -427,6 +470,7 @@ class ClientCore:
             peak_step_n=self.peak_step_n,
             playout=self._past.playout_account(self.coupling),
             delay=self._delay(),
+            device=self.port.account(),
         )
 
     def _delay(self) -> DelayAccount:

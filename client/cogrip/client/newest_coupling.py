@@ -1,5 +1,7 @@
 """What the couplings have in common whose newest message wins: virtual coupling and power variables."""
 
+from collections.abc import Sequence
+from math import inf
 from typing import Generic, TypeVar
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
@@ -18,10 +20,30 @@ class NewestCoupling(Generic[M]):
     gap = played = False
 
     def __init__(self, axes: int) -> None:
+        self.carried_nspm = inf  # damping that the device renders at most
+        self.local_n: Sequence[float] = (0.0,) * axes  # the part of the law that follows the hand's own motion
+        self.gain = 1.0  # of the ramp that the force goes through
+        self.peak_n = inf  # the largest force of the device
+        self.lag_s = 0.0  # by which its damper is late
+        self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
         self._receiver: StateReceiver[M] = StateReceiver()
         self._number = -1
         self.forward = self.returning = self.sent = (0.0,) * axes
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
+
+    @property
+    def given_j(self) -> float:
+        """Energy that the other end gave this one, less what it took."""
+        raise NotImplementedError
+
+    @property
+    def stored_j(self) -> float:
+        """Of what the other end gave, kept here."""
+        return 0.0
+
+    @property
+    def given_border_j(self) -> float:
+        return self.given_j
 
     @property
     def newest(self) -> int:

@@ -16,6 +16,7 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 """
 
 from collections.abc import Sequence
+from math import inf
 
 from cogrip.client.newest_coupling import NewestCoupling
 from cogrip.protocol.messages import Frame, Power, Stamp
@@ -90,6 +91,11 @@ class PassivityControl(NewestCoupling[Power]):
         """W of each axis."""
         return tuple([left.value for left in self._left])
 
+    @property
+    def given_j(self) -> float:
+        """What has gone in at the object, less what was told to have gone in here."""
+        return sum(self._received) - sum([energy.value for energy in self._in])
+
     def set_latency(self, ticks: int) -> None:
         """Nothing to keep: what is booked comes with its own force."""
 
@@ -135,7 +141,7 @@ class PassivityControl(NewestCoupling[Power]):
     def elapse_absent(self) -> None:
         """One tick has passed without a hand: the proxy stands still."""
 
-    def end_frame(self) -> None:
+    def end_frame(self, spare_j: float = inf) -> None:
         self._made_j.add(self._made_now_j)
         self._used_j.add(self._used_now_j)
         self._made_now_j = self._used_now_j = 0.0
@@ -165,19 +171,25 @@ class PassivityControl(NewestCoupling[Power]):
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         """The server's force and the charging damper, as far as W pays for them; and a damper that pays a debt."""
         tick_s = self._tick_s
-        force = []
+        charging, most = min(self._charging, self.carried_nspm), min(self._most_damping, self.carried_nspm)
+        force, local = [], []
         for axis, speed in enumerate(velocity_mps):
+            damper = 0.0
             law = self._wanted[axis]
             there = self._in[axis].value - self._taken[axis]  # what the server may still take
             if there < CHARGE_UP_J:
-                law += self._charging * (1.0 - max(0.0, there) / CHARGE_UP_J) * speed
+                damper = charging * (1.0 - max(0.0, there) / CHARGE_UP_J)
+                law += damper * speed
             given = self._control(axis, law, speed)
             left = self._left[axis].value
             if left < 0.0:
                 square = speed * speed * tick_s
-                most = self._most_damping
-                given += (most if most * square <= -left else -left / square) * speed
+                paying = most if most * square <= -left else -left / square
+                damper += paying
+                given += paying * speed
+            local.append(damper * speed)
             force.append(given)
+        self.local_n = local
         return force
 
     def _control(self, axis: int, law: float, speed: float) -> float:

@@ -92,6 +92,25 @@ class Safety:
             self.note("fault")
 
     @property
+    def gain(self) -> float:
+        """Of the ramp, 0 to 1."""
+        return self._gain
+
+    @property
+    def full(self) -> bool:
+        """True while the force goes through unramped."""
+        return self._gain == 1.0
+
+    @property
+    def law_n(self) -> Sequence[float]:
+        """The force of this tick before ramp and slope, as far as the device's peak lets it."""
+        return self._good
+
+    @property
+    def clipped(self) -> bool:
+        return self._at_limit > 0
+
+    @property
     def quiet(self) -> bool:
         """True once no force is left on the hand."""
         return self._gain == 0.0 and not any(self._out)

@@ -5,6 +5,7 @@ F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object sta
 
 from collections import deque
 from collections.abc import Sequence
+from math import inf
 
 from cogrip.client.newest_coupling import NewestCoupling
 from cogrip.protocol.messages import Frame, Stamp, State
@@ -20,6 +21,10 @@ class VirtualCoupling(NewestCoupling[State]):
         super().__init__(axes)
         self._stiffness = seat.coupling.stiffness_npm
         self._damping = seat.coupling.damping_nspm
+        self._given_j = RunningSum()
+        self._rendered_npm = self._stiffness
+        self._rendered_nspm = self._damping
+        self._stretch: list[float] | None = None  # hand to object at the tick that is held now [m]
         self._push = seat.side_sign if seat.one_sided else 0.0
         self._tick_s = seat.rates.tick_s
         self._last_force: Sequence[float] = (0.0,) * axes
@@ -32,6 +37,19 @@ class VirtualCoupling(NewestCoupling[State]):
     def port_j(self) -> float:
         """Energy that went into the coupling here."""
         return self._port_j.value
+
+    @property
+    def given_j(self) -> float:
+        """Energy that the object's motion put into the spring, and into the hand through the damper."""
+        return self._given_j.value
+
+    @property
+    def stored_j(self) -> float:
+        """In the spring."""
+        if self._stretch is None:
+            return 0.0
+        stiffness, peak = self._rendered_npm, self.peak_n
+        return self.gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on: a displacement is booked with the force that it was made against."""
@@ -49,6 +67,7 @@ class VirtualCoupling(NewestCoupling[State]):
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """One tick has passed. There is no wave that could let go."""
         power = 0.0
+        self._given_j.add(self._drag_w(mean_velocity_mps) * self._tick_s)
         for force, speed in zip(self._booked(), mean_velocity_mps, strict=True):
             power += force * speed
         self._port_j.add(power * self._tick_s)
@@ -57,25 +76,41 @@ class VirtualCoupling(NewestCoupling[State]):
         """One tick has passed without a hand."""
         self._booked()
 
-    def end_frame(self) -> None:
+    def _drag_w(self, velocity_mps: Sequence[float]) -> float:
+        """Power that the object's velocity gives the hand through the damper."""
+        if self._stretch is None:
+            return 0.0
+        drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
+        return self.gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
+
+    def end_frame(self, spare_j: float = inf) -> None:
         self._number += 1
 
     def start_frame(self) -> None:
         if self._receiver.take() and self._receiver.latest:
-            self.object_state = self._receiver.latest.position_m + self._receiver.latest.velocity_mps
+            before, stretch = self.object_state, self._stretch
+            self.object_state = state = self._receiver.latest.position_m + self._receiver.latest.velocity_mps
+            if stretch is not None:
+                self._given_j.add(-self.stored_j)
+                self._stretch = [e and e + before[axis] - state[axis] for axis, e in enumerate(stretch)]
+                self._given_j.add(self.stored_j)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         axes = len(position_m)
         if self._receiver.latest is None:
             return self._last_force
-        state, stiffness, damping = self.object_state, self._stiffness, self._damping
+        state = self.object_state
+        self._rendered_nspm = damping = min(self._damping, self.carried_nspm)
+        self._rendered_npm = stiffness = min(self._stiffness, damping / self.lag_s if self.lag_s else inf)
+        self._stretch = stretch = [position_m[axis] - state[axis] for axis in range(axes)]
         force = [
-            stiffness * (position_m[axis] - state[axis]) + damping * (velocity_mps[axis] - state[axes + axis])
-            for axis in range(axes)
+            stiffness * stretch[axis] + damping * (velocity_mps[axis] - state[axes + axis]) for axis in range(axes)
         ]
+        self.local_n = [stiffness * position_m[axis] + damping * velocity_mps[axis] for axis in range(axes)]
         if self._push:
-            inside = self._push * (position_m[0] - state[0]) > 0.0
+            inside = self._push * stretch[0] > 0.0
             force = [self._push * max(0.0, self._push * force[0]) if inside else 0.0] + [0.0] * (axes - 1)
+            self._stretch = [stretch[0] if inside else 0.0] + [0.0] * (axes - 1)
         self._last_force = force
         return force
 
@@ -89,3 +124,11 @@ class VirtualCoupling(NewestCoupling[State]):
         if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):
             return False
         return self._receiver.receive(message)
+
+
+def _spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
+    """Energy in a spring whose force ends at `peak_n`."""
+    force = stiffness_npm * abs(stretch_m)
+    if force <= peak_n:
+        return 0.5 * force * abs(stretch_m)
+    return peak_n * (abs(stretch_m) - 0.5 * peak_n / stiffness_npm)

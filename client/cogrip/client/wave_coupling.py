@@ -10,11 +10,20 @@ frame borders, and the line would give the difference. Each wave is booked for i
 Where the returning wave is missing this end yields: with a share s of sqrt(b), 1 on a clear line, F = s^2 b xdot - s sqrt(2b) v
 and u = s sqrt(2b) y - v; F y = (u^2 - v^2)/2 holds tick by tick for any s. What that leaves of the displacement,
 e = (1 - s) sqrt(2b) y, is forgone: the receiver holds it as played (docs/decisions/0003-gaps.md).
+
+Where the device carries no more than r b, 0 < r < 1, a spring and a damper stand in series between hand and port,
+w (RELAX_RAD_S) their ratio and z their deflection [m]: r b for fast motion, b for slow, and no creep.
+
+    F = r (b (xdot + w z) - sqrt(2b) v)      y_p = r (y + w z) + (1 - r) sqrt(2/b) v - F_cut / b      z' = y - y_p
+
+y_p is the port's velocity, u = sqrt(2b) y_p - v. F_cut is what limits took from the law's force: the line is not told of it,
+nor of what the frame had no energy for; both are deflection, which comes back by w. r = 1, z = 0 is the plain port. See
+docs/device_port.md.
 """
 
 from collections import deque
 from collections.abc import Sequence
-from math import sqrt
+from math import inf, sqrt
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
@@ -25,11 +34,17 @@ from cogrip.protocol.messages import Frame, Stamp, Waves
 from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
 
+RELAX_RAD_S = 100.0  # w
+LEAST_DEFLECTION_M = 1e-9
+Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
+"""Of one tick: the returning wave, the share s, the ratio of impedances, and what limits took from the force."""
 OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
 
 
 class WaveCoupling:
     """`elapse` books the tick that has passed, `end_frame` and `start_frame` stand at frame borders, `force` is the law."""
+
+    stored_j = 0.0  # of what the line took, nothing is kept here
 
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates, coupling = seat.object.axes, seat.rates, seat.coupling
@@ -48,11 +63,21 @@ class WaveCoupling:
         )  # fmt: skip
         self._share = 1.0  # s of this frame
         self._forgone = [0.0] * axes  # sum of e over the ticks of this frame
-        self._late: deque[tuple[tuple[float, ...], float]] = deque(
-            maxlen=0
-        )  # v and s of the last L ticks, oldest first
+        self._zero = (0.0,) * axes
+        self._late: deque[Held] = deque(maxlen=0)  # of the last L ticks, oldest first
+        self.gain = 1.0  # of the ramp that the force goes through
+        self.peak_n = inf  # the largest force of the device
+        self.lag_s = 0.0  # by which the device's damper is late
+        self.carried_nspm = inf  # impedance that the device renders at most
+        self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
+        self._deflection_m = [0.0] * axes  # z
+        self._deflected = False  # whether any z is not 0
+        self._ratio = 1.0  # of the impedance that is rendered to that of the port
+        self._tick_s = rates.tick_s
+        self._given = RunningSum()  # energy that the line gave, less what it took, up to the last frame that ended
         self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
+        self.local_n: Sequence[float] = self._zero  # the part of the law that follows the hand's own motion
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
         self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
         self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
@@ -80,15 +105,16 @@ class WaveCoupling:
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
         keep = ticks if self._from_displacement else 0
-        self._late = deque([*[((0.0,) * len(self.returning), 1.0)] * keep, *self._late], maxlen=keep)
+        self._late = deque([*[(self._zero, 1.0, 1.0, None)] * keep, *self._late], maxlen=keep)
 
-    def _booked(self) -> tuple[tuple[float, ...], float]:
-        """The returning wave, and the share, that belong to the tick that is booked."""
+    def _booked(self) -> Held:
+        """What belongs to the tick that is booked."""
+        held = (self.returning, self._share, self._ratio, self.cut_n)
         late = self._late
         if not late:
-            return self.returning, self._share
+            return held
         oldest = late[0]
-        late.append((self.returning, self._share))  # drops the oldest
+        late.append(held)  # drops the oldest
         return oldest
 
     @property
@@ -106,7 +132,9 @@ class WaveCoupling:
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        wave, share = self._booked() if self._late else (self.returning, self._share)
+        wave, share, ratio, cut = self._booked()
+        if ratio != 1.0 or cut is not None or self._deflected:
+            velocity = self._through_series(velocity, wave, share, ratio, cut)
         if share != 1.0:
             root *= share
             kept = hold * (self._root - root)
@@ -124,16 +152,58 @@ class WaveCoupling:
         self._made_now_j += made * self._half_tick_s
         self._used_now_j += used * self._half_tick_s
 
+    def _through_series(
+        self,
+        velocity_mps: Sequence[float],
+        wave: Sequence[float],
+        share: float,
+        ratio: float,
+        cut_n: Sequence[float] | None,
+    ) -> list[float]:
+        """Velocity of the port behind the series spring and damper, which take the rest of the hand's."""
+        impedance = share * share * self._b
+        per_wave = (1.0 - ratio) * share * self._root / impedance
+        deflection, tick_s = self._deflection_m, self._tick_s
+        behind, most = [], 0.0
+        for axis, speed in enumerate(velocity_mps):
+            port = ratio * (speed + RELAX_RAD_S * deflection[axis]) + per_wave * wave[axis]
+            if cut_n is not None:
+                port -= cut_n[axis] / impedance
+            deflection[axis] = z = deflection[axis] + (speed - port) * tick_s
+            most = max(most, abs(z))
+            behind.append(port)
+        self._deflected = most > LEAST_DEFLECTION_M
+        if not self._deflected:
+            self._deflection_m = [0.0] * len(behind)
+        return behind
+
     def elapse_absent(self) -> None:
         """One tick has passed without a hand: send 0, absorb what comes (a matched termination)."""
-        self.forward = (0.0,) * len(self.returning)
+        self.forward = self._zero
+        self._deflection_m, self._deflected = [0.0] * len(self._zero), False
         self._decimator.push(self.forward)
         for v in self._booked()[0]:
             self._used_now_j += v * v * self._half_tick_s
 
-    def end_frame(self) -> None:
-        self.sent = self._decimator.take()
-        self._sender.push(self.sent)
+    def end_frame(self, spare_j: float = inf) -> None:
+        """Send the wave of the frame that ends, of at most `spare_j` more energy than the frame's ticks brought."""
+        sent = self._decimator.take()
+        brought = going = 0.0
+        for u, v in zip(sent, self.returning, strict=True):
+            going += u * u
+            brought += v * v
+        half_frame_s = self._half_tick_s * self._ticks_per_frame
+        spare_j += half_frame_s * brought
+        if half_frame_s * going > spare_j:
+            scale = sqrt(max(0.0, spare_j) / (half_frame_s * going))
+            held_s = (1.0 - scale) * self._ticks_per_frame * self._tick_s / (self._share * self._root)
+            self._deflection_m = [z + held_s * u for z, u in zip(self._deflection_m, sent, strict=True)]
+            self._deflected = True
+            sent = tuple([scale * u for u in sent])
+            going *= scale * scale
+        self._given.add(half_frame_s * (brought - going))
+        self.sent = sent
+        self._sender.push(sent)
         self._made_j.add(self._made_now_j)
         self._used_j.add(self._used_now_j)
         self._made_now_j = self._used_now_j = 0.0
@@ -161,7 +231,25 @@ class WaveCoupling:
         if share != 1.0:
             b *= share * share
             root *= share
-        return [b * velocity_mps[axis] - root * wave for axis, wave in enumerate(self.returning)]
+        ratio = 1.0
+        if self.carried_nspm < b or self._deflected:
+            ratio = min(1.0, self.carried_nspm / b)
+            b *= ratio
+            root *= ratio
+            velocity_mps = [v + RELAX_RAD_S * z for v, z in zip(velocity_mps, self._deflection_m, strict=True)]
+        self._ratio = ratio
+        self.local_n = local_n = [b * velocity for velocity in velocity_mps]
+        return [local - root * wave for local, wave in zip(local_n, self.returning, strict=True)]
+
+    @property
+    def given_border_j(self) -> float:
+        """Energy that the line gave this end, less what it took, up to the last frame that ended."""
+        return self._given.value
+
+    @property
+    def given_j(self) -> float:
+        """The same with the frame under way, of which the line takes no more than this says."""
+        return self._given.value - (self._made_now_j - self._used_now_j)
 
     def message(
         self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],

@@ -39,6 +39,8 @@ class Capability:
     rate_hz             highest loop rate [Hz]
     gives_velocity      whether samples carry a velocity
     latency_ticks       how many ticks old a sample is when it is read, where nothing goes wrong
+    own_damping_nspm    damping of the mechanism itself [N s/m]: at least so much, 0 where it is not known
+    own_friction_n      friction of the mechanism itself [N]: at least so much, 0 where it is not known
     """
 
     family: str
@@ -56,6 +58,8 @@ class Capability:
     rate_hz: int
     gives_velocity: bool
     latency_ticks: int = 0
+    own_damping_nspm: float = 0.0
+    own_friction_n: float = 0.0
 
     def first(self, axes: int) -> Capability:
         """The record of the first `axes` axes alone."""

@@ -74,7 +74,7 @@ Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # of the ticks in which 
 class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     """The device port of one person: energy through the motors, and limits on the force (docs/device_port.md)."""
 
-    oscillates: bool = False  # the force reversed fast, or sat at its limit, and was taken down for it
+    oscillates: bool = False  # the force turned back and forth fast, and was let go for it
     at_limit: Share = 0.0  # ticks in which a limit of the device held the force
     controlled: Share = 0.0  # ticks in which the passivity controller changed the force
     leak_j: float = (

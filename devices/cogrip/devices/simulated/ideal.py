@@ -45,6 +45,7 @@ def capability(settings: IdealSettings, axes: int) -> Capability:
         apparent_mass_kg=settings.mass_kg,
         rate_hz=65_536,
         gives_velocity=True,
+        own_damping_nspm=settings.damping_nspm,
     )
 
 

@@ -64,6 +64,8 @@ def capability(settings: PhantomSettings, axes: int) -> Capability:
         apparent_mass_kg=settings.mass_kg,
         rate_hz=8192,
         gives_velocity=False,
+        own_damping_nspm=settings.damping_nspm,
+        own_friction_n=settings.friction_n,
     )
 
 

@@ -1,0 +1,204 @@
+"""Passivity at the motors: an energy ledger, two passivity controllers, and the impedance that the device may be asked for.
+
+Symbols: x position read [m], F force held over a tick [N], T tick [s], M ticks a frame, b_d own damping [N s/m] and c own
+friction [N] of the device (its record), q one count [m], v_m speed limit [m/s], E balance [J], E_0 reserve [J].
+
+    E = sum F (x_{k+1} - x_k)  +  what the line gave, less what it took  +  sum over frames of (b_d d^2 / (M T) + c d)
+
+The first term is the hand's work, exact under the hold (theory 7.4). The device's own damping takes at least what the last one
+says, d being the displacement in a frame less one count (Cauchy-Schwarz; a path is no shorter than its chord). A tick gives
+out at most |F| v_m T, and at most F^2 T / (4 b_d), so that E >= -E_0 stays true for every force law if
+
+    |F(k)| <= max((E + E_0) / (v_m T), 2 sqrt(b_d (E + E_0) / T))                                            (`guard`)
+
+and if the line is sent no more in a frame than E has to spare (`spare_j`). Before that bound is met the force fades (`limit`).
+E is cut off at what is stored plus E_0: energy of long ago pays for nothing.
+
+Passive is not calm: a damper beyond what the device carries may buzz on energy that the hand supplies. So the coupling
+renders `carried_nspm` at most: what the device carries by its record (`largest_impedance`), and less once the force
+has turned back and forth fast. docs/device_port.md has the derivations and the measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import dist, exp, hypot, inf, sqrt
+from typing import Literal
+
+from cogrip.client.oscillation import OscillationDetector
+from cogrip.client.velocity import lag_ticks, largest_impedance
+from cogrip.devices.device import Capability
+from cogrip.protocol.accounts import DeviceAccount
+
+BRISK_MPS = 1.0  # a late damper borrows from the device's kinetic energy: the reserve holds it up to this speed
+FADE = 3.0  # ticks at the speed limit and peak force, over whose energy a force that is not paid for fades
+DOWN = 0.7  # of the impedance, at each fast turn of a train
+BELOW = 0.8  # of the impedance at which a train began: what is tried again at most
+UP_S = 2.0  # in which the impedance comes back by a factor of e, as far as that
+TRUST_S = 60.0  # in which that bound rises by a factor of e
+LEAST = 0.02  # of what the record says
+REST_S = 0.5  # for which the force is let go where it oscillates, or sits at its limit
+MOST_RESTS = 2  # one more within GOES_ON_S is a fault
+GOES_ON_S = 10.0
+
+Trouble = Literal["", "oscillation", "limit"]
+
+
+class DevicePort:
+    """Ledger and controllers of one device, all axes together.
+
+    balance_j     E, now
+    least_j       the least E so far
+    reserve_j     E_0
+    carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
+    lag_s         by which a damper acts late (`lag_ticks`)
+    ramped        whether the force of the tick under way is ramped, so that the hand does not feel all of it
+    oscillates    whether the force has oscillated at any time
+    """
+
+    def __init__(self, capability: Capability, tick_s: float) -> None:
+        self._tick_s = tick_s
+        self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
+        self._rest_ticks, self._goes_on_ticks = round(REST_S / tick_s), round(GOES_ON_S / tick_s)
+        self.balance_j = self.least_j = 0.0
+        self._own_j = 0.0  # what the device's damping has taken
+        self._cut_j = 0.0  # what was cut off of the balance, less what was forgiven
+        self.ramped = True
+        self.oscillates = False
+        self._ticks = self._controlled = self._limited = (
+            0  # with force; held by a controller here; by a limit of the device
+        )
+        self._tick = 0
+        self._rests: list[int] = []  # ticks at which the force was let go, of the last GOES_ON_S
+        self._rest_left = 0
+        self._detector = OscillationDetector(capability.axes, tick_s)
+        self.keep_to(capability)
+
+    def keep_to(self, capability: Capability) -> None:
+        """Go by this record from now on."""
+        self._record_nspm = largest_impedance(capability, self._tick_s).impedance_nspm
+        self.carried_nspm = self._most_nspm = self._record_nspm
+        self.lag_s = lag_ticks(capability, self._tick_s) * self._tick_s
+        self._damping, self._friction_n = capability.own_damping_nspm, capability.own_friction_n
+        self._count_m = capability.resolution_m
+        self._most_step_m = most_step_m = capability.speed_mps * self._tick_s
+        tick_j = capability.peak_force_n * most_step_m
+        self._free_j = 0.5 * capability.apparent_mass_kg * BRISK_MPS * BRISK_MPS
+        self._faded_j = self._free_j + FADE * tick_j
+        self.reserve_j = self._faded_j + tick_j
+
+    # The ledger
+
+    def book(self, work_j: float, given_j: float) -> None:
+        """Set the hand's work and the line's net gift, both since the beginning [J]."""
+        self.balance_j = balance = work_j + given_j + self._own_j - self._cut_j
+        if self.ramped and balance < -self._free_j:
+            # The hand moves the line without feeling all of it, so that the line takes what nobody gave. Asking it back later
+            # would take the force from a hand that did nothing; the motors gave none of it.
+            self._cut_j += balance + self._free_j
+            self.balance_j = balance = -self._free_j
+        if balance < self.least_j:
+            self.least_j = balance
+
+    def end_frame(self, start_m: Sequence[float], end_m: Sequence[float], frame_s: float, stored_j: float) -> None:
+        """Credit the device's own damping with a frame's motion, and cut the balance off. stored_j: in the coupling."""
+        if self._damping or self._friction_n:
+            path_m = max(0.0, dist(start_m, end_m) - self._count_m)
+            own_j = path_m * (self._damping * path_m / frame_s + self._friction_n)
+            self._own_j += own_j
+            self.balance_j += own_j
+        excess_j = self.balance_j - stored_j - self.reserve_j
+        if excess_j > 0.0:
+            self._cut_j += excess_j
+            self.balance_j -= excess_j
+
+    @property
+    def spare_j(self) -> float:
+        """Energy that the line may be sent in a frame, beyond what it brought. Unbounded while the force is ramped."""
+        return inf if self.ramped else self.balance_j + self._free_j
+
+    # The controllers
+
+    def limit(self, force_n: Sequence[float]) -> Sequence[float]:
+        """The force law's wish [N], shape (axes,), shortened where the reserve is being used up."""
+        left_j = self.balance_j + self._faded_j
+        size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
+        if not size * FADE * self._most_step_m > left_j:
+            return force_n
+        self._controlled += 1
+        scale = max(0.0, left_j) / (size * FADE * self._most_step_m)
+        return [scale * force for force in force_n]
+
+    def guard(self, force_n: tuple[float, ...]) -> tuple[float, ...]:
+        """The force that goes to the motors, shortened to the bound itself: ramps and slopes may hold what `limit` took."""
+        left_j = max(0.0, self.balance_j + self.reserve_j)
+        size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
+        most_n = left_j / self._most_step_m
+        if size <= most_n:
+            return force_n
+        most_n = max(most_n, 2.0 * sqrt(self._damping * left_j / self._tick_s))
+        if size <= most_n:
+            return force_n
+        self._controlled += 1
+        return tuple([force * (most_n / size) for force in force_n])
+
+    def watch(self, force_n: Sequence[float], limited: bool, local_n: Sequence[float]) -> Trouble:
+        """See the unramped force of a tick, adapt the impedance, and tell whether the force is to be let go.
+
+        force_n   to the motors until the next tick [N], shape (axes,)
+        limited   whether a limit of the device holds it
+        local_n   the part of the law that follows the hand's own motion [N], shape (axes,)
+        """
+        self._ticks += 1
+        self._limited += limited
+        carried, record = self.carried_nspm, self._record_nspm
+        detector = self._detector
+        if detector.add(force_n, limited, local_n):
+            self._most_nspm = min(self._most_nspm, max(LEAST * record, BELOW * carried))
+            self.carried_nspm = max(LEAST * record, DOWN * carried)
+        elif carried < record:
+            self._most_nspm = min(record, self._trust * self._most_nspm)
+            self.carried_nspm = min(self._most_nspm, self._up * carried)
+        if not (detector.oscillates or detector.at_limit):
+            return ""
+        found: Trouble = "oscillation" if detector.oscillates else "limit"
+        self.oscillates = self.oscillates or detector.oscillates
+        self._rest_left = self._rest_ticks
+        self._rests = [tick for tick in self._rests if self._tick - tick < self._goes_on_ticks] + [self._tick]
+        detector.forget()
+        return found
+
+    # Letting go
+
+    @property
+    def resting(self) -> bool:
+        """Whether the force is let go because it oscillated, or sat at its limit."""
+        return self._rest_left > 0
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether letting go has not helped."""
+        return len(self._rests) > MOST_RESTS
+
+    def elapse(self) -> None:
+        """One tick has passed, with force or without."""
+        self._tick += 1
+        if self._rest_left:
+            self._rest_left -= 1
+
+    def rearm(self) -> None:
+        """Forget what led to a fault. The impedance that was found stays."""
+        self._rests.clear()
+        self._rest_left = 0
+        self._detector.forget()
+
+    def account(self) -> DeviceAccount:
+        """What is to be said of the device port at the end."""
+        ticks = max(1, self._ticks)
+        return DeviceAccount(
+            oscillates=self.oscillates,
+            at_limit=self._limited / ticks,
+            controlled=min(1.0, self._controlled / ticks),
+            leak_j=max(0.0, -self.least_j),
+            margin_j=self.least_j + self.reserve_j,
+        )
