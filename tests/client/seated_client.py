@@ -23,7 +23,7 @@ ROOT = math.sqrt(2.0 * 20.0)
 def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0) -> Capability:
     return Capability(
         family="test", model="arm", axes=axes, workspace_m=((-1.0, 1.0),) * axes, peak_force_n=100.0,
-        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=10.0, slew_nps=math.inf, speed_mps=math.inf,
+        continuous_force_n=2.0, stiffness_npm=1e3, damping_nspm=100.0, slew_nps=math.inf, speed_mps=math.inf,
         resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192, gives_velocity=gives_velocity,
         latency_ticks=latency,
     )  # fmt: skip

@@ -48,9 +48,9 @@ def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
         if number:
             leak += 20.0 * (estimate - step / T_C) * step
             x += step
-        estimate = float(random.uniform(-0.1, 0.1))
+        estimate = float(random.uniform(-0.004, 0.004))
         if number % M == 0 and number:
-            client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.2, 0.2)))
+            client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.02, 0.02)))
         client.tick(number, x, velocity=[estimate])
     assert client.core.leak_j - start == pytest.approx(leak, rel=1e-9)
 

@@ -45,9 +45,9 @@ class OldHand:
             self.estimate.append(client.core.velocity_mps[0])
             self.wave.append(self._frame)
             if tick % M == 0:
-                self._frame = float(random.uniform(-0.3, 0.3))
+                self._frame = float(random.uniform(-0.02, 0.02))
                 client.hear(due_ns(0, tick, DEVICE_HZ), self._frame)
-        estimate = float(random.uniform(-0.1, 0.1)) if speed is None else speed
+        estimate = float(random.uniform(-0.004, 0.004)) if speed is None else speed
         client.tick(self.now, self.place[-1 - L], velocity=[estimate], age=L)
         self.mean += [(self.place[-1 - L] - self.place[-1 - L - gap]) / gap] * gap if gap else []
 
@@ -99,7 +99,7 @@ def test_virtual_coupling_books_a_displacement_with_the_force_it_was_made_agains
         now += gap
         for _ in range(gap):
             places.append(places[-1] + float(random.uniform(-1e-5, 1e-5)))
-        state = State(7, now, (float(random.uniform(-0.01, 0.01)),), (0.0,), 0.0, 0, Stamp(now))
+        state = State(7, now, (float(random.uniform(-2e-4, 2e-4)),), (0.0,), 0.0, 0, Stamp(now))
         client.core.receive(messages.encode(state), due_ns(0, now, DEVICE_HZ))
         client.tick(now, places[-1 - latency], velocity=[0.01], age=latency)
         if now == 400:

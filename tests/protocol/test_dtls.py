@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from OpenSSL import SSL
 
+from cogrip.protocol.dtls_records import ALERT, RECORD_HEADER_BYTES
 from cogrip.protocol.io import certificate, dtls
 from cogrip.protocol.io.certificate import Identity
 from cogrip.protocol.io.dtls import (
@@ -19,7 +20,6 @@ from cogrip.protocol.io.dtls import (
     NO_VERSION,
     NOT_THE_ONE,
     NOT_TRUSTED,
-    RECORD_HEADER_BYTES,
     client_context,
     cookie_in,
     in_words,
@@ -241,7 +241,7 @@ def test_renegotiation_is_refused(identity: Identity, asks: str) -> None:
     asking._drain()
     for datagram in asking.take():
         assert asked.feed(datagram) == ()
-    assert all(datagram[0] == dtls.ALERT for datagram in asked.take())
+    assert all(datagram[0] == ALERT for datagram in asked.take())
     if not asked.failed:
         assert list(pair.server.feed(pair.client.send(b"on"))) in ([b"on"], [])
     assert asked._connection.total_renegotiations() == 0

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.protocol import messages, settings
+from cogrip.protocol import dtls_records, messages, settings
 from cogrip.protocol.io import dtls
 from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
 from cogrip.server import gate, limits, loop, room, tokens
@@ -42,7 +42,7 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
 def test_numbers_of_the_security_page_are_the_codes(what: str, numbers: str, where: str) -> None:
     modules = {
         each.__name__.rpartition(".")[2]: each
-        for each in (messages, gate, sealed_channel, loop, tokens, limits, settings, room, control)
+        for each in (dtls_records, messages, gate, sealed_channel, loop, tokens, limits, settings, room, control)
     }
     found: list[float] = []
     for path in re.findall(r"`([\w.]+)`", where):

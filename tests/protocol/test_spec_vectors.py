@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from cogrip.client import dialler, passivity_control
-from cogrip.protocol import clock, concealment, line, loop_meter, messages, playout, power, session
+from cogrip.protocol import clock, concealment, dtls_records, line, loop_meter, messages, playout, power, session
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
@@ -389,7 +389,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 PROTOCOL = (
     messages, session, clock, loop_meter, line, concealment, playout, power, passivity_control, room, gallery, limits,
 )  # fmt: skip
-SEAL = (sealed_channel, sealed_call, gate, dialler)
+SEAL = (sealed_channel, sealed_call, gate, dialler, dtls_records)
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,10 @@ from cogrip.protocol.session import make_hello
 from cogrip.server.gate import LIMITS, Budget, Gate
 from cogrip.server.io.sealed_channel import (
     COOKIE_NS,
+    HELLO_WAITS_NS,
     MOST_ASKED,
-    MOST_HALF_OPEN,
     MOST_LEFT,
+    MOST_UNSEATED,
     TOLD,
     WAITS_NS,
     SealedListener,
@@ -200,7 +201,7 @@ def test_plain_datagrams_into_a_seal_are_dropped_on_both_sides(folder: Path) -> 
     assert wire.inject(b"", ANNA) == ()
     assert wire.inject(bytes(MAX_DATAGRAM_BYTES + 1), ANNA) == ()
     assert not wire.listener.outbox
-    assert wire.listener.dropped.keys() == {"cookie sent", "no record", "not of this seal", "empty", "too large"}
+    assert wire.listener.dropped.keys() == {"cookie sent", "no record", "empty", "too large"}
     wire.talk()
 
 
@@ -272,10 +273,10 @@ def test_a_cookie_belongs_to_an_address_and_a_time(folder: Path) -> None:
 
 def test_handshakes_that_are_not_finished_are_bounded_and_the_oldest_goes_first(folder: Path) -> None:
     wire = Wire(folder)
-    for number in range(MOST_HALF_OPEN + 10):
+    for number in range(MOST_UNSEATED + 10):
         half_open(wire, ("10.0.1.1", number))
-    assert wire.listener.counts() == {"open": 0, "half open": MOST_HALF_OPEN}
-    assert wire.listener.dropped["too many handshakes"] == 10
+    assert wire.listener.counts() == {"open": 0, "half open": MOST_UNSEATED}
+    assert wire.listener.dropped["too many without a seat"] == 10
     wire.seal(ANNA)
     wire.step(WAITS_NS)
     assert wire.listener.counts() == {"open": 1, "half open": 0}
@@ -319,6 +320,7 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(fold
     wire = Wire(folder)
     wire.seats.discard(BEN)
     anna, ben = wire.seal(ANNA), wire.seal(BEN)
+    ben.send(b"may I?", PEER)
     wire.rest(WAITS_NS / 1e9 - 0.5)
     assert wire.listener.counts()["open"] == 2
     wire.rest(1.1)
@@ -331,6 +333,18 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(fold
     wire.rest(WAITS_NS / 1e9 + 0.6)
     assert wire.listener.counts()["open"] == 0
     assert anna.failed
+
+
+def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> None:
+    wire = Wire(folder)
+    wire.seats.discard(BEN)
+    ben = wire.seal(BEN)
+    wire.rest(HELLO_WAITS_NS / 1e9 - 0.6)
+    assert wire.listener.counts()["open"] == 1
+    wire.rest(1.2)
+    assert wire.listener.counts()["open"] == 0
+    assert wire.listener.dropped["no hello in time"] == 1
+    assert ben.failed == "the other end closed the seal"
 
 
 def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
@@ -380,8 +394,10 @@ def test_budgets_hold_for_hellos_with_and_without_a_seal(folder: Path) -> None:
     for number in range(4):
         wire.inject(datagram, ("10.0.0.7", number))
         wire.inject(messages.padded(HELLO), ("10.0.0.8", number))
-    assert len(wire.listener.outbox) == 3
-    assert wire.listener.dropped == {"cookie sent": 2, "refused: sealed": 1, "contact budget": 5}
+    answered = {"cookie sent": 3, "refused: sealed": 3}  # the first of each address is of those who are new
+    assert len(wire.listener.outbox) == 5
+    assert sum(wire.listener.dropped[each] for each in answered) == 5
+    assert wire.listener.dropped["contact budget"] == 3
 
 
 def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(folder: Path) -> None:

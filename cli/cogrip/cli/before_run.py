@@ -37,7 +37,6 @@ def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple
 
     also: more reasons to refuse than the settings give, each with the value that would do.
     """
-    refuse_hardware([user.device for user in settings.users] if allow_unstable else [])
     check_plausible(settings)
     try:
         warnings, refused = advice_on(settings)

@@ -36,6 +36,7 @@ BAD_EVENTS = ("lost", "kicked", "refused", "trouble")
 HARMLESS = (
     "cookie sent",
     "not of this seal",
+    "handshake after its end",
     "said goodbye",
 )  # of the drops: every handshake, every leaving makes some
 

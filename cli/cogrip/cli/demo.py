@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.live import Live
 
-from cogrip.cli.before_run import AllowUnstable, check_settings
+from cogrip.cli.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.children import end_all, listening_port, start_child
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
@@ -61,6 +61,8 @@ def demo(
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
     settings = with_people(settings, hands, device)
+    if allow_unstable:
+        refuse_hardware([user.device for user in settings.users])
     try_hands(settings)
     check_settings(settings, allow_unstable)
     console = Console(highlight=False, soft_wrap=True)

@@ -139,9 +139,10 @@ def join(
             return look_on(ClientSession(wanted.to_look_on()), calls, stop, seconds, console)
     named = device is not None
     device = _play_back(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
-    arm, address = _device(settings, name, device, axes)
     if allow_unstable:
-        refuse_hardware([address])
+        named_here = [user for user in settings.users if name in ("", user.name)][:1] if settings else []
+        refuse_hardware([device or (named_here[0].device if named_here else DEFAULT_DEVICE)])
+    arm, address = _device(settings, name, device, axes)
     _check_hand(*_device(settings, name, device, axes), name, seconds)
     folder: Path | None = into
 

@@ -81,7 +81,7 @@ class DevicePort:
         self.lag_s = lag_ticks(capability, self._tick_s) * self._tick_s
         self._damping, self._friction_n = capability.own_damping_nspm, capability.own_friction_n
         self._count_m = capability.resolution_m
-        self._most_step_m = most_step_m = capability.speed_mps * self._tick_s
+        self._most_step_m = most_step_m = min(capability.speed_mps, 4.0) * self._tick_s
         tick_j = capability.peak_force_n * most_step_m
         self._free_j = 0.5 * capability.apparent_mass_kg * BRISK_MPS * BRISK_MPS
         self._faded_j = self._free_j + FADE * tick_j

@@ -1,9 +1,10 @@
-"""Detection of oscillation at the hand: a force that turns back and forth fast, or that sits at its limit.
+"""Detection of oscillation at the hand: a force that reverses fast, or that sits at its limit.
 
-A turn is where a force of one axis turns back after it has changed by more than SWING_N; it is fast if the one before was at
-most half a period of FAST_HZ ago. Hands turn at 12 Hz at most, so that a train of fast turns is no person's. Two forces are
-watched. Turns of the whole force count where its sign changes by them: a force that comes in steps, as an object's state does,
-turns as well. Turns of the local force, the part that follows the hand's own motion, always count: the hand moves by them.
+Two forces are watched, axis by axis. The whole force reverses where its sign changes, by half of SWING_N on either side of 0.
+The local force, the part that follows the hand's own motion, turns where it goes back by more than SWING_N, whatever its sign:
+then the hand itself moves to and fro, also where it presses. (The whole force may turn without that: an object's state
+comes in steps.) A reversal or turn is fast if the one before was at most half a period of FAST_HZ ago. Hands turn at 12 Hz at
+most, so that a train of fast turns is no person's.
 """
 
 from collections import deque
@@ -13,27 +14,44 @@ FAST_HZ = 20.0
 SWING_N = 0.5  # from one turn to the next, or it is none
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
 WINDOW_S = 0.5
-MOST_FAST = 10  # fast turns within the window: a quarter of a second at FAST_HZ
+MOST_FAST = 10  # fast reversals and turns within the window: a quarter of a second at FAST_HZ
 MOST_AT_LIMIT = 0.1  # of the window
 
 
-class Turns:
-    """Turns of one force, by its extremes."""
+class Reversals:
+    """Changes of sign of a force."""
 
-    __slots__ = ("_extreme", "_half_period", "_last", "_rising", "crossed", "train")
+    __slots__ = ("_half_period", "_last", "_positive")
+
+    def __init__(self, tick_s: float) -> None:
+        self._half_period = 0.5 / (FAST_HZ * tick_s)
+        self._positive = True
+        self._last = -1e9  # tick of the last reversal
+
+    def add(self, tick: int, force_n: float) -> bool:
+        """True where the force has just reversed, and fast."""
+        if (force_n > -0.5 * SWING_N) if self._positive else (force_n < 0.5 * SWING_N):
+            return False
+        fast = tick - self._last <= self._half_period
+        self._last, self._positive = tick, not self._positive
+        return fast
+
+
+class Turns:
+    """Turns of a force, by its extremes."""
+
+    __slots__ = ("_extreme", "_half_period", "_last", "_rising", "train")
 
     def __init__(self, tick_s: float) -> None:
         self._half_period = 0.5 / (FAST_HZ * tick_s)
         self._extreme = 0.0
         self._rising = True
         self._last = -1e9  # tick of the last turn
-        self.crossed = False  # the sign changed by the last turn, half a swing on either side
         self.train = 0  # fast turns in a row
 
     def add(self, tick: int, force_n: float) -> bool:
-        """True where the force has turned, and fast."""
-        before = self._extreme
-        swing = force_n - before
+        """True where the force has just turned, and fast."""
+        swing = force_n - self._extreme
         if (swing > 0.0) == self._rising:
             if swing:
                 self._extreme = force_n
@@ -42,7 +60,6 @@ class Turns:
             return False
         fast = tick - self._last <= self._half_period
         self._last, self._extreme, self._rising = tick, force_n, not self._rising
-        self.crossed = min(abs(force_n), abs(before)) >= 0.5 * SWING_N and force_n * before < 0.0
         self.train = self.train + 1 if fast else 0
         return fast
 
@@ -51,7 +68,7 @@ class OscillationDetector:
     """The last WINDOW_S of one device's force: `add` once a tick."""
 
     def __init__(self, axes: int, tick_s: float) -> None:
-        self._axes = [(Turns(tick_s), Turns(tick_s)) for _ in range(axes)]
+        self._axes = [(Reversals(tick_s), Turns(tick_s)) for _ in range(axes)]
         self._window = round(WINDOW_S / tick_s)
         self._most_at_limit = MOST_AT_LIMIT * self._window
         self._fast: deque[int] = deque()
@@ -68,11 +85,11 @@ class OscillationDetector:
         self._tick = tick = self._tick + 1
         train = False
         for axis, (whole, local) in enumerate(self._axes):
-            reversed_ = whole.add(tick, force_n[axis]) and whole.crossed
+            fast = whole.add(tick, force_n[axis])
             if local.add(tick, local_n[axis]):
-                reversed_ = True
+                fast = True
                 train = train or local.train >= TRAIN
-            if reversed_:
+            if fast:
                 self._fast.append(tick)
         if limited:
             self._limited.append(tick)

@@ -26,19 +26,21 @@ class Limits(NamedTuple):
     """What a server spends on whom."""
 
     address: Budget = Budget(20, 250)  # of one address, first contacts and handshakes each: many may sit behind one
-    contacts: Budget = Budget(300, 600)  # first contacts of all; as many again are kept for addresses that are proven
-    handshakes: Budget = Budget(
-        100, 50
-    )  # of all that are there, 0.4 ms each; as many again for addresses that are proven
+    contacts: Budget = Budget(300, 600)  # first contacts of all addresses of one class
+    handshakes: Budget = Budget(100, 50)  # of all addresses of one class, 0.4 ms each
     peer: Budget = Budget(512, 512)  # datagrams and messages of one peer that is known: four times what 128 Hz needs
 
 
 LIMITS = Limits()
 HELLOS = Budget(4, 8)  # of one place: a client says hello four times a second
-ADDRESS_SLOTS = 4096
+ADDRESS_SLOTS = (
+    65536  # whoever shares one with an attacker's address is shut out with it: one in 260 beside 250 of them
+)
 PEER_SLOTS = 4096
-PROVEN_NS = 3_600_000_000_000  # a handshake was completed with an address so lately: it draws from the reserve
-NEVER_NS = -PROVEN_NS
+SEATED_NS = 3_600_000_000_000  # somebody at this address had a seat so lately
+NEW_NS = 30_000_000_000  # an address that was let through once is new no more for so long
+NEVER_NS = -SEATED_NS
+REPEATED, NEW, SEATED = range(3)  # classes of addresses; each has budgets of its own
 
 
 def limits_for(network_hz: int) -> Limits:
@@ -47,7 +49,12 @@ def limits_for(network_hz: int) -> Limits:
 
 
 class Gate:
-    """Each question takes from a budget and is answered by "", or by the name under which the datagram is dropped."""
+    """Each question takes from a budget and is answered by "", or by the name under which the datagram is dropped.
+
+    Contacts and handshakes have a budget for each class of addresses. An attacker who has some hundreds of addresses and is
+    persistent spends the budget of those that come again and again (REPEATED); who comes for the first time in NEW_NS draws
+    from another (NEW), and who had a seat lately from a third (SEATED), which nobody can reach without a token.
+    """
 
     def __init__(self, secret: bytes, limits: Limits = LIMITS) -> None:
         """secret: random bytes, 16 to 64; whoever knows them can aim at a bucket."""
@@ -55,9 +62,11 @@ class Gate:
         self._addresses = Buckets(ADDRESS_SLOTS, limits.address)
         self._peers = Buckets(PEER_SLOTS, limits.peer)
         self._shaking = Buckets(ADDRESS_SLOTS, limits.address)
-        self._proven_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS
-        self._contacts = Buckets(2, limits.contacts)  # of strangers; of proven addresses
-        self._handshakes = Buckets(2, limits.handshakes)
+        self._seated_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS
+        self._contact_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS  # when one was let through
+        self._handshake_ns = array("q", [NEVER_NS]) * ADDRESS_SLOTS
+        self._contacts = Buckets(3, limits.contacts)
+        self._handshakes = Buckets(3, limits.handshakes)
 
     def size(self, datagram: bytes) -> str:
         """Asked first, of everything."""
@@ -74,20 +83,31 @@ class Gate:
         slot = self._slot(address)
         if not self._addresses.take(slot, now_ns):
             return "address budget"
-        return "" if self._contacts.take(int(self._is_proven(address, now_ns)), now_ns) else "contact budget"
+        return "" if self._take(self._contacts, self._contact_ns, slot, now_ns) else "contact budget"
 
     def handshake(self, address: Address, now_ns: int) -> str:
         """A handshake is to begin with an address that is not forged: its ClientHello had a cookie."""
-        if not self._shaking.take(self._slot(address), now_ns):
+        slot = self._slot(address)
+        if not self._shaking.take(slot, now_ns):
             return "address budget"
-        return "" if self._handshakes.take(int(self._is_proven(address, now_ns)), now_ns) else "handshake budget"
+        return "" if self._take(self._handshakes, self._handshake_ns, slot, now_ns) else "handshake budget"
 
-    def _is_proven(self, address: Address, now_ns: int) -> bool:
-        return now_ns - self._proven_ns[self._slot(address)] < PROVEN_NS
+    def _take(self, budgets: "Buckets", let_ns: "array[int]", slot: int, now_ns: int) -> bool:
+        """One out of the budget of this address's class. let_ns: when an address was let through last."""
+        if now_ns - self._seated_ns[slot] < SEATED_NS:
+            return budgets.take(SEATED, now_ns)
+        taken = budgets.take(NEW if now_ns - let_ns[slot] >= NEW_NS else REPEATED, now_ns)
+        if taken:
+            let_ns[slot] = now_ns
+        return taken
 
-    def proven(self, address: Address, now_ns: int) -> None:
-        """A handshake was completed: a flood of forged addresses is not to keep this one out from now on."""
-        self._proven_ns[self._slot(address)] = now_ns
+    def was_seated(self, address: Address, now_ns: int) -> bool:
+        """Whether somebody at this address had a seat lately."""
+        return now_ns - self._seated_ns[self._slot(address)] < SEATED_NS
+
+    def seated(self, address: Address, now_ns: int) -> None:
+        """Somebody at this address has a seat: by a token or a ticket, which nobody gets by a handshake alone."""
+        self._seated_ns[self._slot(address)] = now_ns
 
     def _peer_slot(self, address: Address) -> int:
         """Two peers of a process share one once in PEER_SLOTS."""

@@ -15,7 +15,7 @@ class Happening(msgspec.Struct, frozen=True, omit_defaults=True):
     token: str = ""  # public id
 
 
-EVENTS = (
+OF_STRANGERS = (  # what people without a token can bring about, at a plain server or by handshakes: said so often at most
     "joined",
     "observes",
     "resumed",
@@ -23,9 +23,7 @@ EVENTS = (
     "lost",
     "kicked",
     "refused",
-    "restored",
     "limited",
     "stiffness",
-    "reloaded",
-    "trouble",
 )
+EVENTS = (*OF_STRANGERS, "restored", "reloaded", "trouble")

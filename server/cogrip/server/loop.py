@@ -29,13 +29,12 @@ from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Doorkeeper, OpenDoor
 from cogrip.server.gate import Buckets, Budget
-from cogrip.server.happenings import Happening
+from cogrip.server.happenings import OF_STRANGERS, Happening
 from cogrip.server.recorded import WHO, RecordedServer, server_topics
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
-TOLD = Budget(1, 40)  # of each kind of happening that strangers can bring about
-OF_STRANGERS = ("refused", "joined", "observes", "resumed", "left", "lost")
+TOLD = Budget(1, 40)  # of each of OF_STRANGERS
 LOOK_EVERY = 32  # datagrams, at the clock
 
 
@@ -74,6 +73,7 @@ class LiveServer:
     seconds: float | None = None
     doorkeeper: Doorkeeper = field(default_factory=OpenDoor)
     chores: list[Chore] = field(default_factory=list)
+    events: deque[Happening] = field(default_factory=deque)  # of chores, to be said as those of the core are
     core: RecordedServer = field(init=False)
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
@@ -210,7 +210,7 @@ class LiveServer:
     def _tell(self) -> None:
         """Say what has happened; of what strangers can bring about no more than a log can bear, and how much more there was."""
         now_ns = time.monotonic_ns()
-        for events in (self.channel.events, self.core.events):
+        for events in (self.channel.events, self.core.events, self.events):
             while events:
                 happening = events.popleft()
                 kind = happening.event

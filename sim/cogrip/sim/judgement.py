@@ -195,7 +195,7 @@ def stable(summary: Summary) -> Judgement:
         brief.append(f"diverged{f' ({why[0]})' if why else ''}")
     if shaking:
         begins = "The" if found else "Not stable: the"
-        found.append(f"{begins} force on {_some(shaking)} oscillated, or sat at its limit, and was let go")
+        found.append(f"{begins} force on {_some(shaking)} oscillated, and was let go")
         brief.append(f"oscillated ({_some(shaking)})")
     if found:
         return Judgement("stable", "bad", f"{'. '.join(found)}.", ", ".join(brief))

@@ -10,15 +10,13 @@ from contextlib import suppress
 from cryptography.hazmat.primitives.serialization import Encoding
 from OpenSSL import SSL, crypto
 
+from cogrip.protocol.dtls_records import CLIENT_HELLO, HANDSHAKE, RECORD_HEADER_BYTES
 from cogrip.protocol.io.certificate import Identity, fingerprint_of
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 
 DTLS1_2 = 0xFEFD
 CIPHERS = b"ECDHE-ECDSA-AES128-GCM-SHA256:ECDHE-ECDSA-AES256-GCM-SHA384:ECDHE-ECDSA-CHACHA20-POLY1305"
 OPTIONS = SSL.OP_NO_RENEGOTIATION | SSL.OP_NO_TICKET | SSL.OP_NO_COMPRESSION | SSL.OP_NO_QUERY_MTU
-RECORD_HEADER_BYTES = 13  # type 1, version 2, epoch 2, number 6, length 2
-CHANGE_CIPHER_SPEC, ALERT, HANDSHAKE, DATA = 20, 21, 22, 23  # types of records
-CLIENT_HELLO = 1  # type of a handshake message, the first byte of a record that is not sealed
 READ_BYTES = 1 << 14  # more than one call can leave behind
 
 NOT_TRUSTED = "the other end does not trust this certificate: its link has another fingerprint"

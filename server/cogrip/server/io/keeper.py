@@ -153,14 +153,14 @@ class Keeper:
 
     def _tell_limited(self) -> None:
         """Once for each session of a seat and each reason."""
-        now = set()
+        now, events = set(), self._server.events  # of those no more are said than a log can bear
         for room in self._server.core.rooms:
             for number, seat in enumerate(room.seats):
                 for reason in room.limited(number):
                     now.add(what := (seat.session, reason))
                     if what not in self._told_limited:
                         words = f"{room.name}: {seat.name} brings in more than the seat may: {reason}"
-                        self._say(Happening("limited", words, room.name, seat.name, token=seat.token))
+                        events.append(Happening("limited", words, room.name, seat.name, token=seat.token))
         self._told_limited = now
 
     def _reload(self) -> tuple[str, bool]:

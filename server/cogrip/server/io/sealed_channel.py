@@ -2,48 +2,54 @@
 
     stranger --ClientHello--> a cookie is sent, nothing is kept --ClientHello with the cookie--> half open
     half open --handshake done--> open --seat in time--> open for as long as the seat lasts
-    half open or open without a seat --WAITS_NS--> gone
+    half open or open without a seat --WAITS_NS; no message for HELLO_WAITS_NS; too many of them--> gone
 
 A ClientHello from an address that has an association goes the same way: only a handshake that was completed replaces the
 old association (RFC 6347 section 4.2.8), so that nobody can end it by a forged source address.
+
+OpenSSL sees of a client's records only what `ClientRecords` passes. After the handshake it sees no handshake record at all:
+where the server's last flight was lost, it is sent again as it was.
 """
 
 import hmac
 import secrets
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.io.certificate import load
-from cogrip.protocol.io.dtls import (
+from cogrip.protocol.dtls_records import (
     CHANGE_CIPHER_SPEC,
     DATA,
     HANDSHAKE,
     RECORD_HEADER_BYTES,
-    Association,
-    client_random,
-    cookie_in,
-    is_client_hello,
-    server_context,
+    ClientRecords,
 )
+from cogrip.protocol.io.certificate import load
+from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
-from cogrip.server.gate import Buckets, Budget, Gate
+from cogrip.server.gate import Buckets, Budget, Gate, network_of
 from cogrip.server.happenings import Happening
+from cogrip.server.io.free_memory import trim
 from cogrip.server.plain_channel import looks_like_hello
 
 MOST_OPEN = 1024
-MOST_HALF_OPEN = 256
+MOST_UNSEATED = 128  # associations without a seat: half open, or open
 MOST_ASKED = 24  # datagrams of an association without a seat: a client says hello four times a second, for five seconds
+MOST_SHAKING = 24  # datagrams of a handshake: two flights of a client, one datagram each, and what is repeated
+MOST_REPEATS = 4  # of the server's last flight
 MOST_RECORDS = 4  # messages taken from one datagram
 MOST_LEFT = 1024  # of one whose seat has ended: waves that were under way, and the account
 WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
+HELLO_WAITS_NS = 3_000_000_000  # for the first message after a handshake
 SWEEP_EVERY_NS = 500_000_000
+TRIM_AFTER = 64  # handshakes, of some 90 kB each, which malloc keeps when they are over
 COOKIE_NS = 30_000_000_000  # a cookie fits for so long, and at most twice
 COOKIE_BYTES = 16
 TOLD = Budget(1, 10)  # happenings that are said: whoever knocks often is counted, and shall not fill a journal
 MOST_TOLD = 64  # that wait to be said
+UNFINISHED = "records came where the end of the handshake must"
 SEALED = "this server speaks under a seal only: join by a link that it prints at its start, or `cogrip token new` makes"
 
 
@@ -71,9 +77,11 @@ class SealedListener:
         self._context = server_context(identity, lambda _: self._cookies[0], lambda _, cookie: self._fits(cookie))
         self._door = Association(self._context, server=True)
         self._voice = Buckets(1, TOLD)
-        self._half: dict[Address, _Peer] = {}  # oldest first
+        self._half: dict[Address, _Peer] = {}
         self._open: dict[Address, _Peer] = {}
+        self._unseated: dict[Address, _Peer] = {}  # those that are open and have no seat
         self._sweep_ns = 0
+        self._begun = 0  # handshakes since memory was given back
 
     def ready(self, address: Address) -> bool:
         return address in self._open
@@ -124,9 +132,18 @@ class SealedListener:
         if half is not None and (peer is None or _of_handshake(datagram)):
             return self._shake(half, datagram, address, now_ns)
         assert peer is not None
-        if not peer.seated and not self._may_ask(peer, address):
+        if not peer.seated and not self._may_ask(peer, address, now_ns):
             return ()
-        return self._hear(peer, datagram, address, now_ns)
+        passed = peer.records.passed(datagram)
+        if peer.records.repeats:
+            self._repeat(peer, address)
+        return self._hear(peer, passed, address, now_ns) if passed else ()
+
+    def _repeat(self, peer: "_Peer", address: Address) -> None:
+        """A client that has not received the end of the handshake sends its own again (RFC 6347 section 4.2.4)."""
+        if peer.repeats < MOST_REPEATS and not peer.heard:
+            peer.repeats += 1
+            self.outbox.extend([(address, datagram) for datagram in peer.last_flight])
 
     def _hear(self, peer: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         heard = self._some(peer.association.feed(datagram), address, now_ns)
@@ -135,6 +152,8 @@ class SealedListener:
             self._take(peer, address)
             if peer.association.failed:
                 self._end(address, peer)
+        else:
+            peer.heard = True
         return heard
 
     def _some(self, heard: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
@@ -145,11 +164,9 @@ class SealedListener:
                 return heard[:place]
         return heard
 
-    def _may_ask(self, peer: "_Peer", address: Address) -> bool:
+    def _may_ask(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
         """Who has no seat may ask for one a few times: a seal costs the stranger little, each refusal the server some."""
-        peer.seated = self._seated(address)
-        if peer.seated:
-            peer.asked, peer.may_ask = 0, MOST_LEFT
+        if self._look(peer, address, now_ns):
             return True
         peer.asked += 1
         if peer.asked <= peer.may_ask:
@@ -157,6 +174,20 @@ class SealedListener:
         self._drop("asked too often")
         self.close(address)
         return False
+
+    def _look(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
+        """Whether somebody has a seat by this association now."""
+        seated = self._seated(address)
+        if seated != peer.seated:
+            peer.seated = seated
+            peer.had_seat = True
+            self._gate.seated(address, now_ns)
+            if seated:
+                peer.asked, peer.may_ask = 0, MOST_LEFT
+                self._unseated.pop(address, None)
+            else:
+                self._unseated[address] = peer
+        return seated
 
     def poll(self, now_ns: int) -> None:
         for address, peer in list(self._half.items()):
@@ -172,6 +203,7 @@ class SealedListener:
 
     def close(self, address: Address) -> None:
         self._half.pop(address, None)
+        self._unseated.pop(address, None)
         peer = self._open.pop(address, None)
         if peer is not None:
             peer.association.close()
@@ -184,8 +216,12 @@ class SealedListener:
     def _drop(self, reason: str) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
-    def _take(self, peer: "_Peer", address: Address) -> None:
-        self.outbox.extend([(address, datagram) for datagram in peer.association.take()])
+    def _take(self, peer: "_Peer", address: Address, *, last: bool = False) -> None:
+        """last: this is the end of a handshake."""
+        datagrams = peer.association.take()
+        if last:
+            peer.last_flight = datagrams
+        self.outbox.extend([(address, datagram) for datagram in datagrams])
 
     def _strange(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         """No seal, and nobody known: at most someone who has to be told that a seal is needed."""
@@ -208,9 +244,8 @@ class SealedListener:
             self._cookies = self._cookies_of(address, now_ns)
             fits = self._fits(cookie)
         if fits and half is not None and half.nonce == nonce:  # repeated: its handshake goes on
-            half.association.feed(datagram)
-            self._take(half, address)
             self._drop("hello again")
+            self._shake(half, datagram, address, now_ns)
             return
         if fits and peer is not None and peer.nonce == nonce:
             self._drop("hello again")
@@ -222,7 +257,11 @@ class SealedListener:
             self._drop(reason)
             return
         self._cookies = self._cookies_of(address, now_ns)
-        heard = self._door.listen(datagram)
+        passes = ClientRecords(self._drop)
+        passed = passes.passed(datagram)
+        if not passed:
+            return
+        heard = self._door.listen(passed)
         answers = self._door.take()
         if sum(map(len, answers)) > len(datagram):
             self._drop("answer too long")
@@ -231,10 +270,12 @@ class SealedListener:
         if not heard:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(_Peer(self._door, nonce, now_ns), address)
+        self._admit(_Peer(self._door, nonce, address, now_ns, passes), address)
 
     def _admit(self, peer: "_Peer", address: Address) -> None:
         self._door = Association(self._context, server=True)
+        self._begun += 1
+        peer.had_seat = self._gate.was_seated(address, peer.since_ns)
         peer.association.accept()
         self._take(peer, address)
         if peer.association.failed:
@@ -242,15 +283,39 @@ class SealedListener:
             return
         if self._half.pop(address, None) is not None:
             self._drop("handshake begun again")
-        elif len(self._half) >= MOST_HALF_OPEN:
-            del self._half[next(iter(self._half))]
-            self._drop("too many handshakes")
+        elif len(self._half) + len(self._unseated) >= MOST_UNSEATED:
+            self._evict()
         self._half[address] = peer
+
+    def _evict(self) -> None:
+        """End the oldest association without a seat of the network that has most of them; who had a seat lately goes last.
+
+        So somebody with one address displaces only themselves; with many they displace nobody before MOST_UNSEATED more
+        handshakes were begun, for which there is a budget: longer than a newcomer needs for a seat.
+        """
+        waiting = [*self._half.values(), *self._unseated.values()]
+        shares = Counter([peer.network for peer in waiting])
+        oldest = min(waiting, key=lambda peer: (peer.had_seat, -shares[peer.network], peer.since_ns))
+        self._drop("too many without a seat")
+        if self._half.get(oldest.address) is oldest:
+            del self._half[oldest.address]
+        else:
+            self.close(oldest.address)
 
     def _shake(self, half: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         association = half.association
-        heard = association.feed(datagram)
-        self._take(half, address)
+        half.asked += 1
+        if half.asked > MOST_SHAKING:
+            del self._half[address]
+            self._drop("handshake too long")
+            return ()
+        passed = half.records.passed(datagram)
+        if not passed:
+            return ()
+        heard = association.feed(passed)
+        self._take(half, address, last=association.ready)
+        if not association.ready and half.records.overdue:
+            association.failed = association.failed or UNFINISHED
         if association.failed:
             del self._half[address]
             self._fail(half, address, now_ns)
@@ -259,16 +324,17 @@ class SealedListener:
             self._drop("amid a handshake")
             return ()
         del self._half[address]
+        half.records.open()
         if self._open.pop(address, None) is not None:
+            self._unseated.pop(address, None)
             self.renewed.append(address)
         elif len(self._open) >= self._most:
             self._drop("too many associations")
             association.close()
             self._take(half, address)
             return ()
-        half.since_ns = now_ns
-        self._open[address] = half
-        self._gate.proven(address, now_ns)
+        half.since_ns, half.asked, half.heard = now_ns, 0, bool(heard)
+        self._open[address] = self._unseated[address] = half
         return heard
 
     def _fail(self, peer: "_Peer", address: Address, now_ns: int) -> None:
@@ -278,18 +344,21 @@ class SealedListener:
 
     def _end(self, address: Address, peer: "_Peer") -> None:
         del self._open[address]
+        self._unseated.pop(address, None)
         self._drop(f"seal ended: {peer.association.failed}")
 
     def _sweep(self, now_ns: int) -> None:
         """Close what nobody sits behind."""
-        seated = self._seated
         for address, peer in list(self._open.items()):
-            peer.seated = seated(address)
-            if peer.seated:
+            waited_ns = now_ns - peer.since_ns
+            if self._look(peer, address, now_ns):
                 peer.since_ns = now_ns
-            elif now_ns - peer.since_ns >= WAITS_NS:
-                self._drop("no seat in time")
+            elif waited_ns >= WAITS_NS or (waited_ns >= HELLO_WAITS_NS and not peer.heard):
+                self._drop("no seat in time" if peer.heard else "no hello in time")
                 self.close(address)
+        if self._begun >= TRIM_AFTER and not self._half and not self._unseated:
+            self._begun = 0
+            trim()
 
     def _tell(self, text: str, address: Address, code: str, now_ns: int) -> None:
         if self._voice.take(0, now_ns):
@@ -312,23 +381,36 @@ class SealedListener:
 class _Peer:
     """An association, which handshake it is of, and since when it has been without the next step."""
 
-    __slots__ = ("asked", "association", "may_ask", "nonce", "seated", "since_ns")
+    __slots__ = (
+        "address", "asked", "association", "had_seat", "heard", "last_flight", "may_ask", "network", "nonce", "records",
+        "repeats", "seated", "since_ns",
+    )  # fmt: skip
 
-    def __init__(self, association: Association, nonce: bytes, now_ns: int) -> None:
+    def __init__(
+        self, association: Association, nonce: bytes, address: Address, now_ns: int, passes: ClientRecords
+    ) -> None:
         self.association = association
         self.nonce = nonce
+        self.address = address
+        self.network = network_of(address)
+        self.records = passes
         self.since_ns = now_ns
         self.seated = False  # as far as was looked at
-        self.asked = 0  # datagrams since there was no seat
+        self.had_seat = False  # or somebody else at this address, lately
+        self.heard = False  # a message has come
+        self.asked = 0  # datagrams of this handshake, then since there was no seat
         self.may_ask = MOST_ASKED
+        self.last_flight: Sequence[bytes] = ()
+        self.repeats = 0  # how often that was sent again
 
 
 def _of_session(datagram: bytes) -> bool:
-    """Whether a datagram looks like messages under a seal."""
+    """Whether a datagram is one record of messages under a seal, by its header."""
     return (
         RECORD_HEADER_BYTES < len(datagram) <= MAX_DATAGRAM_BYTES
         and datagram[0] == DATA
         and bool(datagram[3] or datagram[4])
+        and len(datagram) == RECORD_HEADER_BYTES + int.from_bytes(datagram[11:13], "big")
     )
 
 

@@ -1,0 +1,189 @@
+"""The device port: the energy ledger and its controllers, by their equations, from both sides, and for any law and motion."""
+
+from dataclasses import replace
+from math import hypot, inf, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.client.device_port import BELOW, BRISK_MPS, DOWN, FADE, LEAST, MOST_RESTS, REST_S, DevicePort
+from cogrip.client.oscillation import TRAIN
+from cogrip.client.velocity import largest_impedance
+from cogrip.devices.device import Capability
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.rates import due_ns
+
+from tests.client.seated_client import DEVICE_HZ, T_C, T_N, Client, M
+
+RECORD = Capability(
+    family="test", model="arm", axes=3, workspace_m=((-1.0, 1.0),) * 3, peak_force_n=8.0, continuous_force_n=2.0,
+    stiffness_npm=1e3, damping_nspm=100.0, slew_nps=500.0, speed_mps=2.0, resolution_m=0.0, apparent_mass_kg=0.1, rate_hz=8192,
+    gives_velocity=True,
+)  # fmt: skip
+STEP_M = RECORD.speed_mps * T_C
+
+
+def port(**record: float) -> DevicePort:
+    made = DevicePort(replace(RECORD, **record), T_C)  # type: ignore[arg-type]
+    made.ramped = False
+    return made
+
+
+def test_the_reserve_is_a_brisk_hands_kinetic_energy_and_four_ticks_at_every_limit() -> None:
+    assert port().reserve_j == pytest.approx(0.5 * 0.1 * BRISK_MPS**2 + (FADE + 1.0) * 8.0 * STEP_M)
+
+
+rows = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+
+
+@given(
+    st.lists(st.tuples(rows, rows, st.floats(0.0, 0.05), st.floats(0.0, 1.0)), min_size=1, max_size=120),
+    st.sampled_from([0.0, 0.5, 20.0]),
+    st.sampled_from([0.0, 0.04]),
+)
+def test_no_more_leaves_through_the_motors_than_came_in_whatever_the_law_and_the_motion(
+    ticks: list[tuple[tuple[float, ...], tuple[float, ...], float, float]], damping: float, friction: float
+) -> None:
+    """E >= -E_0 after every tick, for any force law, any motion within the speed limit, and a line that takes all it may.
+
+    E is added up here once more, from the forces that were let through and the displacements, with all that damping took.
+    """
+    tried = port(own_damping_nspm=damping, own_friction_n=friction)
+    work = given_j = own = 0.0
+    force: tuple[float, ...] = (0.0,) * 3
+    x = start = (0.0,) * 3
+    for number, (wish, way, brought, share) in enumerate(ticks, 1):
+        force = tried.guard(tuple(tried.limit([1e3 * part for part in wish])))
+        length = max(1.0, hypot(*way))
+        step = [STEP_M * part / length for part in way]
+        work += sum(f * d for f, d in zip(force, step, strict=True))
+        own += hypot(*step) * (damping * hypot(*step) / T_C + friction)
+        x = tuple(at + d for at, d in zip(x, step, strict=True))
+        tried.book(work, given_j)
+        if number % M == 0:
+            spare = tried.spare_j + brought
+            given_j += brought - share * max(0.0, spare)
+            tried.end_frame(start, x, T_N, 0.0)
+            tried.book(work, given_j)
+            start = x
+        assert tried.balance_j >= -tried.reserve_j - 1e-12
+        assert work + given_j + own >= -tried.reserve_j - 1e-12
+    assert tried.account().margin_j == pytest.approx(tried.least_j + tried.reserve_j)
+
+
+@given(st.floats(-1.0, 0.5), st.floats(0.1, 50.0))
+def test_the_bound_on_a_force_is_what_a_tick_may_give_out(balance: float, damping: float) -> None:
+    """|F| v_m T = E + E_0, or F^2 T / (4 b_d) = E + E_0 (theory 7.4), the larger; not a hair less is let through."""
+    tried = port(own_damping_nspm=damping)
+    tried.balance_j = balance * tried.reserve_j
+    left = tried.balance_j + tried.reserve_j
+    most = max(left / STEP_M, 2.0 * sqrt(damping * left / T_C))
+    assert tried.guard((0.999 * most, 0.0, 0.0)) == (0.999 * most, 0.0, 0.0)
+    assert hypot(*tried.guard((0.6 * 1.001 * most, 0.8 * 1.001 * most, 0.0))) == pytest.approx(most)
+
+
+def test_a_force_fades_before_it_meets_the_bound() -> None:
+    tried = port()
+    free = 0.5 * 0.1 * BRISK_MPS**2
+    for share in (0.0, 0.25, 0.5, 1.0):
+        tried.balance_j = -free - (1.0 - share) * FADE * 8.0 * STEP_M
+        assert hypot(*tried.limit([0.0, 8.0, 0.0])) == pytest.approx(8.0 * share)
+        assert hypot(*tried.limit([0.0, 8.0 * share * 0.999, 0.0])) == pytest.approx(8.0 * share * 0.999)
+
+
+def test_the_devices_damping_is_credited_with_the_motion_of_a_frame_less_one_count() -> None:
+    count = 3e-5
+    tried = port(own_damping_nspm=2.0, own_friction_n=0.1, resolution_m=count)
+    tried.end_frame((0.0,) * 3, (0.003, 0.004, 0.0), T_N, 0.0)
+    path = 0.005 - count
+    assert tried.balance_j == pytest.approx(2.0 * path * path / T_N + 0.1 * path)
+    before = tried.balance_j
+    tried.end_frame((0.0,) * 3, (count, 0.0, 0.0), T_N, 0.0)
+    assert tried.balance_j == before, "a count that flickers is no motion"
+
+
+def test_energy_of_long_ago_pays_for_nothing() -> None:
+    tried = port()
+    tried.book(5.0, 0.0)
+    tried.end_frame((0.0,) * 3, (0.0,) * 3, T_N, 0.3)
+    assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j)
+    tried.book(4.0, 0.0)
+    assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j - 1.0)
+
+
+def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back() -> None:
+    tried = port()
+    tried.ramped = True
+    tried.book(0.0, -0.5)
+    assert tried.spare_j == inf
+    assert tried.balance_j == pytest.approx(-0.5 * 0.1 * BRISK_MPS**2)
+    tried.ramped = False
+    tried.book(0.0, -0.5)
+    assert tried.balance_j == pytest.approx(-0.5 * 0.1 * BRISK_MPS**2)
+    assert tried.account().margin_j > 0.0  # type: ignore[operator]
+
+
+def _shake(tried: DevicePort, turns: int, force_n: float = 2.0, half_ticks: int = 8) -> str:
+    """A square wave of the local force alone, riding on 5 N, until it is found."""
+    for number in range(turns * half_ticks):
+        local = force_n if number // half_ticks % 2 else -force_n
+        tried.elapse()
+        if found := tried.watch([5.0 + local, 0.0, 0.0], False, [local, 0.0, 0.0]):
+            return found
+    return ""
+
+
+def test_the_impedance_comes_down_with_a_train_of_turns_and_is_tried_again_below() -> None:
+    tried = port()
+    carried = largest_impedance(RECORD, T_C).impedance_nspm
+    assert tried.carried_nspm == carried
+    _shake(tried, TRAIN)
+    assert tried.carried_nspm == carried, "an impact is no train"
+    _shake(tried, TRAIN + 3)
+    assert LEAST * carried < tried.carried_nspm < carried * DOWN * 1.05
+    for _ in range(10 * DEVICE_HZ):
+        tried.watch([0.0] * 3, False, [0.0] * 3)
+    assert carried * DOWN < tried.carried_nspm < carried * BELOW * 1.3, "below what the train began at"
+    for _ in range(500):
+        _shake(tried, 10)
+    assert tried.carried_nspm == pytest.approx(LEAST * carried, rel=0.05)
+
+
+def test_oscillation_lets_go_and_is_a_fault_where_it_goes_on() -> None:
+    tried = port()
+    for _ in range(MOST_RESTS + 1):
+        assert not tried.goes_on
+        assert _shake(tried, 30) == "oscillation"
+        assert tried.resting
+        for _ in range(round(REST_S * DEVICE_HZ)):
+            tried.elapse()
+        assert not tried.resting
+    assert tried.goes_on
+    assert tried.account().oscillates
+    tried.rearm()
+    assert not tried.goes_on
+
+
+kinds = st.sampled_from(["wave", "coupling", "tdpa"])
+
+
+@given(kinds, st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9), st.floats(0.0, 30.0))
+def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, speed: float, wave: float) -> None:
+    """Whatever the server sends and however the hand moves, with velocities that are not even the hand's."""
+    client, random = Client(axes, kind=kind, impedance_nspm=60.0), np.random.default_rng(seed)
+    place, way = np.zeros(axes), np.zeros(axes)
+    core = client.core
+    for number in range(700):
+        if random.random() < 0.05:
+            way = random.uniform(-1.0, 1.0, axes)
+            way *= speed / max(1.0, float(np.linalg.norm(way)))
+        place = np.clip(place + way * T_C, -0.9, 0.9)
+        if kind == "wave" and number % M == 0 and number:
+            client.hear(due_ns(0, number, DEVICE_HZ), *random.uniform(-wave, wave, axes).tolist())
+        client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())
+        assert core.port.balance_j >= -core.port.reserve_j - 1e-12
+    margin = core.account(TickCount()).device.margin_j
+    assert margin is not None
+    assert margin >= -1e-12

@@ -1,0 +1,75 @@
+"""What counts as oscillation at the hand, from both sides of each bound."""
+
+from collections.abc import Callable
+from math import pi, sin
+
+import pytest
+
+from cogrip.client.oscillation import FAST_HZ, MOST_AT_LIMIT, SWING_N, WINDOW_S, OscillationDetector
+
+RATE_HZ = 1024
+T = 1.0 / RATE_HZ
+
+
+def found(
+    force: Callable[[float], float], local: Callable[[float], float] = lambda t: 0.0, seconds: float = 2.0
+) -> bool:
+    detector = OscillationDetector(1, T)
+    ticks = [k * T for k in range(round(seconds * RATE_HZ))]
+    return any(detector.add([force(t)], False, [local(t)]) or detector.oscillates for t in ticks)
+
+
+def sine(hz: float, newton: float, bias: float = 0.0) -> Callable[[float], float]:
+    return lambda t: bias + newton * sin(2.0 * pi * hz * t)
+
+
+@pytest.mark.parametrize("hz", [FAST_HZ * 1.1, 67.0, 150.0, 400.0])
+def test_a_force_that_reverses_fast_is_found(hz: float) -> None:
+    assert found(sine(hz, 0.55 * SWING_N))
+
+
+@pytest.mark.parametrize(
+    ("hz", "newton", "bias"),
+    [
+        (FAST_HZ * 0.9, 5.0, 0.0),  # a hand can
+        (12.0, 8.0, 0.0),
+        (67.0, 0.49 * SWING_N, 0.0),
+        (128.0, 1.0, 3.0),  # steps of the object's state, felt as they are, keep their sign
+    ],
+)
+def test_what_is_no_oscillation(hz: float, newton: float, bias: float) -> None:
+    assert not found(sine(hz, newton, bias))
+
+
+def test_the_local_force_counts_on_a_bias_too() -> None:
+    """A hand that presses with 3 N and is shaken: the whole force keeps its sign."""
+    assert found(sine(67.0, 1.0, 3.0), sine(67.0, 1.0))
+    assert not found(sine(67.0, 1.0, 3.0), sine(67.0, 0.49 * SWING_N))
+
+
+def test_a_tap_is_none() -> None:
+    """Contact of 20 ms, four times a second: up and down, and a bounce."""
+    assert not found(lambda t: 4.0 if t % 0.25 < 0.02 or 0.04 < t % 0.25 < 0.045 else 0.0, lambda t: 0.0)
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_tenth_of_half_a_second_at_the_limit_in_all(more: int) -> None:
+    """Scattered, whatever the sign."""
+    detector = OscillationDetector(1, T)
+    window = round(WINDOW_S * RATE_HZ)
+    most = int(MOST_AT_LIMIT * window) + more
+    for k in range(window):
+        detector.add([0.0], k % 10 == 0 and k // 10 < most, [0.0])
+    assert detector.at_limit == bool(more)
+    for _ in range(window):
+        detector.add([0.0], False, [0.0])
+    assert not detector.at_limit
+
+
+def test_axes_are_watched_each() -> None:
+    detector = OscillationDetector(3, T)
+    for k in range(RATE_HZ):
+        detector.add([0.0, 0.0, sine(67.0, 1.0)(k * T)], False, [0.0] * 3)
+    assert detector.oscillates
+    detector.forget()
+    assert not detector.oscillates

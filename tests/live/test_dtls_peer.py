@@ -1,0 +1,114 @@
+"""An independent DTLS 1.2 peer at a real sealed server: it takes a seat, holds, resumes; and it attacks, two thousand times."""
+
+import re
+import signal
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cogrip.cli.network_load import Load, Person
+from cogrip.cli.settings_file import load
+from cogrip.protocol.join_link import JoinLink, parse_link
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import seat_settings
+
+from tests.dtls_peer.attack import attack
+from tests.dtls_peer.client import DtlsPeer
+from tests.live.held_arms import DEMO, Spoken, fairly
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="many addresses on loopback, memory from /proc")
+
+HOST = "127.0.0.1"
+HANDSHAKES, PER_S = 2000, 95.0  # the budget of all that are new is 100 a second
+KINDS = ("encrypted fragments", "encrypted before Finished", "one before Finished", "plaintext fragments")
+MOST_GROWTH_MB = 40.0
+
+
+@pytest.fixture
+def sealed(start, tmp_path) -> tuple[Spoken, JoinLink]:
+    server = start(
+        "serve", DEMO, "--seal", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
+        "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
+    )  # fmt: skip
+    server.hear("listening on")
+    return server, parse_link(re.search(r"as player: .*'(cogrip:\S+)'", server.said)[1])
+
+
+def person(link: JoinLink, name: str, nonce: int, ticket: str = "") -> Person:
+    hello = make_hello(
+        software="test", nonce=nonce, room="demo", name=name, digest="", device="sim:light", axes=1, rate_hz=1024.0,
+        force_n=10.0, speed_mps=2.0, token="" if ticket else link.token,
+    )  # fmt: skip
+    hello = msgspec.structs.replace(hello, ticket=ticket)
+    return Person(name, hello, (HOST, link.port), DtlsPeer(link.fingerprint))
+
+
+def joined(someone: Person) -> Load:
+    held = Load([someone], seat_settings(load(DEMO), 0))
+    held.join()
+    return held
+
+
+def account(runs: Path) -> dict:
+    (path,) = runs.glob("*/summary.json")
+    return msgspec.json.decode(path.read_bytes())
+
+
+@fairly
+def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, sealed, tmp_path):
+    server, link = sealed
+    anna = person(link, "anna", 1)
+    held = joined(anna)
+    try:
+        held.run(1.0)
+        server.hear("anna joined")
+        assert held.tally().received > 60
+        ticket, session = anna.session.welcome.ticket, anna.session.welcome.session
+        again = person(link, "anna", 2, ticket)  # from another port, with another handshake and no token
+        held_again = joined(again)
+        server.hear("anna goes on from")
+        assert again.session.welcome.session == session
+        held_again.run(0.5)
+        assert held_again.tally().received > 30
+        held_again.leave()
+        server.hear("anna left")
+    finally:
+        held.close()
+    server.popen.send_signal(signal.SIGTERM)
+    assert server.end() == 0, server.said
+    dropped = account(tmp_path / "server")["server"]["dropped"]
+    assert not {"malformed", "seat timed out"} & dropped.keys(), dropped
+
+
+@fairly
+def test_two_thousand_handshakes_without_a_token_take_no_memory_and_no_seat(start, sealed, tmp_path):
+    server, link = sealed
+    anna = start("join", link.text, "--name", "anna", "--no-report", "--runs", tmp_path / "anna")
+    anna.hear("anna holds cube")
+    before_mb = memory_mb(server, "VmRSS")
+    reached = {kind: attack(link.port, kind, HANDSHAKES // len(KINDS), PER_S) for kind in KINDS}
+    peak_mb, after_mb = memory_mb(server, "VmHWM"), memory_mb(server, "VmRSS")
+    assert anna.popen.poll() is None, anna.said
+    anna.popen.send_signal(signal.SIGINT)
+    assert anna.end() == 0, anna.said
+    server.popen.send_signal(signal.SIGTERM)
+    assert server.end() == 0, server.said
+    told = account(tmp_path / "server")["server"]
+    skipped = told["ticks"]["due"] - told["ticks"]["run"]
+    print(f"{reached}: {before_mb:.0f} MB, at most {peak_mb:.0f}, then {after_mb:.0f}; {skipped} ticks skipped")
+    print(told["dropped"])
+
+    assert sum(reached.values()) > HANDSHAKES / 2, "however slow this machine is"
+    assert peak_mb - before_mb < MOST_GROWTH_MB
+    assert "Traceback" not in server.said
+    assert "seat timed out" not in told["dropped"]
+    names = {"handshake after its end", "handshake message too long", "too many without a seat"}
+    assert names <= told["dropped"].keys()
+
+
+def memory_mb(process: Spoken, name: str) -> float:
+    """VmRSS: resident now; VmHWM: the most that it has been."""
+    words = Path(f"/proc/{process.popen.pid}/status").read_text()
+    return int(re.search(rf"{name}:\s+(\d+) kB", words)[1]) / 1000.0

@@ -1,0 +1,37 @@
+"""Events that unauthenticated peers can bring about: a log gets a bounded number of lines, and the rest as a count."""
+
+import time
+
+import pytest
+
+from cogrip.protocol.io.stop import Stop
+from cogrip.server.core import ServerCore
+from cogrip.server.gate import Gate
+from cogrip.server.happenings import EVENTS, OF_STRANGERS, Happening
+from cogrip.server.loop import TOLD, LiveServer
+from cogrip.server.plain_channel import PlainListener
+
+FLOOD = 1024
+
+
+@pytest.mark.parametrize("event", OF_STRANGERS)
+def test_a_flood_of_events_becomes_some_lines_and_a_count(event: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[Happening] = []
+    server = LiveServer([], "127.0.0.1", 0, Stop(), said.append, lambda core: PlainListener(Gate(b"s"), core.knows))
+    server.core = ServerCore([], "", lambda: 1)  # type: ignore[assignment]
+    server.channel = PlainListener(Gate(b"s"), server.core.knows)
+    now_ns = 5_000_000_000
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns)
+    for each in range(FLOOD):
+        server.core.events.append(Happening(event, f"number {each}"))
+    server._tell()
+    assert len(said) == TOLD.burst
+    now_ns += 1_000_000_000
+    server._tell()
+    assert said[TOLD.burst :] == [
+        Happening(event, f"{FLOOD - TOLD.burst} more of this kind ({event}) were not said one by one")
+    ]
+
+
+def test_only_what_the_administrator_and_the_server_itself_do_is_said_every_time() -> None:
+    assert set(EVENTS) - set(OF_STRANGERS) == {"restored", "reloaded", "trouble"}
