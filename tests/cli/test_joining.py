@@ -180,7 +180,7 @@ def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **s
     monkeypatch.setattr(join, "advise_seat", advise_seat)
     console = Console(width=200, color_system=None)
     with console.capture() as capture:
-        join._warn(seat, record, console)
+        assert join._judge("sim:phantom", False, console, seat, record) == ""
     return capture.get(), len(asked)
 
 

@@ -78,7 +78,7 @@ def test_runs_are_listed_newest_first_with_a_line_of_verdict_each(base, capsys, 
     assert [line.split()[0] for line in lines] == [SOFT, FIRST, THREE, APART, SPRING]
     assert heading.split() == ["run", "when", "seconds", "people", "size", "verdict"]
     assert "2026-01-01 12:00     1.0 anna, ben" in lines[1]
-    assert lines[1].rstrip().endswith("✓ passive, least margin 0 J")
+    assert lines[1].rstrip().endswith("✓ passive, stable, felt as intended")
     assert "✗ diverged; passive" in lines[3]
     assert "✗ not passive: whole line of" in lines[4]
 
@@ -185,7 +185,7 @@ def test_rooms_of_one_server_are_runs_of_their_own(runs):
     found = listed(runs)
     assert list(found)[:2] == ["20260102-080000-rooms/two", "20260102-080000-rooms/one"]
     one, two = found["20260102-080000-rooms/one"], found["20260102-080000-rooms/two"]
-    assert one.verdict == "passive, least margin 0 J; not recorded here: anna, ben"
+    assert one.verdict == "passive, stable, felt as intended; not recorded here: anna, ben"
     assert two.verdict.startswith("cut short: no summary.json")
     shared = (folder / "server.mcap").stat().st_size
     assert one.size_bytes == shared + sum(path.stat().st_size for path in (folder / "one").iterdir())

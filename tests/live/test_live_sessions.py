@@ -87,14 +87,19 @@ def test_two_people_hold_one_cube(run, serve, tmp_path):
         assert verdict.ticks > FEW_FRAMES, file
 
 
-def test_both_ends_warn_in_the_same_words_of_a_session_that_lies_outside(run, serve, tmp_path):
+def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_path):
+    """Both ends say the same words; the server warns, the client gives the seat back before it opens the device."""
     outside = ["--set", "coupling.impedance_nspm=60", "--set", "users.0.device=sim:ideal"]
     server, port = serve(DEMO, *outside)
     text = server.hear(r"warning: room demo: (anna: b = 60 Ns/m is more than .*)")[1]
-    person = run(
+    hold = [
         "join", f"127.0.0.1:{port}", "--name", "anna", "--device", "sim:ideal?hand=hold", "--seconds", "0.5",
         *leaving(tmp_path / "anna"),
-    )  # fmt: skip
+    ]  # fmt: skip
+    person = run(*hold)
+    assert person.end() == 1, person.said
+    assert f"refused: {text}; the settings are the server's; --allow-unstable" in " ".join(person.said)
+    person = run(*hold, "--allow-unstable")
     assert person.end() == 0, person.said
     assert f"warning: {text}" in person.said
 

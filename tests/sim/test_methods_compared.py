@@ -186,7 +186,8 @@ def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
     """The whole parent by SIGKILL once two cells are finished; then the same question runs the rest alone."""
     config = tmp_path / "two.toml"
     config.write_text(
-        'name = "two"\nseconds = 2.0\n[rates]\ndevice_hz = 512\n[[users]]\nname = "a"\n[[users]]\nname = "b"\nhand = "hold"\n'
+        'name = "two"\nseconds = 2.0\n[rates]\ndevice_hz = 512\n[coupling]\nimpedance_nspm = 15\n'
+        '[[users]]\nname = "a"\n[[users]]\nname = "b"\nhand = "hold"\n'
     )
     out = tmp_path / "out"
     command = [
@@ -211,7 +212,7 @@ def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
 def row_of(**changes: Any) -> dict[str, Any]:
     row: dict[str, Any] = {
         "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
-        "oscillates": 0, "active": 0, "not_passive": 0, "felt": [],
+        "oscillates": 0, "active": 0, "not_passive": 0, "not_felt": 0, "felt": [],
         **{column.measure: {"median": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in COLUMNS_SHOWN},
     }  # fmt: skip
     return {**row, **changes}
@@ -230,6 +231,8 @@ def row_of(**changes: Any) -> dict[str, Any]:
         ({"diverged": 1, "diverged_s": {"median": 0.35, "first": 0.35}, "oscillates": 10, "failed": 2},
          "diverged 1/20 at 0.35 s, oscillates 10/20, not run 2", True),
         ({"runs": 0}, "–", False),
+        ({"not_passive": 4, "not_felt": 5}, "not passive 4/20, not as intended 5/20", False),
+        ({"not_felt": 5, "failed": 1}, "stable, not as intended 5/20, not run 1", False),
     ],
 )  # fmt: skip
 def test_verdicts_in_words(changes: dict[str, Any], words: str, bad: bool) -> None:
@@ -269,7 +272,8 @@ def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
         for felt, error in ((500.0, -50.0), (None, None), (900.0, -10.0))
     ]
     columns = {
-        **dict.fromkeys(COLUMNS, 1.0), "diverged": False, "oscillates": False, "active": False, "passive": True, "reason": "",
+        **dict.fromkeys(COLUMNS, 1.0), "diverged": False, "oscillates": False, "active": False, "passive": True, "not_felt": "",
+        "reason": "",
     }  # fmt: skip
     results = {
         cell: Result(cell, {**columns, "felt": felt, "felt_error_percent": felt[0]["error_percent"]})
@@ -295,6 +299,8 @@ def test_spread_is_the_median_and_the_furthest_from_nothing() -> None:
         (row_of(), False),
         (row_of(diverged=1), True),
         (row_of(not_passive=1), True),
+        (row_of(oscillates=1), True),
+        (row_of(not_felt=20), False),
         (row_of(method="coupling", diverged=20, not_passive=20), False),  # that is a result
     ],
 )

@@ -16,7 +16,8 @@ from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.report_tables import people_table
 from cogrip.sim.run_folder import summary_text
 from cogrip.sim.summary import UserRecord, of_laboratory, of_room, summarise
-from cogrip.sim.verdict import verdict, worst_margin
+from cogrip.sim.summary_values import worst_margin
+from cogrip.sim.verdict import verdict
 
 CLIENT = ClientAccount(
     (0.0,), (0.0,), 1.0, 0.1, None, None, 0.0, 0.0, LinkCount(), Percentiles(), TickCount(5, 5), False, "idle", "went"

@@ -9,14 +9,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
+from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, Percentiles, SeatAccount, TickCount
 from cogrip.protocol.settings import resolve
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
 from cogrip.sim.run_list import list_runs
 from cogrip.sim.summary import UserRecord, summarise
+from cogrip.sim.summary_values import energy, number, share
 from cogrip.sim.traces import load_run
-from cogrip.sim.verdict import MANY_LATE, energy, number, share, verdict
+from cogrip.sim.verdict import MANY_LATE, verdict
 
 from tests.sim.reported_runs import printed
 
@@ -33,7 +35,7 @@ def test_strange_summaries_print(summary: dict[str, Any]) -> None:
 def test_verdict_names_who_broke_passivity_and_by_how_much(finished: Path) -> None:
     summary = json.loads((finished / "summary.json").read_text())
     assert "Passive" in words(summary)
-    assert "Nothing diverged" in words(summary)
+    assert "nothing diverged" in words(summary)
     summary["passive"] = False
     summary["users"][1]["energy"]["down_margin_j"] = -0.0034
     assert "Not passive: the line down of ben gave out 3.4 mJ more than had been put in." in words(summary)
@@ -149,7 +151,7 @@ def said(client_margin_j: float, seat_margin_j: float, other: float = 0.0) -> di
     some = Percentiles(other, other, other, other)
     client = ClientAccount(
         (other,), (other,), other, other, other, other, client_margin_j, other, LinkCount(), some,
-        TickCount(1, 1, some, some), False, "live", "",
+        TickCount(1, 1, some, some), False, "live", "", device=DeviceAccount(margin_j=0.0),
     )  # fmt: skip
     seat = SeatAccount((other,), seat_margin_j, seat_margin_j, LinkCount())
     return summarise(
@@ -207,9 +209,10 @@ def test_what_only_a_client_of_others_says_decides_no_verdict(finished: Path) ->
     ben = summary["users"][1]
     ben["claimed"] = {"diverged": True, "down_margin_j": -0.0034}
     ben["energy"]["down_margin_j"] = -0.0034
-    assert verdict(summary)[0][0] == verdict(summary)[1][0] == "good"
-    assert "The client of ben says that the line down gave out 3.4 mJ too much." in words(summary)
-    assert "The client of ben says that it diverged." in words(summary)
+    assert verdict(summary)[0][0] == verdict(summary)[1][0] == "warn"
+    assert succeeded(summary), "it is the client's word"
+    assert "but the client of ben says that its line down gave out 3.4 mJ too much." in words(summary)
+    assert "clients say that they were not: the hand of ben." in words(summary)
     summary["passive"] = False
     ben["energy"]["up_margin_j"] = -0.001
-    assert "Not passive: the line up of ben gave out 1 mJ more than its client says was put in." in words(summary)
+    assert "Not passive: the line up of ben gave out 1 mJ more than had been put in." in words(summary)

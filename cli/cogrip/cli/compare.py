@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from cogrip.cli.before_run import AllowUnstable, check_compared, check_plausible
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.methods_table import methods_table
 from cogrip.cli.new_run import new_run_folder
@@ -16,8 +17,9 @@ from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import load, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.settings import Settings
 from cogrip.sim.methods.cell import run_cells
-from cogrip.sim.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose
+from cogrip.sim.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose, session_settings
 from cogrip.sim.methods.question import COMPARISON, Comparison, prepare, run_comparison
 from cogrip.sim.methods.table import ours_failed
 from cogrip.sim.run_folder import finite
@@ -38,6 +40,7 @@ def compare_methods(
     seeds: int = SEEDS,
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
     overrides: Overrides = (),
+    allow_unstable: AllowUnstable = False,
     workers: int | None = None,
     out: Path | None = None,
     runs: Path = Path("runs"),
@@ -75,6 +78,7 @@ def compare_methods(
     asked = _prepare(config, overrides, hands, methods, profiles, seeds)
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers} must be at least 1")
+    check_compared(_sessions(asked), allow_unstable)
     folder = _folder(out or new_run_folder(runs, f"compare-{asked.base['name']}"), asked)
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.cells} sessions are finished already, in {folder.path}")
@@ -99,9 +103,19 @@ def _prepare(
         networks = choose("profile", _names(profiles), (*NETWORKS, CLEAN, OWN))
         settings = with_people(load(config, overrides), hands, ())
         try_hands(settings)
+        check_plausible(settings)
         return prepare(settings, chosen, networks, seeds)
     except ChoiceError as error:
         raise BadInput(f"compare: {error}") from None
+
+
+def _sessions(asked: Comparison) -> dict[str, Settings]:
+    """One session of every method on every network."""
+    return {
+        f"{method} on {network}": session_settings(asked.base, method, network, asked.seeds[0])
+        for method in asked.methods
+        for network in asked.networks
+    }
 
 
 def _names(text: str) -> list[str]:

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.live import Live
 
+from cogrip.cli.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.children import end_all, listening_port, start_child
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
@@ -18,10 +19,10 @@ from cogrip.cli.settings_file import load, shipped, try_hands, with_people
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.report import write_report
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
 from cogrip.sim.summary import of_accounts
-from cogrip.sim.verdict import in_fault
 
 MOVED_M = 0.005  # an object that travelled less has not really moved
 WATCH_EVERY_S = 0.1
@@ -34,11 +35,12 @@ def demo(
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
     device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
     seconds: float | None = None,
+    allow_unstable: AllowUnstable = False,
     runs: Path = Path("runs"),
 ) -> int:
     """Run a session live on this machine: a server, one client a person, UDP on loopback, an emulated link.
 
-    Exit code 0 only if the run was passive, nothing diverged or broke off, and the object really moved.
+    Exit code 0 only if the run was passive and stable, devices included, nothing broke off, and the object really moved.
 
     Parameters
     ----------
@@ -59,16 +61,19 @@ def demo(
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
     settings = with_people(settings, hands, device)
+    if allow_unstable:
+        refuse_hardware([user.device for user in settings.users])
     try_hands(settings)
+    check_settings(settings, allow_unstable)
     console = Console(highlight=False, soft_wrap=True)
     folder = new_run_folder(runs, settings.name)
     stop = Stop()
     with on_signals(stop):
-        failed = _watch(settings, folder, stop, console)
+        failed = _watch(settings, folder, stop, console, ["--allow-unstable"] if allow_unstable else [])
     return _conclude(settings, folder, failed, stop, console)
 
 
-def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> list[str]:
+def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str]) -> list[str]:
     """Start everyone, show them until they end, end the server. Returns what went wrong, by process."""
     write_settings(folder, settings)
     file = folder / SETTINGS
@@ -86,7 +91,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console) -> li
             who = ["--config", str(file), "--name", user.name]
             clients[user.name] = start_child(
                 log,
-                ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *common],
+                ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *flags, *common],
             )
         table = LiveTable(folder, settings.name, list(clients))
         told = begun = False
@@ -143,4 +148,4 @@ def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, c
     console.print(f"report: {report}")
     if stop.reason:
         return 130
-    return 0 if summary["passive"] and not summary["diverged"] and moved and not failed and not in_fault(summary) else 1
+    return 0 if succeeded(summary) and moved and not failed else 1

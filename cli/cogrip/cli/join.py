@@ -13,6 +13,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.before_run import ALLOW, HELD_BY_NOBODY, AllowUnstable, refuse_hardware, tell_implausible
 from cogrip.cli.leave_files import leave_files
 from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
@@ -20,6 +21,7 @@ from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
 from cogrip.client.io.calls import Calls, JoinError, Server, find
 from cogrip.client.loop import Ended, LiveClient
+from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
@@ -33,6 +35,8 @@ from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
+from cogrip.sim.analysis.plausible import hand_findings
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.run_folder import client_recording, write_account
 from cogrip.sim.summary import of_client
@@ -41,6 +45,7 @@ DEFAULT_DEVICE = "sim:phantom?hand=reach"
 # The settings are the server's, and the model's work goes with the cube of the frames under way: a join must not hang on it.
 MOST_ADVISED_FRAMES = {"wave": 96, "coupling": 40, "tdpa": 512}  # of both ways together; each takes about 2 s
 MOST_ADVISED_TICKS = 256  # in a frame
+USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # how a hand is looked at before a server has said its rate and length
 NO_NAME = "this is for looking on: --name has no effect"
 
 
@@ -66,12 +71,13 @@ def join(
     report: bool = True,
     record: bool = True,
     rearm: bool | None = None,
+    allow_unstable: AllowUnstable = False,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
 
     A link is all that is needed. An observer's shows the room and needs no device. A server that falls silent is sought
     again for 10 s, without force.
-    Exit code 0 when the session ended as it should and was passive; 1 when it was refused, lost or broke off.
+    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off.
 
     Parameters
     ----------
@@ -133,12 +139,15 @@ def join(
             return look_on(ClientSession(wanted.to_look_on()), calls, stop, seconds, console)
     named = device is not None
     device = _play_back(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
+    if allow_unstable:
+        named_here = [user for user in settings.users if name in ("", user.name)][:1] if settings else []
+        refuse_hardware([device or (named_here[0].device if named_here else DEFAULT_DEVICE)])
     arm, address = _device(settings, name, device, axes)
+    _check_hand(*_device(settings, name, device, axes), name, seconds)
     folder: Path | None = into
 
     def record_at(seat: SeatSettings) -> Path | None:
         nonlocal folder
-        _warn(seat, arm.capability, console)
         folder = folder or live_run_folder(runs, f"{seat.room}-{seat.user}", console.print)
         return folder / client_recording(seat.user) if folder and record else None
 
@@ -146,9 +155,14 @@ def join(
     with on_signals(stop), closing(_calls(place, insecure)) as calls:
         hello = wanted.to_hold(arm.capability, address)
         say = partial(console.print, markup=False)
-        client = LiveClient(arm, hello, calls, stop, say, LinkEmulator, record_at, seconds, rearms)
+        client = LiveClient(
+            arm, hello, calls, stop, say, LinkEmulator, record_at, seconds, rearms,
+            partial(_judge, address, allow_unstable, console), allow_unstable,
+        )  # fmt: skip
         try:
             ended = client.run()
+        except OverloadError as error:
+            raise Problem(_refused(str(error), address)) from None
         except (JoinError, DeviceError) as error:
             raise Problem(str(error)) from None
         if isinstance(ended, ClientSession):
@@ -276,24 +290,48 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
         console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}", markup=False)
     if alone:
         leave_files(folder, summary, console, shown=report or folder is None, report=report)
-    return 0 if not ended.failed and summary["passive"] and not summary["diverged"] else 1
+    return 0 if not ended.failed and succeeded(summary) else 1
 
 
-def _warn(seat: SeatSettings, record: Capability, console: Console) -> None:
-    """Say where this seat lies outside what is stable, passive or fit for its device, in the words of `cogrip advise`."""
+def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSettings, record: Capability) -> str:
+    """Say where this seat lies outside what is stable, passive or fit for its device, in the words of `cogrip advise`.
+
+    Returns why it is refused, "" if it is not.
+    """
     frames = sum(
         one_way(way.delay_ms, expected_frames(seat.playout, way, seat.rates), seat.rates).frames
         for way in (seat.up, seat.down)
     )
+    refused: tuple[str, ...] = ()
     if frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
         warnings: tuple[str, ...] = ("no advice: the delays are too long for the model",)
     else:
         try:
-            warnings = advise_seat(seat, record).warnings
+            advice = advise_seat(seat, record)
+            warnings, refused = advice.warnings, () if allow_unstable else advice.refusals
         except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
             warnings = (f"no advice: {error}",)
     for text in warnings:
-        console.print(f"warning: {text}", markup=False)
+        if text not in refused:
+            console.print(f"warning: {text}", markup=False)
+    return _refused("; ".join(refused), address) if refused else ""
+
+
+def _refused(words: str, address: str) -> str:
+    """With what the person at the device can do about settings that are the server's."""
+    return f"refused: {words}; the settings are the server's{ALLOW if address.startswith(HELD_BY_NOBODY) else ''}"
+
+
+def _check_hand(device: Device, address: str, name: str, seconds: float | None) -> None:
+    """Raises BadInput for a simulated or recorded hand that cannot be meant; warns of an unlikely one."""
+    if not address.startswith(HELD_BY_NOBODY):
+        return
+    try:
+        rate_hz = min(device.capability.rate_hz, USUAL_HZ)
+        found = hand_findings(name or "this hand", address, device, rate_hz, seconds or LOOKED_AHEAD_S)
+    except DeviceError:
+        return  # the seat's rate may be the one that fits; the session says what is wrong
+    tell_implausible(found)
 
 
 def _play_back(device: str | None, **options: float | None) -> str | None:

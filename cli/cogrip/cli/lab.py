@@ -8,12 +8,13 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
-from cogrip.sim.verdict import in_fault
 
 
 def lab(
@@ -23,12 +24,13 @@ def lab(
     overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
     device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
+    allow_unstable: AllowUnstable = False,
     json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     runs: Path = Path("runs"),
 ) -> int:
     """Run a session in virtual time with the very cores of the live processes.
 
-    Exit code 0 only if the run was passive and nothing diverged.
+    Exit code 0 only if the run was passive and stable, devices included, and nobody ended in a fault.
 
     Parameters
     ----------
@@ -48,6 +50,7 @@ def lab(
     settings = with_people(load(config, overrides), hands, device)
     refuse_real(settings)
     try_hands(settings)
+    check_settings(settings, allow_unstable)
     console = Console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
     with on_signals(Stop()) as stop, Progress(
@@ -75,4 +78,4 @@ def lab(
     if outcome.interrupted:
         console.print("interrupted: the summary covers what was run", highlight=False)
         return 130
-    return 0 if summary["passive"] and not summary["diverged"] and not in_fault(summary) else 1
+    return 0 if succeeded(summary) else 1

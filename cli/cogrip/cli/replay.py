@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
+from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.compared_table import compared_table
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.new_run import new_run_folder
@@ -15,12 +16,14 @@ from cogrip.cli.opened_run import opened
 from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import override, try_hands
+from cogrip.cli.summary_table import verdict_lines
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
 from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.comparison import ComparisonError
+from cogrip.sim.judgement import succeeded
 from cogrip.sim.records import RunRecords
 from cogrip.sim.replay.verify import Verdict
 from cogrip.sim.replay.verify import verify as verify_recording
@@ -40,13 +43,15 @@ def replay(
     what_if: bool = False,
     overrides: Overrides = (),
     hands: Hands = "same",
+    allow_unstable: AllowUnstable = False,
     runs: Path = Path("runs"),
     json: Json = None,
 ) -> int:
     """Play a recorded session again.
 
     --verify feeds the recorded inputs into the same cores and compares every output bit by bit; exit code 1 and the
-    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares.
+    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares; exit code
+    0 only if that world was passive and stable, devices included.
 
     Parameters
     ----------
@@ -72,7 +77,7 @@ def replay(
         return _verify(records, console, json)
     if json:
         raise BadInput("replay: --json goes with --verify; --what-if leaves a run folder with its summary.json")
-    return _what_if(records, overrides, hands, runs, console)
+    return _what_if(records, overrides, hands, allow_unstable, runs, console)
 
 
 def _verify(records: RunRecords, console: Console, json: str | None) -> int:
@@ -162,7 +167,9 @@ def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs: Path, console: Console) -> int:
+def _what_if(
+    records: RunRecords, overrides: tuple[str, ...], hands: Hands, allow_unstable: bool, runs: Path, console: Console
+) -> int:
     changes = dict(override(text) for text in overrides)
     worlds = {f"what if {label(changes)}": (changes, "")}
     if changes and not records.virtual:  # what living in virtual time changes by itself stands beside it
@@ -171,19 +178,23 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
         made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     except (RecordingError, SettingsError) as error:
         raise BadInput(str(error)) from None
-    for world in made.values():
+    for name, world in made.items():
         try_hands(world.settings)
+        if name == next(
+            reversed(worlds)
+        ):  # what was recorded may be seen again as it was: only what is asked for is refused
+            check_settings(world.settings, allow_unstable or not changes, world.overloads)
     from cogrip.sim.compared_report import write_comparison
     from cogrip.sim.lab_run import run_laboratory
     from cogrip.sim.report import write_report
 
     folder = new_run_folder(runs, folder_name(records))
     folders = {name: folder / place for name, (_, place) in worlds.items()}
-    diverged, stop = {}, Stop()
+    outcomes, stop = {}, Stop()
     with on_signals(stop), console.status("running the other world"):
         for name, world in made.items():
             folders[name].mkdir(exist_ok=True)
-            diverged[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins).diverged
+            outcomes[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins)
     with console.status("writing the reports"):
         write_report(folder)
         labels = ["as recorded", *worlds]
@@ -196,11 +207,11 @@ def _what_if(records: RunRecords, overrides: tuple[str, ...], hands: Hands, runs
     Console(highlight=False, width=max(console.width, TABLE_WIDTH)).print(compared_table(rows, letters))
     for letter, name in zip(letters, labels, strict=True):
         console.print(f"{letter}: {name}", markup=False)
-    for name, why in diverged.items():
-        if why:
-            console.print(f"{name}: diverged: {why}", markup=False)
+    for name, outcome in outcomes.items():
+        console.print(f"{name}:", markup=False)
+        console.print(verdict_lines(outcome.summary))
     console.print(f"comparison: {page}", markup=False)
     if stop.reason:
         console.print("interrupted: the comparison covers what was run")
         return 130
-    return 0
+    return 0 if succeeded(outcome.summary) else 1

@@ -44,6 +44,7 @@ from cogrip.server.io.state_folder import (
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.loop import HostError, LiveServer, ServeError, ServerChannel
 from cogrip.server.plain_channel import PlainListener
+from cogrip.sim.judgement import came, succeeded
 from cogrip.sim.run_folder import SERVER_RECORDING, write_settings
 from cogrip.sim.summary import of_room
 
@@ -211,12 +212,12 @@ def _conclude(
     console = Console(highlight=False, soft_wrap=True, stderr=programs)
     if lines.lost:
         losses["log line"] = lines.lost
-    passive = True
+    well = True
     for room in server.core.rooms:
         summary = of_room(room, server.elapsed_s, losses)
-        passive = passive and bool(summary["passive"]) and not summary["diverged"]
+        well = well and (succeeded(summary) or not came(summary))
         leave_files(folders.get(room.name), summary, console, shown=alone and not programs, report=alone and report)
-    return 0 if passive else 1
+    return 0 if well else 1
 
 
 def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:

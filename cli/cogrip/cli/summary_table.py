@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.protocol.messages import shown
-from cogrip.sim.verdict import (
+from cogrip.sim.summary_values import (
     UNKNOWN,
     Summary,
     dig,
@@ -20,9 +20,9 @@ from cogrip.sim.verdict import (
     share,
     ticks_share,
     vector,
-    verdict,
     worst_margin,
 )
+from cogrip.sim.verdict import verdict
 
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}
@@ -44,11 +44,17 @@ def terminal_summary(summary: Summary) -> Group:
         for which, sitting in enumerate((*before, user), 1):
             table.add_row(*_person({**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting))
     table.add_row(*_object(summary))
-    sentences = [
-        Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (shown(text), "bold red" if tone == "bad" else ""))
-        for tone, text in verdict(summary)
-    ]
-    return Group(table, Text(""), *sentences)
+    return Group(table, Text(""), verdict_lines(summary))
+
+
+def verdict_lines(summary: Summary) -> Group:
+    """The verdict, a line a sentence."""
+    return Group(
+        *(
+            Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (shown(text), "bold red" if tone == "bad" else ""))
+            for tone, text in verdict(summary)
+        )
+    )
 
 
 def _person(user: dict[str, Any]) -> list[Text]:

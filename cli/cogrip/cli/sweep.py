@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from cogrip.cli.before_run import check_plausible
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import Overrides
@@ -86,6 +87,7 @@ def _prepare(config: Path, overrides: tuple[str, ...], vary: tuple[str, ...], me
         axes = [parse_axis(text) for text in vary]
         if needs_session(measure):
             try_hands(settings)
+            check_plausible(settings)
         return prepare(settings, axes, measure)
     except (GridError, MeasureError) as error:
         raise BadInput(str(error)) from None

@@ -12,8 +12,9 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 
 from cogrip.client.core import ClientCore
+from cogrip.client.rendered_damper import OverloadError, refusal
 from cogrip.client.safety import STALL_S
-from cogrip.devices.device import Device, DeviceError, Sample, defect, defects_named
+from cogrip.devices.device import Capability, Device, DeviceError, Sample, defect, defects_named
 from cogrip.devices.plausibility import ForceReports
 
 SETTLED_S = 0.03  # samples without a gap for so long: the velocity estimate has forgotten where the hand was before
@@ -24,11 +25,21 @@ MOST_GAP_TICKS = 3  # a reply that is missed now and then is no reason
 class Handle:
     """One device in one core's hand. Only `open` raises, and only DeviceError.
 
-    clock: [ns], by which a call that blocks is found; in virtual time none does.
+    clock   [ns], by which a call that blocks is found; in virtual time none does
+    spared  the device is never driven with settings that ask for more than it carries, whatever the server sends
     """
 
-    def __init__(self, device: Device, core: ClientCore, rate_hz: int, clock: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        device: Device,
+        core: ClientCore,
+        rate_hz: int,
+        clock: Callable[[], int] = lambda: 0,
+        *,
+        spared: bool = False,
+    ) -> None:
         self.device = device
+        self._spared = spared
         self.refusal = ""  # why an arming that had begun came to nothing
         self.counts: dict[str, int] = {}
         self._core = core
@@ -45,12 +56,22 @@ class Handle:
         """A device may know its limits only once it is open; then safety goes by those. Raises DeviceError."""
         with defects_named(self._name, "open"):
             before = self.device.capability
+            self._judge(before)
             self.device.open(self._rate_hz)
             opened = self.device.capability
         if opened != before:
             self._core.equip(opened)
+            try:
+                self._judge(opened)
+            except OverloadError:
+                self.device.close()
+                raise
         self._reports = ForceReports(self._core.capability, self._rate_hz)
         self._blocked_ns, self._slow = 0.0, ""
+
+    def _judge(self, record: Capability) -> None:
+        if self._spared and (seat := self._core.seat) is not None and (text := refusal(seat, record)):
+            raise OverloadError(text)
 
     def read(self, tick: int) -> Sample | None:
         """The sample at `tick`, None where there is none."""

@@ -15,7 +15,7 @@ from cogrip.client.handle import Handle
 from cogrip.client.io.calls import POLL_S, Calls, JoinError
 from cogrip.client.recorded import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S
-from cogrip.devices.device import Device, DeviceError
+from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.io.pacing import Pacer
@@ -68,6 +68,10 @@ class LiveClient:
     record_at: Callable[[SeatSettings], Path | None]
     seconds: float | None = None
     rearms: bool = False  # stay after a fault, without force, until the person re-arms; else a fault ends the session
+    judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: (
+        ""
+    )  # why not to hold the device so, "" if one may
+    allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
     _down: Link | None = field(init=False, default=None)
@@ -95,10 +99,14 @@ class LiveClient:
         assert seat is not None
         self._link(seat)
         device = self.device = first_axes(self.device, seat.object.axes)
-        handle = Handle(device, core, seat.rates.device_hz, lambda: time.monotonic_ns())
+        handle = Handle(device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=not self.allow_unstable)
         recorder = None
         try:
             self._open(handle)
+            self._keep_seat()
+            if refused := self.judge(seat, core.capability):
+                self._leave(refused, core.account(TickCount()))
+                raise JoinError(refused)
             self._keep_seat()
             recorder = self._record(seat)
             self._keep_seat()
@@ -183,7 +191,6 @@ class LiveClient:
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
         said, told, failed, ending = safety.state, session.state, "", False
-        warned = ""
         work_us = 0
         while True:
             tick = pacer.wait()
@@ -200,9 +207,6 @@ class LiveClient:
             if safety.state != said:
                 self._tell(said, safety.state)
                 said = safety.state
-            if safety.warning != warned:
-                warned = safety.warning
-                self.say(warned or "the motors have cooled")
             if safety.state == "fault" and self.rearms and not ending:
                 self._rearm(handle)
             if not ending:

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cogrip.sim.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 from cogrip.sim.traces import Run
-from cogrip.sim.verdict import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
 
 MOST_RUNS = 12  # more colours are not told apart
 NOT_SET = "not set"
@@ -43,7 +43,9 @@ _PERSON = (
     Quantity("energy.up_margin_j", "least margin of the line up"),
     Quantity("energy.down_margin_j", "least margin of the line down"),
     Quantity("energy.line_margin_j", "least margin of the whole line"),
-    Quantity("energy.device_leak_j", "least device leak"),
+    Quantity("energy.device_margin_j", "least margin of the device port"),
+    Quantity("leak_j", "leak of the device port"),
+    Quantity("at_limit", "force at a limit", "% of ticks", 100.0),
     Quantity("link.lost", "lost", "frames", digits=0),
     Quantity("link.late", "late", "frames", digits=0),
     Quantity("link.rtt_ms.p50", "round trip, median", "ms"),

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cogrip.protocol.power import LENT_J
 from cogrip.sim.report_tables import dropped_table, people_table, room_table, settings_tables
+from cogrip.sim.summary_values import dig, is_number, number
 from cogrip.sim.traces import MOST_PEOPLE, Run, load_run
-from cogrip.sim.verdict import dig, is_number, number, verdict
+from cogrip.sim.verdict import verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from cogrip.protocol.settings import Settings, User
-from cogrip.sim.verdict import (
+from cogrip.sim.summary_values import (
     UNKNOWN,
     Summary,
     dig,
@@ -61,6 +61,10 @@ def _stiffness(key: str, missing: str) -> Show:
     return lambda user: missing if user.get(key) is None and user.get("state") else number(user.get(key), digits=0)
 
 
+def _yes(key: str) -> Show:
+    return lambda user: {True: "yes", False: "no"}.get(user.get(key), UNKNOWN)  # type: ignore[arg-type]
+
+
 def _text(key: str) -> Show:
     return lambda user: str(user[key])[:300] or "none" if user.get(key) is not None else UNKNOWN
 
@@ -93,8 +97,16 @@ _ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
             ("largest force step in a tick", "N", _pick("peak_force_step_n", digits=2)),
             ("travel", "mm", _pick("travel_m", scale=1e3, digits=0)),
             ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
-            ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "none")),
+            ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "does not apply")),
             ("rendered stiffness", "N/m", _pick("rendered_npm", digits=0)),
+        ),
+    ),
+    (
+        "Device port",
+        (
+            ("force oscillated", "", _yes("oscillates")),
+            ("at a limit of the device", "% of ticks", _pick("at_limit", scale=100.0)),
+            ("changed by its passivity controller", "% of ticks", _pick("controlled", scale=100.0)),
         ),
     ),
     (
@@ -103,7 +115,9 @@ _ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
             ("least margin of the line up", "", _energy("up_margin_j")),
             ("least margin of the line down", "", _energy("down_margin_j")),
             ("least margin of the whole line", "", _energy("line_margin_j")),
-            ("least device leak", "", _energy("device_leak_j")),
+            ("least of the device's work beyond the line", "", _energy("device_leak_j")),
+            ("least margin of the device port", "", _energy("device_margin_j")),
+            ("leak of the device port", "", lambda user: energy(user.get("leak_j"))),
         ),
     ),
     (

@@ -12,8 +12,10 @@ from cogrip.protocol.messages import all_shown, shown
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
+from cogrip.sim.judgement import Judgement, came, judgements, stable, unjudged
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_recording
-from cogrip.sim.verdict import Summary, dig, energy, is_number, name_of, overdrawn, people, verdict, worst_margin
+from cogrip.sim.summary_values import Summary, dig, is_number, name_of, people
+from cogrip.sim.verdict import verdict
 
 _TIME = re.compile(r"\d{8}-\d{6}(?=-|$)")
 _TONES = ("good", "warn", "bad")
@@ -133,29 +135,28 @@ def _seats(recordings: list[Recording], words: list[tuple[str, str]]) -> list[st
 
 
 def _of_summary(summary: Summary) -> Iterator[tuple[str, str]]:
-    diverged = summary.get("diverged") is True
-    if diverged:
-        why = [
-            f"{name_of(user)}: {user['reason']}"
-            for user in people(summary)
-            if user.get("reason") and not user.get("claimed")
-        ]
-        yield "bad", f"diverged{f' ({why[0]})' if why else ''}"
-    worst, said = worst_margin(people(summary)), summary.get("passive")
-    if worst is None or not isinstance(said, bool):
-        yield "warn", "passive or not is not known"
-    elif said:
-        yield "good", f"passive, least margin {energy(worst[0])}"
-    elif overdrawn(people(summary), 0.0):
-        yield "bad", f"not passive: {worst[1]} of {worst[2]} {energy(worst[0])}"
-    else:
-        yield "bad", "not passive as far as can be told: an energy margin is no number"
-    for tone, sentence in () if diverged else verdict(summary)[2:]:  # after that nothing is as it should be
+    """What a report says, but in a line: of a session that diverged or oscillated nothing else, for nothing is as it should."""
+    broken = stable(summary).tone == "bad"
+    found: tuple[Judgement, ...] = judgements(summary)
+    if unjudged(summary) and came(summary) and "bad" not in (judgement.tone for judgement in found):
+        yield "warn", "not known whether passive, stable and felt as intended: nothing was told of device ports"
+        found = ()
+    for judgement in found:
+        if judgement.tone != "good" and not (broken and judgement.name == "felt as intended"):
+            yield judgement.tone, judgement.brief or _as_part(judgement.sentence)
+    if good := [judgement.name for judgement in found if judgement.tone == "good"]:
+        yield "good", ", ".join(good)
+    for tone, sentence in () if broken else verdict(summary)[3:]:
         if tone != "good":
-            yield tone, f"{sentence[0].lower()}{sentence[1:].rstrip('.')}" if sentence[1:2].islower() else sentence
+            yield tone, _as_part(sentence)
     for name in _LOST:
         if count := dig(summary, "server", "dropped", name):
             yield "warn", f"{count} messages not recorded" if name == _LOST[0] else name
+
+
+def _as_part(sentence: str) -> str:
+    """A sentence as a part of another."""
+    return f"{sentence[0].lower()}{sentence[1:].rstrip('.')}" if sentence[1:2].islower() else sentence
 
 
 def _of_recordings(files: list[Path], names: list[str], whole: bool) -> Iterator[tuple[str, str]]:

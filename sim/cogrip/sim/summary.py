@@ -10,6 +10,7 @@ import msgspec
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
+    DeviceAccount,
     LinkCount,
     Percentiles,
     RoomAccount,
@@ -19,12 +20,11 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.messages import Farewell, shown
 from cogrip.protocol.power import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.sim.judgement import not_predicted, passive_of
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
     from cogrip.server.room import Room
     from cogrip.sim.laboratory import Laboratory
-
-TOLERANCE_J = 1e-12
 
 
 class UserRecord(msgspec.Struct, frozen=True):
@@ -55,19 +55,13 @@ def summarise(
     """
     rows = [{**_user(user, claims), "earlier": [_user(before, claims) for before in user.earlier]} for user in users]
     sittings = [sitting for user in users for sitting in (*user.earlier, user)]
-    lent_j = tank_mj * 1e-3
-    allowed = {"up_margin_j": lent_j, "line_margin_j": 2.0 * lent_j}  # each direction may lend it
-    if not claims:
-        allowed["down_margin_j"] = lent_j
-    books = [sitting["energy"] for row in rows for sitting in (*row["earlier"], row)]
-    margins = [(energy[key], lent) for energy in books for key, lent in allowed.items()]
     said = not claims and any(each.client.diverged for each in sittings if each.client)
     diverged = said or bool(room and room.diverged)
     return {
         "name": name,
         "seed": seed,
         "seconds": seconds,
-        "passive": all(margin >= -lent - TOLERANCE_J for margin, lent in margins if margin is not None),
+        "passive": passive_of(rows, tank_mj * 1e-3),
         "diverged": diverged,
         "playout_frames": playout_frames,
         "object": {
@@ -180,7 +174,7 @@ def _claimed(client: ClientAccount | None) -> dict[str, Any]:
 
 def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
     client, seat = user.client, user.seat
-    return {
+    row: dict[str, Any] = {
         "name": user.name,
         "position_m": list(client.position_m) if client else None,
         "proxy_m": list(seat.proxy_m) if seat else None,
@@ -195,7 +189,9 @@ def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
             "down_margin_j": client.down_margin_j if client else None,
             "line_margin_j": seat.line_margin_j if seat else None,
             "device_leak_j": client.device_leak_j if client else None,
+            "device_margin_j": client.device.margin_j if client else None,
         },
+        **_device(client.device if client else DeviceAccount()),
         "link": _link(seat.up if seat else None, client.down if client else None, client.rtt_ms if client else None),
         "playout": {
             "up": _struct(seat.playout if seat else None),
@@ -208,6 +204,19 @@ def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
         "reason": shown(client.reason) if client else None,
         "claimed": _claimed(client) if claims else None,
     }
+    return {**row, **_prediction(row)}
+
+
+def _device(device: DeviceAccount) -> dict[str, Any]:
+    """What was seen at the device port; null where nobody looked: the margin says whether somebody did."""
+    keys = ("oscillates", "at_limit", "controlled", "leak_j")
+    return {key: getattr(device, key) if device.margin_j is not None else None for key in keys}
+
+
+def _prediction(row: dict[str, Any]) -> dict[str, Any]:
+    """The stiffness that the linear line predicts, null with the reason where it does not hold of this run."""
+    why = not_predicted(row) if row["predicted_stiffness_npm"] is not None else ""
+    return {"predicted_stiffness_npm": None if why else row["predicted_stiffness_npm"], "not_predicted": why or None}
 
 
 def _link(up: LinkCount | None, down: LinkCount | None, rtt_ms: Percentiles | None) -> dict[str, Any]:

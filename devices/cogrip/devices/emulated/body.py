@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.simulated.device import SimulatedDevice
+from cogrip.devices.simulated.hands import Hand
 
 STEP_HZ = 4096
 
@@ -16,6 +17,11 @@ class Body:
         self._step_hz = step_hz
         self._tick = 0
         machine.open(step_hz)
+
+    @property
+    def hand(self) -> Hand:
+        """Who holds the tip; its ticks are of 1 / STEP_HZ."""
+        return self._machine.hand
 
     @property
     def position_m(self) -> Vector:

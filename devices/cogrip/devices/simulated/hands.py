@@ -137,7 +137,7 @@ class PushHand:
     def __init__(self, settings: PushSettings, axes: int) -> None:
         self._start_s = settings.start_s
         self._zero: Vector = (0.0,) * axes
-        self._force: Vector = tuple(settings.force_n * d for d in fit_axes(settings.direction, axes, "direction"))
+        self.force_n: Vector = tuple(settings.force_n * d for d in fit_axes(settings.direction, axes, "direction"))
         self._home = self._zero
         self._rate_hz = 1
 
@@ -153,7 +153,7 @@ class PushHand:
 
     def drive(self, tick: int) -> Sequence[float]:
         """The force from the first tick at or after start_s on [N]."""
-        return self._force if tick >= self._start_s * self._rate_hz else self._zero
+        return self.force_n if tick >= self._start_s * self._rate_hz else self._zero
 
 
 def make_hold(settings: ImpedanceSettings, axes: int) -> Hand:

@@ -7,11 +7,11 @@ words about what each of them knows. A finding that warns says why and what to d
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from math import floor, log10
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from cogrip.client.velocity import NOISE_N, Bound, Carried, largest_impedance
+from cogrip.client.rendered_damper import bound_words, damper_of, refusal, rounded_down
+from cogrip.client.velocity import Bound, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
@@ -20,21 +20,28 @@ from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.feel import on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
-from cogrip.sim.analysis.stability import Limit, Verdict, hoped_stable, largest_stable, verdict
+from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, hoped_stable, largest_stable, verdict
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
+_TOO_MUCH = {
+    "passive": "the damper that a device renders is too much for it",
+    "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
+    "paper": "the paper's server step uses a force one frame old",
+}
+_HALVINGS = 12  # of a damper, to find one with which a session is stable
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One sentence. "warning": the session lies outside; "note": worth knowing."""
+    """One sentence. "warning": the session lies outside; "note": worth knowing. refused: nobody should hold a device in it."""
 
     topic: str
     text: str
     level: Literal["ok", "note", "warning"] = "ok"
+    refused: bool = False
 
     @property
     def warns(self) -> bool:
@@ -72,6 +79,11 @@ class Advice:
     def warnings(self) -> tuple[str, ...]:
         return tuple(finding.text for finding in self.findings if finding.warns)
 
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """Warnings for which a session is refused: what is known to be unstable, each with the value that would do."""
+        return tuple(finding.text for finding in self.findings if finding.refused)
+
 
 def largest(model: LiftedModel) -> Limit:
     """Up to which stiffness a session is stable."""
@@ -95,40 +107,58 @@ def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest)
     session = linear_session(settings, estimated=True)
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     records = [make_for(user, settings.object.axes).capability for user in settings.users]
-    return _advise(session, seats, records, search)
+    sections = [_section(settings, number) for number in range(len(settings.users))]
+    return _advise(session, seats, records, sections, search)
 
 
 def advise_seat(seat: SeatSettings, record: Capability) -> Advice:
     """What there is to say of one seat with its own device, alone with the object. Raises ModelError."""
-    return _advise(seat_session(seat, record), [seat], [record])
+    return _advise(seat_session(seat, record), [seat], [record], ["coupling"])
+
+
+def overloads(settings: Settings) -> tuple[str, ...]:
+    """People whose devices are asked for more than they carry, and the value that would do for each, the least first.
+
+    No model is needed. Raises DeviceError.
+    """
+    found = []
+    for number, user in enumerate(settings.users):
+        seat, record = seat_settings(settings, number), make_for(user, settings.object.axes).capability
+        if text := refusal(seat, record, _section(settings, number)):
+            found.append((largest_impedance(record, seat.rates.tick_s).impedance_nspm, text))
+    return tuple(text for _, text in sorted(found))
+
+
+def _section(settings: Settings, number: int) -> str:
+    """Where the damper that this person's device renders stands: a user's own value is above [coupling]'s."""
+    own = getattr(settings.users[number], damper_of(settings.coupling).key)
+    return "coupling" if own is None else f"users.{number}"
 
 
 def _advise(
     session: LinearSession,
     seats: Sequence[SeatSettings],
     records: Sequence[Capability],
+    sections: Sequence[str],
     search: Callable[[LiftedModel], Limit] = largest,
 ) -> Advice:
     model = LiftedModel(session)
     found, most = verdict(model), max(session.stiffness_npm)
     limit = search(model) if most else Limit(None, 0.0)  # nobody holds the object by a spring
     users = tuple(_user(session, number, *one) for number, one in enumerate(zip(seats, records, strict=True)))
-    findings = [_stability(found, limit, most), *_passivity(seats)]
-    for user, seat, record in zip(users, seats, records, strict=True):
-        findings += _seat(user, seat, record)
+    findings = [_stability(session, found, limit, most), *_passivity(seats)]
+    for user, seat, record, section in zip(users, seats, records, sections, strict=True):
+        findings += _seat(user, seat, record, section)
     return Advice(found, limit, most, users, tuple(findings))
 
 
-def _stability(found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
+def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_npm: float) -> Finding:
     if limit.stiffness_npm == 0.0:
-        text = (
-            "NOT stable at any stiffness: the damper that a device renders is too much for it; "
-            "lower coupling.impedance_nspm (or damping_nspm of virtual coupling)"
-        )
-        return Finding("stability", text, "warning")
+        text = f"NOT stable at any stiffness: {_TOO_MUCH[session.scheme]}; {_calmer(session)}"
+        return Finding("stability", text, "warning", refused=True)
     if not found.stable:
         reach = "" if limit.stiffness_npm is None else f"; it is up to {limit.stiffness_npm:.4g} N/m"
-        text = f"NOT stable: spectral radius {found.decaying:.4g} at {stiffness_npm:.4g} N/m{reach}"
+        text = f"NOT stable: spectral radius {found.decaying:.6g} at {stiffness_npm:.4g} N/m{reach}"
         return Finding("stability", text, "warning")
     if limit.stiffness_npm is None:
         return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")
@@ -168,8 +198,7 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
             compensated = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
         except OutOfReachError:
             enough = coupling.stiffness_npm * compliance * coupling.impedance_nspm
-    damper = coupling.damping_nspm if coupling.kind == "coupling" else coupling.impedance_nspm
-    share = damper * seat.rates.tick_s / person.device_mass_kg
+    share = damper_of(coupling).value_nspm * seat.rates.tick_s / person.device_mass_kg
     carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
         person.name, coupling.stiffness_npm, felt, compensated, enough, share, record.damping_nspm,
@@ -177,24 +206,37 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
     )  # fmt: skip
 
 
-def _seat(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[Finding]:
-    coupling = seat.coupling
-    name, key = ("B", "damping_nspm") if coupling.kind == "coupling" else ("b", "impedance_nspm")
-    value, carried = getattr(coupling, key), largest_impedance(record, seat.rates.tick_s)
-    most, why = carried.impedance_nspm, _why(carried, record)
-    if value > most * (1.0 + _TINY):
-        yield Finding(
-            "device",
-            f"{user.name}: {name} = {value:g} Ns/m is more than device {record.family}:{record.model} carries: "
-            f"{name} T_c / m = {user.b_tc_over_m:.2f}; at {most:.3g} Ns/m, its {carried.bound} bound, {why}; "
-            f"set coupling.{key} to {rounded_down(most):g} or less",
-            level="warning",
-        )
+def _calmer(session: LinearSession) -> str:
+    """The largest damper with which the session is stable at some stiffness, as the cure of one that is at none."""
+    key = "damping_nspm" if session.scheme == "coupling" else "impedance_nspm"
+    values = [getattr(person, key) for person in session.people]
+
+    def stable(share: float) -> bool:
+        people = tuple(replace(person, **{key: share * getattr(person, key)}) for person in session.people)
+        return hoped_stable(LiftedModel(replace(session, people=people)), [SEARCHED_FROM_NPM]).stiffness_npm is None
+
+    low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
+    if low is None:
+        other = {"coupling": '; set coupling.kind to "wave"', "paper": '; set coupling.server_step to "passive"'}
+        return f"no {key} would do{other.get(session.scheme, '')}"
+    high = 2.0 * low
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    if min(values) < max(values):
+        return f"multiply everybody's {key} by {rounded_down(low):g} or less"
+    return f"set coupling.{key} to {rounded_down(low * values[0]):g} or less"
+
+
+def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str) -> Iterator[Finding]:
+    damper, carried = damper_of(seat.coupling), largest_impedance(record, seat.rates.tick_s)
+    if text := refusal(seat, record, section):
+        yield Finding("device", text, "warning", refused=True)
     else:
         yield Finding(
             "device",
-            f"{user.name}: {name} T_c / m = {user.b_tc_over_m:.2f}; {name} = {value:g} of at most {most:.3g} Ns/m, its "
-            f"{carried.bound} bound, where {why}",
+            f"{user.name}: {damper.symbol} T_c / m = {user.b_tc_over_m:.2f}; {damper.symbol} = {damper.value_nspm:g} of "
+            f"at most {carried.impedance_nspm:.3g} Ns/m, its {carried.bound} bound, where {bound_words(carried, record)}",
         )
     if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
         yield Finding(
@@ -205,21 +247,6 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability) -> Iterator[
         )
     if user.asked_npm:
         yield Finding("feel", _felt_text(user, seat))
-
-
-def _why(carried: Carried, record: Capability) -> str:
-    """What binds, at the largest b."""
-    if carried.bound == "lag":
-        return f"the {carried.lag_ticks:.2g} ticks that its damper is late take all of its {record.apparent_mass_kg:.3g} kg"
-    if carried.bound == "noise":
-        return f"one count of {1e3 * record.resolution_m:.3g} mm makes its force jump by {NOISE_N:g} N"
-    return "the damping that its record advises ends"
-
-
-def rounded_down(value: float) -> float:
-    """To three digits, and not above the value."""
-    step = 10.0 ** (floor(log10(value)) - 2)
-    return float(f"{floor(value / step * (1.0 + _TINY)) * step:.3g}")
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings) -> str:

@@ -10,10 +10,11 @@ from typing import Any
 
 import msgspec
 
+from cogrip.client.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, hoped, rounded_down
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, hoped
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import Limit

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from cogrip.sim.judgement import felt
 from cogrip.sim.methods.watch import Array, Trace
-from cogrip.sim.verdict import Summary, is_number, people, worst_margin
+from cogrip.sim.summary_values import Summary, is_number, people, worst_margin
 
 LAST_S = 0.5  # of the rest at the end, over which it is judged
 SWING_N = 1.0  # swing of a force between hands that hold still
@@ -76,8 +77,8 @@ MEASURES: Mapping[str, Measure] = {
     ),
 }  # fmt: skip
 COLUMNS = (
-    "diverged", "diverged_s", "reason", "oscillates", "active", "passive", "margin_mj", "leak_mj", *MEASURES, "felt_person",
-    "lost", "late",
+    "diverged", "diverged_s", "reason", "oscillates", "active", "passive", "not_felt", "margin_mj", "leak_mj", *MEASURES,
+    "felt_person", "lost", "late",
 )  # fmt: skip
 FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each person, beside the K asked for
 
@@ -162,7 +163,9 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     users = people(summary)
     worst = worst_margin(users)
     apart_m, swing = at_rest(trace)
-    oscillates = not diverged and is_oscillating(swing, created_at_rest_j(trace) * 1e3)
+    seen = any(user.get("oscillates") is True for user in users)  # at a device port, whenever that was
+    oscillates = not diverged and (seen or is_oscillating(swing, created_at_rest_j(trace) * 1e3))
+    felt_so = felt(summary)
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
     leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
     made_mj = created_mj - leak_mj  # by the method itself, at least
@@ -174,6 +177,7 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
         "oscillates": oscillates,
         "active": not diverged and not oscillates and is_active(made_mj, put_in_j(trace.work_j) * 1e3),
         "passive": summary["passive"],
+        "not_felt": felt_so.sentence if felt_so.tone == "warn" and not diverged and not oscillates else "",
         "margin_mj": worst[0] * 1e3 if worst else None,
         "leak_mj": leak_mj,
         "created_mj": created_mj,

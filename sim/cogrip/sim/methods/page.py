@@ -11,7 +11,7 @@ from typing import Any
 from cogrip.sim.figures.page import svg
 from cogrip.sim.methods.latex import latex
 from cogrip.sim.methods.measures import FELT_MEASURES, MEASURES
-from cogrip.sim.methods.method import METHODS, OURS
+from cogrip.sim.methods.method import METHODS
 from cogrip.sim.methods.plots import draw_all
 from cogrip.sim.methods.question import Comparison
 from cogrip.sim.methods.table import cells, gather, headings, markdown, note, unstable
@@ -102,8 +102,10 @@ def _verdict(summary: Mapping[str, Any]) -> str:
             tone, text = "good", f"stable in all {runs} sessions"
         if active := sum(row["active"] for row in rows):
             tone, text = ("warn" if tone == "good" else tone), f"{text}; driven by created energy in {active}"
-        if method == OURS and (leaks := sum(row["not_passive"] for row in rows)):
+        if leaks := sum(row["not_passive"] for row in rows):
             tone, text = "bad", f"{text}; not passive in {leaks}"
+        if others := sum(row["not_felt"] for row in rows):
+            tone, text = ("warn" if tone == "good" else tone), f"{text}; not felt as intended in {others}"
         mark = {"good": "✓", "warn": "!", "bad": "✗"}[tone]
         title = METHODS[method].title
         items.append(f"<li class={tone}><span class=mark>{mark}</span><span>{escape(f'{title}: {text}.')}</span></li>")

@@ -17,8 +17,8 @@ from cogrip.sim.methods.question import Comparison
 from cogrip.sim.methods.table import feels, first_seeds
 from cogrip.sim.methods.table import unstable as unstable_row
 from cogrip.sim.plots.style import ALARM, COLOURS, DOTTED, FAINT, INK, NotDrawnError, Sheet, Style, colour, label, title
+from cogrip.sim.summary_values import is_number
 from cogrip.sim.sweep.cell import Result
-from cogrip.sim.verdict import is_number
 
 _MARKS = "osD^v"
 _WIDTH = 0.8  # of the room of a network that its methods take

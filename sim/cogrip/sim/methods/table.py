@@ -11,8 +11,8 @@ from cogrip.protocol.version import VERSION
 from cogrip.sim.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.methods.method import OURS
 from cogrip.sim.methods.question import FELT_SEEDS, Comparison
+from cogrip.sim.summary_values import is_number
 from cogrip.sim.sweep.cell import Result
-from cogrip.sim.verdict import is_number
 
 FELT = "felt_error_percent"
 NONE = "–"
@@ -74,7 +74,8 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
         "reasons": dict(Counter(row["reason"].partition(" at ")[0] for row in ran if row["diverged"])),
         "oscillates": sum(row["oscillates"] for row in ran),
         "active": sum(row["active"] for row in ran),
-        "not_passive": sum(not row["passive"] for row in ran),
+        "not_passive": sum(row["passive"] is False for row in ran),
+        "not_felt": sum(bool(row["not_felt"]) for row in ran),
         "felt": _felt([row["felt"] for row in ran if row["felt"]]),
         **{name: spread([row[name] for row in ran]) for name in MEASURES if name != FELT},
         FELT: of_probes([row[FELT] for row in ran if row["felt"]]),
@@ -113,8 +114,11 @@ def feels(found: Mapping[str, float] | None) -> bool:
 
 
 def ours_failed(summary: Mapping[str, Any]) -> bool:
-    """Whether cogrip's own method diverged anywhere, or gave out energy on a line that had not been put in."""
-    return any(row["method"] == OURS and (row["diverged"] or row["not_passive"]) for row in summary["rows"])
+    """Whether cogrip's own method diverged or oscillated anywhere, or gave out energy that had not been put in."""
+    return any(
+        row["method"] == OURS and (row["diverged"] or row["oscillates"] or row["not_passive"])
+        for row in summary["rows"]
+    )
 
 
 def unstable(row: Mapping[str, Any]) -> bool:
@@ -123,7 +127,10 @@ def unstable(row: Mapping[str, Any]) -> bool:
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, and how many could not be run."""
+    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, and how many could not be run.
+
+    Behind it what else the judgements of runs say: `not passive 3/20`, `not as intended 3/20` (felt: limits, replaced frames).
+    """
     runs, words = row["runs"], []
     if row["diverged"]:
         words.append(f"diverged {row['diverged']}/{runs} at {row['diverged_s']['median']:.2g} s")
@@ -131,9 +138,15 @@ def verdict(row: Mapping[str, Any]) -> str:
         words.append(f"oscillates {row['oscillates']}/{runs}")
     if row["active"]:
         words.append(f"active {row['active']}/{runs}")
+    if row["not_passive"]:
+        words.append(f"not passive {row['not_passive']}/{runs}")
+    if not words and runs:
+        words.append("stable")
+    if row["not_felt"]:
+        words.append(f"not as intended {row['not_felt']}/{runs}")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
-    return ", ".join(words) or ("stable" if runs else NONE)
+    return ", ".join(words) or NONE
 
 
 def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from cogrip.sim.plots.spectra import coherence_of, correlations, frequencies, power_density
 from cogrip.sim.plots.style import AXIS_NAMES, FAINT, INK, Array, NotDrawnError, Sheet, Style, colour, label
+from cogrip.sim.summary_values import number as plain
 from cogrip.sim.traces import MOST_PEOPLE, Run
-from cogrip.sim.verdict import number as plain
 
 _MOST_PAIRS = 6
 _HIGHEST_HZ = 20.0  # hands move below 10 Hz; what lies above is the devices

@@ -22,8 +22,8 @@ from cogrip.sim.plots.style import (
     label,
     title,
 )  # fmt: skip
+from cogrip.sim.summary_values import dig, is_number
 from cogrip.sim.traces import Run
-from cogrip.sim.verdict import dig, is_number
 
 MOST_ROWS = 6  # people that are drawn
 _LONG_RUN_S = 30.0  # of a longer one a detail is drawn as well

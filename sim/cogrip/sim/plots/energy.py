@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from cogrip.sim.plots.curves import Line, extent, seat_columns, shown
 from cogrip.sim.plots.style import ALARM, DASHED, DOTTED, FAINT, NotDrawnError, Sheet, Style, colour, draw, label, title
+from cogrip.sim.summary_values import dig, is_number
 from cogrip.sim.traces import Run
-from cogrip.sim.verdict import dig, is_number
 
 _LEAST_MARGIN_J = 1e-5  # least height of the margins' axis: below it lies rounding
 _LARGE_J = 5.0

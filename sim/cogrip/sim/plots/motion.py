@@ -19,8 +19,8 @@ from cogrip.sim.plots.style import (
     draw,
     title,
 )  # fmt: skip
+from cogrip.sim.summary_values import dig
 from cogrip.sim.traces import Run
-from cogrip.sim.verdict import dig
 
 _LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
 _DETAIL_S = 5.0

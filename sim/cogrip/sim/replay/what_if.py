@@ -15,9 +15,12 @@ from typing import Any, Literal
 import msgspec
 
 from cogrip.client.recorded import start_of
+from cogrip.client.rendered_damper import refusal
+from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
+from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.settings import Settings, User, rates_of, resolve
+from cogrip.protocol.settings import Settings, User, rates_of, resolve, seat_settings
 from cogrip.sim.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]
@@ -26,10 +29,14 @@ HELLO_LENGTH = 40  # of an address in a hello: a longer one is cut there
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What a laboratory is to run: its settings, and with which tick of the session, at their own rate, each person begins."""
+    """What a laboratory is to run: its settings, and with which tick of the session, at their own rate, each person begins.
+
+    overloads: people whose recorded devices would be asked for more than they carry, though others stand in for them.
+    """
 
     settings: Settings
     begins: tuple[int, ...]
+    overloads: tuple[str, ...] = ()
 
 
 def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") -> World:
@@ -45,8 +52,11 @@ def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") 
             "name the server's run folder, or join both with `cogrip merge`"
         )
     table = msgspec.to_builtins(recorded)
+    records = []
     for user, row in zip(recorded.users, table["users"], strict=True):
-        row.update(_hand(run, user, hands))
+        hello, record = _start(run, user)
+        row.update(_hand(run, user, hands, hello, record))
+        records.append(record)
     spans = [_span(run.clients[user.name]) for user in recorded.users]
     first_s = min(start_s for start_s, _ in spans)
     seconds, network_hz = max(end_s for _, end_s in spans) - first_s, recorded.rates.network_hz
@@ -57,19 +67,29 @@ def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") 
         round((start_s - first_s) * settings.rates.network_hz) * rates_of(settings, user).ticks_per_frame
         for user, (start_s, _) in zip(settings.users, spans, strict=True)
     ]
-    return World(settings, tuple(begins))
+    overloads = [
+        refusal(seat_settings(settings, number), record)
+        for number, (before, after, record) in enumerate(zip(table["users"], settings.users, records, strict=True))
+        if before["device"] == after.device  # nobody was given another one
+    ]
+    return World(settings, tuple(begins), tuple(text for text in overloads if text))
 
 
-def _hand(run: RunRecords, user: User, hands: Hands) -> dict[str, str | float]:
-    """The keys of a user that bring the recorded person back."""
+def _start(run: RunRecords, user: User) -> tuple[Hello, Capability]:
+    """What a recorded person asked the server for, and the record of their device."""
     end = run.clients.get(user.name)
     if end is None:
         there = ", ".join(run.clients) or "nobody"
         raise RecordingError(f"{run.folder} holds no recording of {user.name!r}; there is: {there}")
     try:
-        hello, capability = start_of(end.recording.header.start)
+        return start_of(end.recording.header.start)
     except (KeyError, ValueError) as error:
         raise RecordingError(f"{end.path} does not say what device was recorded: {error}") from None
+
+
+def _hand(run: RunRecords, user: User, hands: Hands, hello: Hello, capability: Capability) -> dict[str, str | float]:
+    """The keys of a user that bring the recorded person back."""
+    end = run.clients[user.name]
     source = f"{run.folder if run.folder.is_dir() else end.path}#user={user.name}"
     if hands == "positions":
         return {"device": f"replay:{source}"}

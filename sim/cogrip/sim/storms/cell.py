@@ -20,9 +20,9 @@ from cogrip.sim.methods.measures import at_rest, created_j, furthest, largest
 from cogrip.sim.methods.watch import Watch
 from cogrip.sim.storms.room import CLEAN, loose, settled, storm
 from cogrip.sim.summary import of_laboratory
+from cogrip.sim.summary_values import people, worst_margin
 from cogrip.sim.sweep.cell import Result
 from cogrip.sim.sweep.measures import finite
-from cogrip.sim.verdict import people, worst_margin
 
 REST_S = 3.0  # at the end, or in its second half, in which hands hold where they began
 RESTLESS_N = 1.0  # swing of a force long after the push

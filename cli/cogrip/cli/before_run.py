@@ -1,0 +1,119 @@
+"""Before a session is run: warnings in `advise`'s words on standard error, and the refusal of what is known to be unstable.
+
+Hardware is never held in what is refused: `--allow-unstable` is for simulated, emulated and replayed devices.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from cogrip.cli.problem import BadInput
+from cogrip.devices.device import DeviceError
+from cogrip.devices.registry import FAMILIES, is_real
+from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.advice import Finding, advise, ample, overloads
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import ModelError, linear_session
+from cogrip.sim.analysis.plausible import implausible
+from cogrip.sim.analysis.stability import modes
+
+AllowUnstable = Annotated[
+    bool,
+    Parameter(
+        name="--allow-unstable",
+        negative="",
+        help="Run what `cogrip advise` says is not stable, or more than a device carries. Never with hardware.",
+    ),
+]
+ALLOW = "; --allow-unstable runs it all the same"
+HELD_BY_NOBODY = ("sim:", "emulated:", "replay:")  # no person's hand is in these
+MOST_STATES = 256  # of a model that is advised with before a run: its work goes with the cube, 2 s at this
+
+
+def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple[str, ...] = ()) -> None:
+    """Warn of all that there is to warn of, then refuse. Raises BadInput.
+
+    also: more reasons to refuse than the settings give, each with the value that would do.
+    """
+    check_plausible(settings)
+    try:
+        warnings, refused = advice_on(settings)
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    first = [] if allow_unstable else (*also, *refused)[:1]
+    warn([text for text in dict.fromkeys((*warnings, *also)) if text not in first])
+    if first:
+        raise BadInput(f"refused: {first[0]}{ALLOW}")
+
+
+def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = False) -> None:
+    """The same for sessions that are run side by side, by name. Raises BadInput.
+
+    Methods are compared where they are unstable, too: only what a device does not carry is refused.
+    """
+    said: dict[str, list[str]] = {}
+    for name, settings in sessions.items():
+        warnings, _ = advice_on(settings)
+        for text in warnings:
+            said.setdefault(text, []).append(name)
+    refused = next((text for settings in sessions.values() for text in overloads(settings)), "")
+    first = "" if allow_unstable else refused
+    warn([f"{', '.join(names)}: {text}" for text, names in said.items() if text != first])
+    if first:
+        raise BadInput(f"refused: {first}{ALLOW}")
+
+
+def check_plausible(settings: Settings) -> None:
+    """Warn of inputs that are unlikely; raises BadInput for one that cannot be meant."""
+    try:
+        found = implausible(settings)
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    tell_implausible(found)
+
+
+def tell_implausible(found: Iterable[Finding]) -> None:
+    """Raises BadInput for what cannot be meant."""
+    found = list(found)
+    warn([finding.text for finding in found if not finding.refused])
+    if refused := [finding.text for finding in found if finding.refused]:
+        raise BadInput(f"refused: {refused[0]}")
+
+
+def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """(warnings, refusals among them) of `advise`, as far as there is a model that does not take too long.
+
+    The refusal with the least value comes first. Raises DeviceError.
+    """
+    refused = overloads(settings)
+    try:
+        model = LiftedModel(linear_session(settings, estimated=True))
+        states = max(part.model.states for part in modes(model))
+        if states > MOST_STATES:
+            raise ModelError(f"a model of {states} states takes too long here; `cogrip advise` takes its time")
+        advice = advise(settings, ample)
+    except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
+        return (*refused, f"no advice on stability: {error}"), refused
+    return advice.warnings, (*refused, *(text for text in advice.refusals if text not in refused))
+
+
+def warn(texts: Iterable[str]) -> None:
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    for text in texts:
+        errors.print(f"warning: {text}", markup=False)
+
+
+def refuse_hardware(addresses: Iterable[str]) -> None:
+    """Raises BadInput where `--allow-unstable` is asked for with hardware, or what may be: a driver of another package."""
+    for address in addresses:
+        try:
+            real = is_real(address) or address.partition(":")[0] not in FAMILIES
+        except DeviceError as error:
+            raise BadInput(str(error)) from None
+        if real:
+            raise BadInput(
+                f"--allow-unstable: {address} is hardware, in somebody's hand, and settings may be another's: "
+                "it is held with no more than it carries; leave the flag out, or take sim: or emulated:"
+            )

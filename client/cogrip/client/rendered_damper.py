@@ -1,0 +1,76 @@
+"""The damper that a seat's settings ask its device to render, held against what that device carries.
+
+Settings are the server's, and the device is the client's: a client judges its own device with every seat it is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, log10
+
+from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
+from cogrip.devices.device import Capability, DeviceError
+from cogrip.protocol.settings import Coupling, SeatSettings
+
+ROUNDING = 1e-9  # of a bound: settings are decimal
+
+
+class OverloadError(DeviceError):
+    """The settings of a seat ask a device for more than it carries; the text says the value that would do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Damper:
+    """What the device renders by itself: b of waves and of passivity control, B of virtual coupling. key: of [coupling]."""
+
+    symbol: str
+    key: str
+    value_nspm: float
+
+
+def damper_of(coupling: Coupling) -> Damper:
+    """The damper in the client's own force law."""
+    if coupling.kind == "coupling":
+        return Damper("B", "damping_nspm", coupling.damping_nspm)
+    return Damper("b", "impedance_nspm", coupling.impedance_nspm)
+
+
+def is_carried(seat: SeatSettings, record: Capability) -> bool:
+    """Whether the device carries the damper that the seat asks for."""
+    most = largest_impedance(record, seat.rates.tick_s).impedance_nspm
+    return damper_of(seat.coupling).value_nspm <= most * (1.0 + ROUNDING)
+
+
+def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:
+    """Why the device must not be driven so, with the value that would do; "" where it carries what the seat asks for.
+
+    section: of the settings, in which the value stands.
+    """
+    if is_carried(seat, record):
+        return ""
+    damper, tick_s = damper_of(seat.coupling), seat.rates.tick_s
+    carried = largest_impedance(record, tick_s)
+    most, symbol = carried.impedance_nspm, damper.symbol
+    share = damper.value_nspm * tick_s / record.apparent_mass_kg
+    return (
+        f"{seat.user}: {symbol} = {damper.value_nspm:g} Ns/m is more than device {record.family}:{record.model} carries: "
+        f"{symbol} T_c / m = {share:.2f}; at {most:.3g} Ns/m, its {carried.bound} bound, {bound_words(carried, record)}; "
+        f"set {section}.{damper.key} to {rounded_down(most):g} or less"
+    )
+
+
+def bound_words(carried: Carried, record: Capability) -> str:
+    """What binds, at the largest b."""
+    if carried.bound == "lag":
+        return f"the {carried.lag_ticks:.2g} ticks that its damper is late take all of its {record.apparent_mass_kg:.3g} kg"
+    if carried.bound == "noise":
+        return f"one count of {1e3 * record.resolution_m:.3g} mm makes its force jump by {NOISE_N:g} N"
+    return "the damping that its record advises ends"
+
+
+def rounded_down(value: float) -> float:
+    """To three digits, and not above the value."""
+    if not value > 0.0:
+        return 0.0
+    step = 10.0 ** (floor(log10(value)) - 2)
+    return float(f"{floor(value / step * (1.0 + ROUNDING)) * step:.3g}")
