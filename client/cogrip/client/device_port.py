@@ -34,7 +34,7 @@ from cogrip.protocol.accounts import DeviceAccount
 
 BRISK_MPS = 1.0  # a late damper borrows from the device's kinetic energy: the reserve holds it up to this speed
 FADE = 3.0  # ticks at the speed limit and peak force, over whose energy a force that is not paid for fades
-DOWN = 0.7  # of the impedance, at each fast turn of a train
+DOWN = 0.5  # of the impedance, at each fast turn of a train
 BELOW = 0.8  # of the impedance at which a train began: what is tried again at most
 UP_S = 2.0  # in which the impedance comes back by a factor of e, as far as that
 TRUST_S = 60.0  # in which that bound rises by a factor of e
