@@ -46,7 +46,7 @@ def session(mass_kg: float, memory: float | None = None):
         {"name": "ben", "hand": "reach&delay_s=0.15", "device_mass_kg": mass_kg},
     ]
     laboratory = Laboratory(
-        resolve({"seconds": 4.0, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": users})
+        resolve({"seconds": 4.0, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": users}), bare=True
     )
     for person in laboratory.people:
         assert isinstance(person.device, SimulatedDevice)
@@ -129,11 +129,11 @@ def wave_of(
     client.returning = (float(inputs[0]),)
     late = 0 if person.encoder == "velocity" else person.latency_ticks
     client.set_latency(late)
-    client._late.extend([((wave,), 1.0) for wave in state[len(state) - late :][::-1].tolist()])
+    client._late.extend([((wave,), 1.0, 1.0, None) for wave in state[len(state) - late :][::-1].tolist()])
     for _ in range(rates.ticks_per_frame):
         place, velocity = memory.read()
         client.elapse([memory.step(client.force(place, velocity)) * rates.device_hz], velocity)
-    return [*memory.state(), *[wave for (wave,), _ in reversed(client._late)]], list(client._decimator.take())
+    return [*memory.state(), *[wave for (wave,), *_ in reversed(client._late)]], list(client._decimator.take())
 
 
 def coupled_of(
@@ -387,7 +387,7 @@ def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg
     def quiet(b: float) -> bool:
         users = [{"name": name, "device": f"{EXACT}&hand={LOOSE}", "device_mass_kg": mass_kg} for name in ("a", "b")]
         table = {"seconds": 3.0, "coupling": {"impedance_nspm": b}, "link": {"delay_ms": FRAME_MS}, "users": users}
-        laboratory = Laboratory(resolve(table))
+        laboratory = Laboratory(resolve(table), bare=True)
         let_age(laboratory, latency, memory)
         for person, sign in zip(laboratory.people, (1.0, -0.4), strict=True):
             person.device.plant.velocity_mps[0] = sign * 0.05  # type: ignore[attr-defined]

@@ -10,7 +10,7 @@ over all lines.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import dist, hypot
 
 from cogrip.client.coupling import COUPLINGS, Coupling
@@ -35,6 +35,8 @@ RECKON_S = 12.0 / 1024.0  # without a sample, for which the hand is taken to go 
 
 class ClientCore:
     """Session, coupling, safety and books of one person."""
+
+    make_port: Callable[[Capability, float], DevicePort] = DevicePort
 
     def __init__(self, hello: Hello, capability: Capability) -> None:
         self.session = ClientSession(hello)
@@ -121,7 +123,7 @@ class ClientCore:
         self._stopped: int | None = None  # the tick of `stop`
         self._parting: Sequence[float] = (0.0,) * axes  # how the hand moved when it was told to stop
         self.safety = Safety(self.capability, rates.tick_s)
-        self.port = DevicePort(self.capability, rates.tick_s)
+        self.port = self.make_port(self.capability, rates.tick_s)
         self._given_j = 0.0  # by all lines before the present one
         self._session_id = session
         self._ticks_per_frame = rates.ticks_per_frame

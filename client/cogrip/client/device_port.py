@@ -220,3 +220,31 @@ class DevicePort:
             leak_j=max(0.0, -self.least_j),
             margin_j=self.least_j + self.reserve_j,
         )
+
+
+class BarePort(DevicePort):
+    """The ledger alone: for experiments on force laws, in which no hand is held. Nothing is limited, adapted or let go."""
+
+    def keep_to(self, capability: Capability) -> None:
+        super().keep_to(capability)
+        self.carried_nspm = inf
+
+    @property
+    def spare_j(self) -> float:
+        return inf
+
+    def limit(self, force_n: Sequence[float]) -> Sequence[float]:
+        return force_n
+
+    def guard(self, force_n: tuple[float, ...]) -> tuple[float, ...]:
+        return force_n
+
+    def watch(
+        self,
+        force_n: Sequence[float],
+        clipped: bool,
+        local_n: Sequence[float],
+        limited: bool = False,
+        reduced: bool = False,
+    ) -> Trouble:
+        return ""

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import count
 
+from cogrip.client.device_port import BarePort
 from cogrip.client.dialler import Dialler
 from cogrip.client.handle import Handle
 from cogrip.client.recorded import RecordedClient
@@ -47,7 +48,7 @@ def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:
 class Person:
     """One user: device, core and the two directions of the link. visit: how often this person has come before."""
 
-    def __init__(self, settings: Settings, number: int, begins: int, visit: int = 0) -> None:
+    def __init__(self, settings: Settings, number: int, begins: int, visit: int = 0, bare: bool = False) -> None:
         user = settings.users[number]
         self.begins = begins  # tick of the session, at this person's rate, that is their first
         self.rates = rates_of(settings, user)
@@ -65,6 +66,8 @@ class Person:
             force_n=record.peak_force_n, speed_mps=record.speed_mps,
         )  # fmt: skip
         self.core = RecordedClient(hello, device.capability)
+        if bare:
+            self.core.make_port = BarePort
         self.handle = Handle(device, self.core, self.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
@@ -97,14 +100,18 @@ class Person:
 class Laboratory:
     """One session of `settings`. `run` to the end, or `frame` by frame.
 
+    bare: without the controllers of the device port, for experiments on what they are for (`BarePort`)
     begins: each person's first tick, at their own rate, a whole number of frames; all begin together if it is empty.
     tick: moments so far at which somebody ticked, or is ticking; with one rate for all, everybody's tick
     """
 
-    def __init__(self, settings: Settings, record: Record = unrecorded, begins: Sequence[int] = ()) -> None:
+    def __init__(
+        self, settings: Settings, record: Record = unrecorded, begins: Sequence[int] = (), *, bare: bool = False
+    ) -> None:
         self.settings = settings
+        self._bare = bare
         begins = begins or (0,) * len(settings.users)
-        self.people = [Person(settings, number, begin) for number, begin in enumerate(begins)]
+        self.people = [Person(settings, number, begin, bare=bare) for number, begin in enumerate(begins)]
         self._record = record
         self._sessions, self._tickets = count(1), count(1)
         self.server = self._new_server()
@@ -161,7 +168,7 @@ class Laboratory:
         """Who had this seat before comes again, with a hand that begins anew."""
         before = self.people[number]
         begins = self._frame * before.rates.ticks_per_frame
-        person = self.people[number] = Person(self.settings, number, begins, before.visit + 1)
+        person = self.people[number] = Person(self.settings, number, begins, before.visit + 1, self._bare)
         self.now_ns = due_ns(0, self._frame, self._network_hz)
         person.core.record(self._record(person.core, f"{person.name} {person.visit + 1}"))
         self._call(person)

@@ -127,7 +127,7 @@ def static_stiffness(settings: Settings, user: int, force_n: float = 1.0, settle
 def _with_ideal(settings: Settings, user: int, hand: str) -> Laboratory:
     users = list(settings.users)
     users[user] = replace(users[user], device="sim:ideal", hand=hand)
-    return Laboratory(replace(settings, users=tuple(users), seconds=1e6))
+    return Laboratory(replace(settings, users=tuple(users), seconds=1e6), bare=True)
 
 
 Counts = list[dict[str, int]]

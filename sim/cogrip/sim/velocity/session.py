@@ -70,7 +70,7 @@ def comes_to_rest(
     ]
     table = {"seconds": _SECONDS, "coupling": {"impedance_nspm": impedance_nspm}, "users": users}
     settings = resolve(table, {"link.delay_ms": frames * 1000.0 / 128})
-    laboratory = Laboratory(settings)
+    laboratory = Laboratory(settings, bare=True)
     for person, sign in zip(laboratory.people, (1.0, -0.4), strict=True):
         assert isinstance(person.device, SimulatedDevice)
         plant = EstimatingPlant(person.device.plant, make(), record.latency_ticks)
