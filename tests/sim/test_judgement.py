@@ -137,7 +137,11 @@ def replaced(share: float, **playout: int) -> UserRecord:
             port(at_limit=0.05),
             "a limit of anna's device held the force in 5.0 %",
         ),
-        (port(controlled=judgement.MOST_CONTROLLED), port(controlled=0.2), "anna's passivity controller changed 20 %"),
+        (
+            port(controlled=judgement.MOST_CONTROLLED),
+            port(controlled=0.2),
+            "anna's device port changed what is felt in 20 %",
+        ),
         (replaced(judgement.MOST_REPLACED), replaced(0.6), "60 % of the frames to anna were missing and replaced"),
         (person(), person(state="degraded"), "anna ended without force"),
         (person(felt_stiffness_npm=300.0), person(felt_stiffness_npm=100.0), "felt 100 N/m at rest, where 363 N/m"),
@@ -172,7 +176,7 @@ def test_where_no_force_was_met_nothing_was_felt() -> None:
     [
         (person(), None),
         (port(at_limit=0.02), "the force was at a limit in 2.0 % of the ticks"),
-        (port(controlled=0.06), "the passivity controller changed the force in 6.0 % of the ticks"),
+        (port(controlled=0.06), "the device port changed what is felt in 6.0 % of the ticks"),
         (replaced(0.06), "6.0 % of the frames to it were replaced"),
         (replaced(0.0, repeated=6, skipped=5), "the playout's depth changed at 1.1 % of the frames"),
         (replaced(0.0, repeated=5, skipped=5), None),

@@ -412,7 +412,7 @@ class ClientCore:
                 local_n = [safety.gain * local for local in local_n]
             elif (kept := safety.law_n) is not wish:  # what limits took, the line is not told of either
                 coupling.cut_n = [law - left for law, left in zip(wish, kept, strict=True)]
-            if found := port.watch(force, safety.clipped, local_n, safety.limited):
+            if found := port.watch(force, safety.clipped, local_n, safety.limited, coupling.reduced):
                 self._let_go(found)
         step = abs(force[0] - self.force_n[0]) if len(force) == 1 else dist(force, self.force_n)
         if step > self.peak_step_n:

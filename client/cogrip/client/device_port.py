@@ -70,6 +70,7 @@ class DevicePort:
         self._ticks = self._controlled = self._limited = (
             0  # with force; held by a controller here; by a limit of the device
         )
+        self._changed = False  # the force of this tick, by a controller here
         self._tick = 0
         self._turned = -self._rest_ticks - 1  # tick of the last turn of a train
         self._rests: list[int] = []  # ticks at which the force was let go, of the last GOES_ON_S
@@ -129,7 +130,7 @@ class DevicePort:
         size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
         if not size * FADE * self._most_step_m > left_j:
             return force_n
-        self._controlled += 1
+        self._changed = True
         scale = max(0.0, left_j) / (size * FADE * self._most_step_m)
         return [scale * force for force in force_n]
 
@@ -143,21 +144,29 @@ class DevicePort:
         most_n = max(most_n, 2.0 * sqrt(self._damping * left_j / self._tick_s))
         if size <= most_n:
             return force_n
-        self._controlled += 1
+        self._changed = True
         return tuple([force * (most_n / size) for force in force_n])
 
     def watch(
-        self, force_n: Sequence[float], clipped: bool, local_n: Sequence[float], limited: bool = False
+        self,
+        force_n: Sequence[float],
+        clipped: bool,
+        local_n: Sequence[float],
+        limited: bool = False,
+        reduced: bool = False,
     ) -> Trouble:
-        """See the unramped force of a tick, adapt the impedance, and tell whether the force is to be let go.
+        """See the force of a tick, adapt the impedance, and tell whether the force is to be let go.
 
         force_n   to the motors until the next tick [N], shape (axes,)
         clipped   whether it is at the device's peak
         limited   whether any limit of the device holds it
+        reduced   whether the coupling renders less than its settings, for `carried_nspm`
         local_n   the part of the law that follows the hand's own motion [N], shape (axes,)
         """
         self._ticks += 1
         self._limited += limited
+        self._controlled += reduced or self._changed
+        self._changed = False
         carried, record = self.carried_nspm, self._record_nspm
         detector = self._detector
         if detector.add(force_n, clipped, local_n):
@@ -207,7 +216,7 @@ class DevicePort:
         return DeviceAccount(
             oscillates=self.oscillates,
             at_limit=self._limited / ticks,
-            controlled=min(1.0, self._controlled / ticks),
+            controlled=self._controlled / ticks,
             leak_j=max(0.0, -self.least_j),
             margin_j=self.least_j + self.reserve_j,
         )

@@ -22,6 +22,7 @@ class NewestCoupling(Generic[M]):
     def __init__(self, axes: int) -> None:
         self.carried_nspm = inf  # damping that the device renders at most
         self.local_n: Sequence[float] = (0.0,) * axes  # the part of the law that follows the hand's own motion
+        self.reduced = False  # whether less than the settings ask for is rendered now
         self.gain = 1.0  # of the ramp that the force goes through
         self.peak_n = inf  # the largest force of the device
         self.lag_s = 0.0  # by which its damper is late

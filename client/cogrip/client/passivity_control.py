@@ -172,6 +172,7 @@ class PassivityControl(NewestCoupling[Power]):
         """The server's force and the charging damper, as far as W pays for them; and a damper that pays a debt."""
         tick_s = self._tick_s
         charging, most = min(self._charging, self.carried_nspm), min(self._most_damping, self.carried_nspm)
+        self.reduced = most < self._most_damping
         force, local = [], []
         for axis, speed in enumerate(velocity_mps):
             damper = 0.0

@@ -102,6 +102,7 @@ class VirtualCoupling(NewestCoupling[State]):
         state = self.object_state
         self._rendered_nspm = damping = min(self._damping, self.carried_nspm)
         self._rendered_npm = stiffness = min(self._stiffness, damping / self.lag_s if self.lag_s else inf)
+        self.reduced = stiffness < self._stiffness or damping < self._damping
         self._stretch = stretch = [position_m[axis] - state[axis] for axis in range(axes)]
         force = [
             stiffness * stretch[axis] + damping * (velocity_mps[axis] - state[axes + axis]) for axis in range(axes)

@@ -242,6 +242,11 @@ class WaveCoupling:
         return [local - root * wave for local, wave in zip(local_n, self.returning, strict=True)]
 
     @property
+    def reduced(self) -> bool:
+        """Whether less than b is rendered now, or a deflection comes back."""
+        return self._ratio != 1.0 or self._deflected
+
+    @property
     def given_border_j(self) -> float:
         """Energy that the line gave this end, less what it took, up to the last frame that ended."""
         return self._given.value

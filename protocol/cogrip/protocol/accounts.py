@@ -76,7 +76,7 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
 
     oscillates: bool = False  # the force turned back and forth fast, and was let go for it
     at_limit: Share = 0.0  # ticks in which a limit of the device held the force
-    controlled: Share = 0.0  # ticks in which the passivity controller changed the force
+    controlled: Share = 0.0  # ticks in which the device port changed the force, or rendered less than was asked
     leak_j: float = (
         0.0  # most energy given to the hand beyond what came in, what the line gave and the device's damping takes
     )

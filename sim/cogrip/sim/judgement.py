@@ -33,7 +33,7 @@ Row = dict[str, Any]
 MOST_LIMITED = 0.01
 """Of the ticks that may give force: a limit of the device held the force, so the hand felt the limit. 10 ms in a second."""
 MOST_CONTROLLED = 0.05
-"""Of the same ticks: the passivity controller changed the force. A correction now and then is what it is for."""
+"""Of the same ticks: the device port changed the force, or rendered less impedance than was asked for."""
 MOST_REPLACED = 0.05
 """Of one direction's frames: not there in time, and concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
 MOST_MOVED = 0.01
@@ -299,7 +299,7 @@ def not_predicted(row: Row) -> str:
     if limited > MOST_LIMITED:
         return f"the force was at a limit in {_percent(limited)} of the ticks"
     if controlled > MOST_CONTROLLED:
-        return f"the passivity controller changed the force in {_percent(controlled)} of the ticks"
+        return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
     if _replaced(row)[0] > MOST_REPLACED:
         return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
     if moved > MOST_MOVED:
@@ -328,7 +328,7 @@ def _share(row: Row, way: str, key: str) -> float:
 
 _SHARES: tuple[tuple[Callable[[Row], float | None], float, str], ...] = (
     (lambda row: _value(row, "at_limit"), MOST_LIMITED, "a limit of {name}'s device held the force in {share} of the ticks"),
-    (lambda row: _value(row, "controlled"), MOST_CONTROLLED, "{name}'s passivity controller changed {share} of the forces"),
+    (lambda row: _value(row, "controlled"), MOST_CONTROLLED, "{name}'s device port changed what is felt in {share} of ticks"),
     (lambda row: _replaced(row)[0], MOST_REPLACED, "{share} of the frames {way} {name} were missing and replaced"),
 )  # fmt: skip
 """How to read a share of a person, what it may be, and the reason that it gives where it is more."""
