@@ -23,7 +23,7 @@ from cogrip.protocol.recording.records import Tick
 LIMIT_S = 120.0  # for anything that is waited for
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
-WITHIN = ("--set", "coupling.impedance_nspm=8")  # what the vintage Phantom's record advises
+WITHIN = ("--set", "coupling.impedance_nspm=2")  # what every arm here carries: the 2DIY the least
 STALLED = ("watchdog: the loop was away", "device stall", "its guard process did not start within")
 FREE = "push&force_n=0"  # nobody holds it
 
@@ -199,4 +199,4 @@ class Session:
             assert person.end() == 0, person.said
         self.server.popen.send_signal(signal.SIGINT)
         assert self.server.end() == 0, self.server.said
-        assert self.summary("server")["passive"]
+        assert self.summary("server")["passive"] is not False  # not known where a client was killed

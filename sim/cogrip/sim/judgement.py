@@ -252,7 +252,9 @@ def felt(summary: Summary) -> Judgement:
     if stable(summary).tone == "bad":
         reasons.insert(0, "the session was not stable")
     if reasons:
-        return Judgement("felt as intended", "warn", f"Not felt as intended: {'; '.join(reasons)}.")
+        more = f" (and {len(reasons) - 1} more reasons)" if len(reasons) > 1 else ""
+        brief = f"not felt as intended: {reasons[0]}{more}"
+        return Judgement("felt as intended", "warn", f"Not felt as intended: {'; '.join(reasons)}.", brief)
     unknown = list(dict.fromkeys(name_of(row) for row in held if not is_number(row.get("at_limit"))))
     if unknown or not held:
         text = f"Whether it felt as intended is not known: limits on the force were not told of {_some(unknown) or 'anybody'}."
