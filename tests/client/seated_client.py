@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.client.core import ClientCore
+from cogrip.client.device_port import BarePort
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
@@ -46,6 +47,7 @@ class Client:
         latency: int = 0,
         frames: int = 0,
         speed_mps: float = 1e6,
+        bare: bool = True,
         **coupling: object,
     ) -> None:
         settings = resolve(
@@ -55,6 +57,8 @@ class Client:
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
         )  # fmt: skip
         self.core = ClientCore(hello, capability(axes, gives_velocity, latency, speed_mps))
+        if bare:  # hands here are random numbers, which the device port would control
+            self.core.make_port = BarePort
         self.core.call(0)
         self.settings, self.session = settings, 7
         self.welcome(0)

@@ -21,9 +21,10 @@ TWO = [
 ]
 
 
-def session(seconds: float, users: list[dict[str, Any]] = TWO, **overrides: Any) -> Laboratory:
+def session(seconds: float, users: list[dict[str, Any]] = TWO, *, bare: bool = False, **overrides: Any) -> Laboratory:
     keys = {key.replace("__", "."): value for key, value in overrides.items()}
-    laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": users, "seconds": seconds}, keys))
+    table = {"coupling": {"kind": "tdpa"}, "users": users, "seconds": seconds}
+    laboratory = Laboratory(resolve(table, keys), bare=bare)
     laboratory.run()
     return laboratory
 
@@ -42,7 +43,7 @@ def control(laboratory: Laboratory, number: int) -> PassivityControl:
 def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float) -> None:
     """Rows of the table of theory section 6 in which virtual coupling has an eigenvalue outside the unit circle."""
     bad: dict[str, Any] = {"coupling__stiffness_npm": stiffness, "link__delay_ms": frames * FRAME_MS}
-    held, loose = session(1.5, **bad), session(1.5, **bad, coupling__kind="coupling")
+    held, loose = session(1.5, **bad), session(1.5, **bad, coupling__kind="coupling", bare=True)
     ours, theirs = of_laboratory(held), of_laboratory(loose)
     assert not ours["diverged"]
     assert ours["object"]["travel_m"] < 0.15

@@ -13,8 +13,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from math import dist, hypot
 
+from cogrip.client.account import account_of
 from cogrip.client.coupling import COUPLINGS, Coupling
-from cogrip.client.device_port import DevicePort
+from cogrip.client.device_port import DevicePort, Trouble, cure
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.past_lines import PastLines
 from cogrip.client.rest import RestStiffness
@@ -22,9 +23,9 @@ from cogrip.client.safety import Safety
 from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import JUMP, Plausibility
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
+from cogrip.protocol.accounts import ClientAccount, LinkCount, PlayoutAccount, TickCount
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import Hello, Stamp, View, clipped, encode
+from cogrip.protocol.messages import Hello, Stamp, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
@@ -149,7 +150,7 @@ class ClientCore:
         self._latency = ticks = self.capability.latency_ticks
         self._forces = deque([*[(0.0,) * len(self.force_n)] * ticks, *self._forces], maxlen=ticks)
         self.coupling.set_latency(ticks)
-        self.coupling.lag_s, self.coupling.peak_n = self.port.lag_s, self.capability.peak_force_n
+        self.coupling.fit(self.capability, self.port.lag_s)
 
     def _renew(self, session: int) -> None:
         """A new line, whose first frame began at the last border: with nothing, up to the place where the hand is now."""
@@ -159,7 +160,7 @@ class ClientCore:
         self._session_id = session
         self.coupling = coupling = COUPLINGS[self.seat.coupling.kind](self.seat)
         coupling.set_latency(self._latency)
-        coupling.lag_s, coupling.peak_n = self.port.lag_s, self.capability.peak_force_n
+        coupling.fit(self.capability, self.port.lag_s)
         if self._origin is not None:
             self._origin = self.position_m
         ticks = self.tick % self._ticks_per_frame
@@ -391,6 +392,8 @@ class ClientCore:
         coupling = self.coupling
         if self.tick % self._ticks_per_frame == 0:
             coupling.start_frame()
+            if coupling.implausible:
+                self.safety.note("wave beyond what the device can bring about")
             if (
                 coupling.played
             ):  # records come in clumps: what was in hand, and is played in its time, is as good as new
@@ -400,22 +403,7 @@ class ClientCore:
             self.safety.event("stale", "nothing new from the server")
         elif self.safety.state == "degraded" and not self.port.resting:
             self.safety.event("fresh")
-        safety, port = self.safety, self.port
-        port.elapse()
-        coupling.carried_nspm = port.carried_nspm
-        wish = coupling.force(self.position_m, self.velocity_mps) if safety.state != "fault" else None
-        force = port.guard(safety.limit(port.limit(wish) if wish is not None else None, coupling.gap))
-        coupling.gain = safety.gain
-        port.ramped = not safety.full
-        coupling.cut_n = None
-        if wish is not None and safety.state == "live":
-            local_n = coupling.local_n
-            if port.ramped:
-                local_n = [safety.gain * local for local in local_n]
-            elif (kept := safety.law_n) is not wish:  # what limits took, the line is not told of either
-                coupling.cut_n = [law - left for law, left in zip(wish, kept, strict=True)]
-            if found := port.watch(force, safety.clipped, local_n, safety.limited, coupling.reduced):
-                self._let_go(found)
+        force = self._render()
         step = abs(force[0] - self.force_n[0]) if len(force) == 1 else dist(force, self.force_n)
         if step > self.peak_step_n:
             self.peak_step_n = step
@@ -425,21 +413,33 @@ class ClientCore:
             self.peak_force_n = size
         return force
 
-    def _let_go(self, found: str) -> None:
-        """The force oscillates or sits at its limit: degrade, or fault if that goes on."""
+    def _render(self) -> tuple[float, ...]:
+        """The law's force, as far as the device port and safety let it."""
+        coupling = self.coupling
+        safety, port = self.safety, self.port
+        port.elapse()
+        coupling.carried_nspm = port.carried_nspm
+        wish = coupling.force(self.position_m, self.velocity_mps) if safety.state != "fault" else None
+        if wish is not None and (paying := port.paying_nspm):
+            wish = [law + paying * speed for law, speed in zip(wish, self.velocity_mps, strict=True)]
+        force = safety.limit(port.limit(wish) if wish is not None else None, coupling.gap)
+        coupling.gain = safety.gain
+        port.ramped = not safety.full
+        coupling.cut_n = None
+        if wish is not None and safety.state == "live":
+            local_n = coupling.local_n
+            if port.ramped:
+                local_n = [safety.gain * local for local in local_n]
+            elif (kept := safety.law_n) is not wish:  # what limits took, the line is not told of either
+                coupling.cut_n = [law - left for law, left in zip(wish, kept, strict=True)]
+            if found := port.watch(force, safety.at_peak, local_n, safety.limited, coupling.reduced):
+                self._let_go(found)
+        return force
+
+    def _let_go(self, found: Trouble) -> None:
+        """Degrade, or fault if that goes on."""
         assert self.seat is not None
-        coupling, safety = self.seat.coupling, self.safety
-        if found == "oscillation":
-            wave = coupling.kind == "wave"
-            key, value = (
-                ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
-            )
-            reason = f"the force oscillates at the hand; set coupling.{key} lower than {value:g}"
-        else:
-            reason = (
-                f"the force sits at its limit of {self.capability.peak_force_n:g} N; push less, or set "
-                f"coupling.stiffness_npm lower than {coupling.stiffness_npm:g}"
-            )
+        safety, reason = self.safety, cure(found, self.seat, self.capability)
         safety.note(f"let go: {found}")
         if self.port.goes_on:
             safety.diverged = safety.diverged or reason
@@ -480,36 +480,19 @@ class ClientCore:
 
     def account(self, ticks: TickCount) -> ClientAccount:
         """Everything this end knows, for the summary and for the server."""
+        return account_of(self, ticks)
+
+    def predicted_stiffness(self) -> float | None:
+        """What is felt at rest by the loop as it was measured last [N/m]; None where no wave went round."""
         assert self.seat is not None
         loop = self.coupling.loop_frames()
-        predicted = None if loop is None else self.seat.predicted_stiffness(loop, self._late_frames)
-        return ClientAccount(
-            position_m=self.position_m,
-            force_n=self.force_n,
-            peak_force_n=self.peak_force_n,
-            travel_m=self.travel_m,
-            felt_stiffness_npm=self._rest.stiffness_npm() if self._rest else None,
-            predicted_stiffness_npm=predicted,
-            down_margin_j=self.down_margin_j,
-            device_leak_j=self.least_leak_j,
-            down=self._past.count(self.coupling),
-            rtt_ms=Percentiles.of(self.rtt, 1e6),
-            ticks=ticks,
-            diverged=bool(self.diverged),
-            state=self.safety.state,
-            reason=clipped(self.session.failed or self.diverged or self.safety.reason),
-            peak_step_n=self.peak_step_n,
-            playout=self._past.playout_account(self.coupling),
-            delay=self._delay(),
-            device=self.port.account(),
-        )
+        return None if loop is None else self.seat.predicted_stiffness(loop, self._late_frames)
 
-    def _delay(self) -> DelayAccount:
-        clock = self.session.clock
-        offset_ns, uncertainty_ns = clock.offset_ns, clock.uncertainty_ns
-        return DelayAccount(
-            Percentiles.of(self.up, 1e6),
-            Percentiles.of(self.down, 1e6),
-            None if offset_ns is None else offset_ns * 1e-6,
-            None if uncertainty_ns is None else uncertainty_ns * 1e-6,
-        )
+    @property
+    def felt_stiffness(self) -> float | None:
+        """As measured at rest on a wall [N/m]."""
+        return self._rest.stiffness_npm() if self._rest else None
+
+    def line_account(self) -> tuple[LinkCount, PlayoutAccount | None]:
+        """Of the frames that came down, on all lines."""
+        return self._past.count(self.coupling), self._past.playout_account(self.coupling)

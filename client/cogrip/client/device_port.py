@@ -7,13 +7,14 @@ friction [N] of the device (its record), q one count [m], v_m speed limit [m/s],
 
 The first term is the hand's work, exact under the hold (theory 7.4). The device's own damping takes at least what the last one
 says, d being the displacement in a frame less one count (Cauchy-Schwarz; a path is no shorter than its chord). A tick gives
-out at most |F| v_m T, and at most F^2 T / (4 b_d), so that E >= -E_0 stays true for every force law if
+out at most |F| v_m T, and at most F^2 T / (4 b_d), so that E >= -E_1 stays true for every force law if
 
-    |F(k)| <= max((E + E_0) / (v_m T), 2 sqrt(b_d (E + E_0) / T))                                            (`guard`)
+    |F(k)| <= max((E + E_1) / (v_m T), 2 sqrt(b_d (E + E_1) / T))                                             (`limit`)
 
-and if the line is sent no more in a frame than E has to spare (`spare_j`). The force fades before (`limit`), early enough to
-come to 0 by the slope of `safety` before that bound is met: the reserve holds a brisk hand's kinetic energy, the fading, and
-the fall. E is cut off at what is stored plus E_0: energy of long ago pays for nothing.
+and if the line is sent no more in a frame than E has to spare (`spare_j`). The force fades by a third of that first bound.
+It comes down by the slope s of `safety`, while it gives out F^2 v_m / (2 s) more: E_0 is E_1 and that. A damper of a few per
+cent of what the device carries pays for what is lent to motion for long (`paying_nspm`). E is cut off at what is stored plus
+E_0: energy of long ago pays for nothing.
 
 Passive is not calm: a damper beyond what the device carries may buzz on energy that the hand supplies. So the coupling
 renders `carried_nspm` at most: what the device carries by its record (`largest_impedance`), and less once the force
@@ -31,8 +32,11 @@ from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import DeviceAccount
+from cogrip.protocol.settings import SeatSettings
 
 BRISK_MPS = 1.0  # a late damper borrows from the device's kinetic energy: the reserve holds it up to this speed
+UNPAID = 0.25  # of the free part of the reserve: so much is lent to motion, and comes back
+PAYING = 0.1  # of the impedance that the device carries: the damping that pays for a used-up free part
 FADE = 3.0  # ticks at the speed limit and peak force, over whose energy a force that is not paid for fades
 DOWN = 0.5  # of the impedance, at each fast turn of a train
 BELOW = 0.8  # of the impedance at which a train began: what is tried again at most
@@ -43,14 +47,14 @@ REST_S = 0.5  # for which the force is let go where it oscillates, or sits at it
 MOST_RESTS = 2  # one more within GOES_ON_S is a fault
 GOES_ON_S = 10.0
 
-Trouble = Literal["", "oscillation", "limit"]
+Trouble = Literal["", "oscillation", "limit", "energy"]
 
 
 class DevicePort:
     """Ledger and controllers of one device, all axes together.
 
     balance_j     E, now
-    least_j       the least E so far
+    least_j       the least E so far, with all that was forgiven
     reserve_j     E_0
     carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
     lag_s         by which a damper acts late (`lag_ticks`)
@@ -63,7 +67,9 @@ class DevicePort:
         self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
         self._rest_ticks, self._goes_on_ticks = round(REST_S / tick_s), round(GOES_ON_S / tick_s)
         self.balance_j = self.least_j = 0.0
+        self._given_j = 0.0  # of the last call
         self._own_j = 0.0  # what the device's damping has taken
+        self._forgiven_j = 0.0  # to hands while their force was ramped
         self._cut_j = 0.0  # what was cut off of the balance, less what was forgiven
         self.ramped = True
         self.oscillates = False
@@ -71,8 +77,10 @@ class DevicePort:
             0  # with force; held by a controller here; by a limit of the device
         )
         self._changed = False  # the force of this tick, by a controller here
+        self._exhausted = 0  # ticks for which the balance has paid for no force
         self._tick = 0
         self._turned = -self._rest_ticks - 1  # tick of the last turn of a train
+        self._let_go = 0  # times
         self._rests: list[int] = []  # ticks at which the force was let go, of the last GOES_ON_S
         self._rest_left = 0
         self._detector = OscillationDetector(capability.axes, tick_s)
@@ -97,13 +105,16 @@ class DevicePort:
     def book(self, work_j: float, given_j: float) -> None:
         """Set the hand's work and the line's net gift, both since the beginning [J]."""
         self.balance_j = balance = work_j + given_j + self._own_j - self._cut_j
-        if self.ramped and balance < -self._free_j:
-            # The hand moves the line without feeling all of it, so that the line takes what nobody gave. Asking it back later
+        taken_j, self._given_j = self._given_j - given_j, given_j
+        if self.ramped and balance < 0.0 < taken_j:
+            # The hand moves the line without feeling all of it, so that the line takes what nobody gave. Asking that back later
             # would take the force from a hand that did nothing; the motors gave none of it.
-            self._cut_j += balance + self._free_j
-            self.balance_j = balance = -self._free_j
-        if balance < self.least_j:
-            self.least_j = balance
+            forgiven_j = min(taken_j, -balance)
+            self._cut_j -= forgiven_j
+            self._forgiven_j += forgiven_j
+            self.balance_j = balance = balance + forgiven_j
+        if balance - self._forgiven_j < self.least_j:
+            self.least_j = balance - self._forgiven_j
 
     def end_frame(self, start_m: Sequence[float], end_m: Sequence[float], frame_s: float, stored_j: float) -> None:
         """Credit the device's own damping with a frame's motion, and cut the balance off. stored_j: in the coupling."""
@@ -124,28 +135,24 @@ class DevicePort:
 
     # The controllers
 
+    @property
+    def paying_nspm(self) -> float:
+        """Damping that pays for what a late damper gives, bit by bit: none until a quarter of the free part is used up."""
+        used = -self.balance_j / self._free_j
+        return 0.0 if used <= UNPAID else PAYING * self.carried_nspm * min(1.0, (used - UNPAID) / (1.0 - UNPAID))
+
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
         """The force law's wish [N], shape (axes,), shortened where the reserve is being used up."""
         left_j = self.balance_j + self._faded_j
         size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
-        if not size * FADE * self._most_step_m > left_j:
+        if size * FADE * self._most_step_m <= left_j or size == 0.0:
             return force_n
-        self._changed = True
-        scale = max(0.0, left_j) / (size * FADE * self._most_step_m)
-        return [scale * force for force in force_n]
-
-    def guard(self, force_n: tuple[float, ...]) -> tuple[float, ...]:
-        """The force that goes to the motors, shortened to the bound itself: ramps and slopes may hold what `limit` took."""
-        left_j = max(0.0, self.balance_j + self.reserve_j)
-        size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
-        most_n = left_j / self._most_step_m
-        if size <= most_n:
-            return force_n
-        most_n = max(most_n, 2.0 * sqrt(self._damping * left_j / self._tick_s))
+        left_j = max(0.0, left_j)
+        most_n = max(left_j / (FADE * self._most_step_m), 2.0 * sqrt(self._damping * left_j / self._tick_s))
         if size <= most_n:
             return force_n
         self._changed = True
-        return tuple([force * (most_n / size) for force in force_n])
+        return [force * (most_n / size) for force in force_n]
 
     def watch(
         self,
@@ -169,6 +176,10 @@ class DevicePort:
         self._changed = False
         carried, record = self.carried_nspm, self._record_nspm
         detector = self._detector
+        if (
+            carried < record
+        ):  # what the hand's motion would make, whatever is rendered of it: or it could shake on unseen
+            local_n = [record / carried * local for local in local_n]
         if detector.add(force_n, clipped, local_n):
             if self._tick - self._turned > self._rest_ticks:  # the first of its train
                 self._most_nspm = max(LEAST * record, BELOW * carried)
@@ -177,10 +188,15 @@ class DevicePort:
         elif carried < record:
             self._most_nspm = min(record, self._trust * self._most_nspm)
             self.carried_nspm = min(self._most_nspm, self._up * carried)
-        if not (detector.oscillates or detector.at_limit):
+        self._exhausted = self._exhausted + 1 if self.balance_j <= -self._faded_j else 0
+        exhausted = self._exhausted > self._rest_ticks
+        if not (detector.oscillates or detector.at_limit or exhausted):
             return ""
-        found: Trouble = "oscillation" if detector.oscillates else "limit"
+        found: Trouble = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
+        if exhausted:
+            self._begin_anew()
         self.oscillates = self.oscillates or detector.oscillates
+        self._let_go += 1
         self._rest_left = self._rest_ticks
         self._rests = [tick for tick in self._rests if self._tick - tick < self._goes_on_ticks] + [self._tick]
         detector.forget()
@@ -209,6 +225,15 @@ class DevicePort:
         self._rests.clear()
         self._rest_left = 0
         self._detector.forget()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """A balance that nothing pays back in time would hold the force at 0 for ever."""
+        self._exhausted = 0
+        if self.balance_j < 0.0:
+            self._forgiven_j -= self.balance_j
+            self._cut_j += self.balance_j
+            self.balance_j = 0.0
 
     def account(self) -> DeviceAccount:
         """What is to be said of the device port at the end."""
@@ -219,7 +244,23 @@ class DevicePort:
             controlled=self._controlled / ticks,
             leak_j=max(0.0, -self.least_j),
             margin_j=self.least_j + self.reserve_j,
+            let_go=self._let_go,
         )
+
+
+def cure(found: Trouble, seat: SeatSettings, record: Capability) -> str:
+    """Why the force was let go, and what to do."""
+    coupling = seat.coupling
+    if found == "energy":
+        return "the force law took more energy out than came in, and all of the device's reserve; leave this server"
+    if found == "limit":
+        return (
+            f"the force sits at its limit of {record.peak_force_n:g} N; push less, or set coupling.stiffness_npm lower than "
+            f"{coupling.stiffness_npm:g}"
+        )
+    wave = coupling.kind == "wave"
+    key, value = ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
+    return f"the force oscillates at the hand; set coupling.{key} lower than {value:g}"
 
 
 class BarePort(DevicePort):
@@ -230,13 +271,14 @@ class BarePort(DevicePort):
         self.carried_nspm = inf
 
     @property
+    def paying_nspm(self) -> float:
+        return 0.0
+
+    @property
     def spare_j(self) -> float:
         return inf
 
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
-        return force_n
-
-    def guard(self, force_n: tuple[float, ...]) -> tuple[float, ...]:
         return force_n
 
     def watch(

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import inf
 from typing import Generic, TypeVar
 
+from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.messages import Power, State
@@ -17,20 +18,24 @@ class NewestCoupling(Generic[M]):
     A message that is missing leaves no gap: the last one stands.
     """
 
-    gap = played = False
+    gap = played = implausible = False
 
     def __init__(self, axes: int) -> None:
         self.carried_nspm = inf  # damping that the device renders at most
         self.local_n: Sequence[float] = (0.0,) * axes  # the part of the law that follows the hand's own motion
         self.reduced = False  # whether less than the settings ask for is rendered now
         self.gain = 1.0  # of the ramp that the force goes through
-        self.peak_n = inf  # the largest force of the device
-        self.lag_s = 0.0  # by which its damper is late
+        self._peak_n = inf  # the largest force of the device
+        self._lag_s = 0.0  # by which its damper is late
         self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
         self._receiver: StateReceiver[M] = StateReceiver()
         self._number = -1
         self.forward = self.returning = self.sent = (0.0,) * axes
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
+
+    def fit(self, record: Capability, lag_s: float) -> None:
+        """Go by this device, whose damper acts late by `lag_s`."""
+        self._peak_n, self._lag_s = record.peak_force_n, lag_s
 
     @property
     def given_j(self) -> float:

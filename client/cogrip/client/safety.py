@@ -121,7 +121,8 @@ class Safety:
         return self._good
 
     @property
-    def clipped(self) -> bool:
+    def at_peak(self) -> bool:
+        """Whether the law wants more than the device's peak, warm motors aside."""
         return self._at_limit > 0
 
     @property
@@ -182,7 +183,7 @@ class Safety:
                     force_n = [value * scale for value in force_n]
                     self.limited = True
                     self.derated = most_n < self._peak_n
-                if size > self._peak_n:
+                if size > self._peak_n and not self.derated:
                     self._clipped(gain)
                 else:
                     self._at_limit = 0

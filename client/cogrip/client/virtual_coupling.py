@@ -48,7 +48,7 @@ class VirtualCoupling(NewestCoupling[State]):
         """In the spring."""
         if self._stretch is None:
             return 0.0
-        stiffness, peak = self._rendered_npm, self.peak_n
+        stiffness, peak = self._rendered_npm, self._peak_n
         return self.gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
@@ -101,7 +101,7 @@ class VirtualCoupling(NewestCoupling[State]):
             return self._last_force
         state = self.object_state
         self._rendered_nspm = damping = min(self._damping, self.carried_nspm)
-        self._rendered_npm = stiffness = min(self._stiffness, damping / self.lag_s if self.lag_s else inf)
+        self._rendered_npm = stiffness = min(self._stiffness, self.carried_nspm / self._lag_s if self._lag_s else inf)
         self.reduced = stiffness < self._stiffness or damping < self._damping
         self._stretch = stretch = [position_m[axis] - state[axis] for axis in range(axes)]
         force = [

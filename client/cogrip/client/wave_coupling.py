@@ -17,14 +17,14 @@ w (RELAX_RAD_S) their ratio and z their deflection [m]: r b for fast motion, b f
     F = r (b (xdot + w z) - sqrt(2b) v)      y_p = r (y + w z) + (1 - r) sqrt(2/b) v - F_cut / b      z' = y - y_p
 
 y_p is the port's velocity, u = sqrt(2b) y_p - v. F_cut is what limits took from the law's force: the line is not told of it,
-nor of what the frame had no energy for; both are deflection, which comes back by w. r = 1, z = 0 is the plain port. See
-docs/device_port.md.
+and the deflection that it makes comes back by w. r = 1, z = 0 is the plain port. See docs/device_port.md.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
 
+from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
 from cogrip.protocol.line import LineReceiver
@@ -35,7 +35,8 @@ from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
 
 RELAX_RAD_S = 100.0  # w
-LEAST_DEFLECTION_M = 1e-9
+LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05  # what slips beyond stays where it is
+REPAID = 1.0 / 16.0  # of what was withheld, in a frame
 Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
 """Of one tick: the returning wave, the share s, the ratio of impedances, and what limits took from the force."""
 OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
@@ -66,12 +67,13 @@ class WaveCoupling:
         self._zero = (0.0,) * axes
         self._late: deque[Held] = deque(maxlen=0)  # of the last L ticks, oldest first
         self.gain = 1.0  # of the ramp that the force goes through
-        self.peak_n = inf  # the largest force of the device
-        self.lag_s = 0.0  # by which the device's damper is late
+        self.implausible = False  # the wave held now was larger than any device like this one brings about
+        self._most_wave = inf
         self.carried_nspm = inf  # impedance that the device renders at most
         self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
         self._deflection_m = [0.0] * axes  # z
         self._deflected = False  # whether any z is not 0
+        self._withheld = [0.0] * axes  # sum of what frames lacked the energy for
         self._ratio = 1.0  # of the impedance that is rendered to that of the port
         self._tick_s = rates.tick_s
         self._given = RunningSum()  # energy that the line gave, less what it took, up to the last frame that ended
@@ -101,6 +103,10 @@ class WaveCoupling:
     def port_j(self) -> float:
         """Energy that went into the line here."""
         return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
+
+    def fit(self, record: Capability, lag_s: float) -> None:
+        """Go by this device. Waves are believed up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
+        self._most_wave = (self._b * record.speed_mps + 2.0 * record.peak_force_n) / self._root
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
@@ -169,7 +175,8 @@ class WaveCoupling:
             port = ratio * (speed + RELAX_RAD_S * deflection[axis]) + per_wave * wave[axis]
             if cut_n is not None:
                 port -= cut_n[axis] / impedance
-            deflection[axis] = z = deflection[axis] + (speed - port) * tick_s
+            z = deflection[axis] + (speed - port) * tick_s
+            deflection[axis] = z = min(max(z, -MOST_DEFLECTION_M), MOST_DEFLECTION_M)
             most = max(most, abs(z))
             behind.append(port)
         self._deflected = most > LEAST_DEFLECTION_M
@@ -186,22 +193,25 @@ class WaveCoupling:
             self._used_now_j += v * v * self._half_tick_s
 
     def end_frame(self, spare_j: float = inf) -> None:
-        """Send the wave of the frame that ends, of at most `spare_j` more energy than the frame's ticks brought."""
+        """Send the wave of the frame that ends, of at most `spare_j` more energy than the frame brought.
+
+        What that withholds is sent later, a part a frame, out of what is spare then.
+        """
         sent = self._decimator.take()
-        brought = going = 0.0
-        for u, v in zip(sent, self.returning, strict=True):
-            going += u * u
-            brought += v * v
+        mean, held = sent, self._withheld
+        if any(held):
+            sent = tuple([u + REPAID * h for u, h in zip(mean, held, strict=True)])
         half_frame_s = self._half_tick_s * self._ticks_per_frame
-        spare_j += half_frame_s * brought
-        if half_frame_s * going > spare_j:
-            scale = sqrt(max(0.0, spare_j) / (half_frame_s * going))
-            held_s = (1.0 - scale) * self._ticks_per_frame * self._tick_s / (self._share * self._root)
-            self._deflection_m = [z + held_s * u for z, u in zip(self._deflection_m, sent, strict=True)]
-            self._deflected = True
+        brought = half_frame_s * sum([v * v for v in self.returning])
+        going = half_frame_s * sum([u * u for u in sent])
+        if going > spare_j + brought:
+            scale = sqrt(max(0.0, spare_j + brought) / going)
             sent = tuple([scale * u for u in sent])
             going *= scale * scale
-        self._given.add(half_frame_s * (brought - going))
+        if sent is not mean:
+            self._withheld = [h + u - out for h, u, out in zip(held, mean, sent, strict=True)]
+            self._made_now_j = max(self._made_now_j, going)
+        self._given.add(brought - going)
         self.sent = sent
         self._sender.push(sent)
         self._made_j.add(self._made_now_j)
@@ -215,7 +225,11 @@ class WaveCoupling:
         if any(self._forgone):
             receiver.forgo([e / self._ticks_per_frame for e in self._forgone])
             self._forgone = [0.0] * len(self._forgone)
-        self.returning = receiver.take()
+        self.returning = wave = receiver.take()
+        most = self._most_wave
+        self.implausible = max(wave) > most or min(wave) < -most
+        if self.implausible:
+            self.returning = tuple([min(max(v, -most), most) for v in wave])
         self._share = receiver.share
         if receiver.mark is not None:
             made_j, _, heard = receiver.mark

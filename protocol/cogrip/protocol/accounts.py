@@ -83,6 +83,7 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     margin_j: float | None = (
         None  # least of the port's energy balance, its stated reserve included; below 0: not passive
     )
+    let_go: int = 0  # times that the force was let go: it oscillated, sat at its limit, or ran out of energy
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):

@@ -34,10 +34,12 @@ class NewestPort(Generic[M]):
         """Whether it belongs to this line; what no hand does is counted, and left out."""
         if not self._states.fits(message):
             return True  # counted there
+        before = self._receiver.newest
         if not self._receiver.receive(message):
             return False
         self._states.took(message)
-        self.hand = message.position_m
+        if self._receiver.newest > before:
+            self.hand = message.position_m
         if self.origin is None:
             self.origin = self._origin(message)
         return True

@@ -33,8 +33,8 @@ class Sitting(NamedTuple):
     seat: SeatAccount
 
     def least_margin(self) -> float:
-        """Of what was told [J]; what is no number is the least of all."""
-        told = [self.seat.up_margin_j, self.seat.line_margin_j, self.client.down_margin_j if self.client else None]
+        """Of what this end measured [J]; what is no number is the least of all. A client's word crowds nothing out."""
+        told = [self.seat.up_margin_j, self.seat.line_margin_j]
         return min([-inf if isnan(margin) else margin for margin in told if margin is not None], default=0.0)
 
 

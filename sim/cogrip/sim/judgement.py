@@ -36,7 +36,9 @@ MOST_CONTROLLED = 0.05
 """Of the same ticks: the device port changed the force, or rendered less impedance than was asked for."""
 MOST_REPLACED = 0.05
 """Of one direction's frames: not there in time, and concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
-MOST_MOVED = 0.01
+MOST_REPLACED_AT_REST = 0.001
+"""Of one direction's frames, for the prediction: what the line keeps for gaps makes a steady hand softer by half at 1 %."""
+MOST_MOVED = 0.001
 """Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
 STIFFNESS_JND = 0.23
 """Share by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
@@ -239,6 +241,10 @@ def stable(summary: Summary) -> Judgement:
             f"Whether the run was stable is not known: nothing diverged; whether a force oscillated was not told of "
             f"{_some(unknown) or 'anybody'}.",
         )  # fmt: skip
+    let_go = _named(row for row in sittings(users) if row.get("let_go"))
+    if let_go:
+        text = f"Not known to be stable: the force on {_some(let_go)} was let go, at its limit or for want of energy."
+        return Judgement("stable", "warn", text, f"let go ({_some(let_go)})")
     return Judgement("stable", "good", "Stable: nothing diverged, and no force oscillated at a hand.")
 
 
@@ -270,7 +276,8 @@ def _stiffness(held: list[Row]) -> str:
         return ""
     low, high = min(found), max(found)
     span = f"{low:.0f}" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f}"
-    return f": at rest a hand meets the object through {span} N/m, as predicted"
+    measured = all(_value(row, "felt_stiffness_npm") is not None for row in held)
+    return f"; {span} N/m at rest {'felt as predicted' if measured else 'predicted, not measured'}"
 
 
 def _worst_reasons(held: list[Row]) -> Iterator[str]:
@@ -300,7 +307,7 @@ def not_predicted(row: Row) -> str:
         return f"the force was at a limit in {_percent(limited)} of the ticks"
     if controlled > MOST_CONTROLLED:
         return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
-    if _replaced(row)[0] > MOST_REPLACED:
+    if _replaced(row)[0] > MOST_REPLACED_AT_REST:
         return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
     if moved > MOST_MOVED:
         return f"the playout's depth changed at {_percent(moved)} of the frames"

@@ -209,7 +209,7 @@ def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
 
 def _device(device: DeviceAccount) -> dict[str, Any]:
     """What was seen at the device port; null where nobody looked: the margin says whether somebody did."""
-    keys = ("oscillates", "at_limit", "controlled", "leak_j")
+    keys = ("oscillates", "at_limit", "controlled", "leak_j", "let_go")
     return {key: getattr(device, key) if device.margin_j is not None else None for key in keys}
 
 
