@@ -25,8 +25,8 @@ MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
 Table = dict[str, Any]
 
 
-def session(**tables: object) -> Table:
-    laboratory = Laboratory(resolve(tables))
+def session(bare: bool = False, **tables: object) -> Table:
+    laboratory = Laboratory(resolve(tables), bare=bare)
     laboratory.run()
     return of_laboratory(laboratory)
 
@@ -40,6 +40,8 @@ def least_margin(summary: Table) -> float:
 
 def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
     summary = session(
+        # a hand without impedance and no damping: with the velocity encoder the first second rings at the network rate
+        bare=coupling.get("encoder") == "velocity",
         seconds=8,
         object={"kind": "wall"},
         coupling={"decimator": decimator, "server_step": step, **coupling},

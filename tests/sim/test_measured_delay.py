@@ -112,7 +112,7 @@ class Felt:
     """A session whose link changes its delay; what every hand felt at the end of each pressing."""
 
     def __init__(
-        self, kind: str, axes: int, delays: list[tuple[float, float]], seconds: float, **tables: Table
+        self, kind: str, axes: int, delays: list[tuple[float, float]], seconds: float, hand_npm: float = 500.0, **tables: Table
     ) -> None:
         people = 1 if kind == "wall" else 2
         users = [
@@ -126,7 +126,7 @@ class Felt:
         }))  # fmt: skip
         for number, person in enumerate(self.laboratory.people):
             hand = DirectedHand(
-                ImpedanceSettings(hand_stiffness_npm=500.0, hand_damping_nspm=10.0),
+                ImpedanceSettings(hand_stiffness_npm=hand_npm, hand_damping_nspm=10.0),
                 course(-1.0 if number else 1.0), (1.0, *[0.5] * (axes - 1)) if kind != "wall" else (1.0, *[0.0] * (axes - 1)),
             )  # fmt: skip
             hand.open(1024, (0.0,) * axes)
@@ -197,7 +197,7 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
 
 
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
-    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 19.3)
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 19.3, hand_npm=250.0)
     [user] = session.summary["users"]
     line_npm = 120.0 / (17 * FRAME_MS * 1e-3)  # 903.5: softer than what is asked for
     assert user["rendered_npm"] == pytest.approx(100.0 * K_NPM)

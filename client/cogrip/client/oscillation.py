@@ -14,7 +14,7 @@ FAST_HZ = 20.0
 SWING_N = 0.5  # from one turn to the next, or it is none
 TRAIN = 3  # fast turns of the local force in a row: the device end oscillates. A tap on a wall makes two
 WINDOW_S = 0.5
-MOST_FAST = 10  # fast reversals and turns within the window: a quarter of a second at FAST_HZ
+MOST_FAST = 10  # fast reversals and turns of one axis within the window: a quarter of a second at FAST_HZ
 MOST_AT_LIMIT = 0.1  # of the window
 
 
@@ -71,7 +71,7 @@ class OscillationDetector:
         self._axes = [(Reversals(tick_s), Turns(tick_s)) for _ in range(axes)]
         self._window = round(WINDOW_S / tick_s)
         self._most_at_limit = MOST_AT_LIMIT * self._window
-        self._fast: deque[int] = deque()
+        self._fast: list[deque[int]] = [deque() for _ in range(axes)]  # ticks, axis by axis
         self._limited: deque[int] = deque()
         self._tick = 0
 
@@ -90,18 +90,18 @@ class OscillationDetector:
                 fast = True
                 train = train or local.train >= TRAIN
             if fast:
-                self._fast.append(tick)
+                self._fast[axis].append(tick)
         if limited:
             self._limited.append(tick)
         old = tick - self._window
-        for ticks in (self._fast, self._limited):
+        for ticks in (*self._fast, self._limited):
             while ticks and ticks[0] <= old:
                 ticks.popleft()
         return train
 
     @property
     def oscillates(self) -> bool:
-        return len(self._fast) >= MOST_FAST
+        return any(len(ticks) >= MOST_FAST for ticks in self._fast)
 
     @property
     def at_limit(self) -> bool:
@@ -109,5 +109,6 @@ class OscillationDetector:
 
     def forget(self) -> None:
         """Begin anew: the force was let go."""
-        self._fast.clear()
+        for ticks in self._fast:
+            ticks.clear()
         self._limited.clear()

@@ -36,9 +36,9 @@ MOST_CONTROLLED = 0.05
 """Of the same ticks: the device port changed the force, or rendered less impedance than was asked for."""
 MOST_REPLACED = 0.05
 """Of one direction's frames: not there in time, and concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
-MOST_REPLACED_AT_REST = 0.001
+MOST_REPLACED_AT_REST = 0.003
 """Of one direction's frames, for the prediction: what the line keeps for gaps makes a steady hand softer by half at 1 %."""
-MOST_MOVED = 0.001
+MOST_MOVED = 0.01
 """Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
 STIFFNESS_JND = 0.23
 """Share by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
