@@ -1,6 +1,7 @@
 """Damping and friction of emulated arms, identified by their own drivers: bounds that hold, and are worth something.
 
-The emulated mechanism has viscous damping b and, on each axis, Coulomb friction c: along any direction at least b and c. Virtual time.
+The emulated mechanism has viscous damping b and, on each axis, Coulomb friction c: at least b and c along any direction.
+Virtual time.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
     return identify(device, model, force_n), force_n
 
 
-# (machine, b, c): the bounds hold anywhere in the workspace, so they are what is found in the middle times r^2 and r = 0.6 to 0.7,
-# and one direction's damping may be the other's: a third is what is left of it where the joints stand at 120 degrees
+# (machine, b, c). In the middle 0.75 of the truth is found. Losses in the joints, which the driver must assume, might be
+# less elsewhere: friction by r = 0.6 to 0.7, damping by r^2, and by up to 1.5 more where the joints' directions are oblique.
 @pytest.mark.parametrize(
     ("name", "b", "c"),
     [
@@ -56,7 +57,7 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
 )
 def test_the_bounds_hold_and_are_worth_something(name: str, b: float, c: float) -> None:
     found, _ = identified(free_arm(name, f"damping_nspm={b}&friction_n={c}"))
-    assert 0.25 * b < found.damping_nspm <= b
+    assert 0.2 * b < found.damping_nspm <= b
     assert 0.5 * c < found.friction_n <= c
 
 
@@ -98,9 +99,9 @@ def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
 @pytest.mark.parametrize(
     ("keys", "hand", "said"),
     [
-        ("friction_n=0.3", FREE, r"moved 0\.0 mm a period under at most 0\.18 N, less than 10 mm: its friction is too large"),
+        ("friction_n=0.3", FREE, r"moved 0\.0 mm a period under at most 0\.18 N, less than 10 mm: its friction or mass is too"),
         ("friction_n=0.04", "hand=hold", r"moved 1\.\d mm a period .*or it is held; nothing is kept"),
-        ("friction_n=0", "hand=push&force_n=0.3", r"mm off at .* m/s, out of 30 mm and 0\.5 m/s: it is let go"),
+        ("friction_n=0", "hand=push&force_n=0.3&start_s=2", r"mm off at .* m/s, out of 30 mm and 0\.5 m/s: it is let go"),
         ("x0_m=0.08,0,0", FREE, r"the tip is at \(0\.080, .*too near the edge to swing 10 mm; put it in mid-range"),
         ("faults=silence@3", FREE, r"no reply for 20 ms: it is let go"),
         ("faults=jump@3", FREE, "encoder a jumped"),
@@ -146,6 +147,15 @@ def test_points_off_any_line_are_refused_and_those_on_one_are_not() -> None:
         fit(S, y, np.full(9, 0.999 * identification.LEAST_PATH_M), 0.2, 0.004, 0.0)
 
 
+def test_a_frequency_with_too_little_motion_is_left_out() -> None:
+    y, path_m = 0.04 + 0.3 * S, PATH.copy()
+    y[6:], path_m[6:] = 9.0, 0.009
+    assert fit(S, y, path_m, 0.2, 0.004, 0.0) == Bounds(pytest.approx(0.3), pytest.approx(0.036))
+    path_m[5] = 0.009
+    with pytest.raises(DeviceError, match=r"moved 9\.0 mm a period under at most 0.2 N, less than 10 mm"):
+        fit(S, y, path_m, 0.2, 0.004, 0.0)
+
+
 @given(
     st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3), st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3),
     st.integers(0, 1000),
@@ -155,7 +165,7 @@ def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: 
     random = np.random.default_rng(seed)
     jacobian = np.eye(3) + 0.4 * random.uniform(-1.0, 1.0, (3, 3))
     lengths = np.linalg.norm(jacobian, axis=0)
-    found = [Bounds(B / l**2, C / l) for B, C, l in zip(b, c, lengths, strict=True)]
+    found = [Bounds(B / length**2, C / length) for B, C, length in zip(b, c, lengths, strict=True)]
     least = everywhere(found, jacobian / lengths, 1.0)
     velocity = random.normal(size=(200, 3))
     rates = velocity @ np.linalg.inv(jacobian).T
@@ -180,8 +190,6 @@ def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() 
     handle.open()
     assert device.capability.own_damping_nspm == found.damping_nspm > 0.1
     assert device.capability.own_friction_n == found.friction_n > 0.02
-    assert client.core.capability.own_damping_nspm == 0.0, "its first opening was before"
-    client.core.equip(device.capability)
     port = client.core.port
     before, count_m = port.balance_j, device.capability.resolution_m
     port.end_frame((0.0,), (0.001 + count_m,), 1 / 128, inf)
@@ -191,7 +199,7 @@ def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() 
 
 
 def test_losses_found_with_other_motors_are_left_out_and_counted() -> None:
-    device = free_arm("vintage", "")
+    device = free_arm("vintage", "seed=1")
     losses: OwnLosses = device.driver.losses(0.1, 0.02, "today")
     assert device.store is not None
     device.store.keep_losses(losses)

@@ -19,7 +19,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
     """Walk through the calibration of an arm, and keep it until the arm is plugged in again. No motor gets current.
 
     With --damping, of an arm whose pose is known: swing it with small forces for up to a minute, nobody holding it, and keep
-    what damping and friction its mechanism has at least, for good. Sessions then count on them; without, on none, which is safe.
+    what damping and friction its mechanism has at least, for good. Sessions then count on them; without, on none.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ from cogrip.devices.device import Device, DeviceError
 
 RATE_HZ = 1024
 AMPLITUDE_M = 0.010
-FREQUENCIES_HZ = (1.0, 2.0, 3.0)
+FREQUENCIES_HZ = (0.75, 1.5, 3.0)
 SETTLE_S = 1.0  # at least, before the periods that are measured; these begin and end where the tip turns
 PERIODS = 3  # measured
 LEAVE = 0.25  # periods after them, back to the middle
@@ -55,7 +55,7 @@ MOST_AWAY_M = 0.03  # further from the middle, or faster, and the arm is let go
 MOST_SPEED_MPS = 0.5
 SILENT_S = 0.02
 SIGMAS = 3.0
-LEAST_PATH_M = 0.010  # a period: a quarter of what the reference goes
+LEAST_PATH_M = 0.010  # a period: a quarter of what the reference goes; at two frequencies or more
 MOST_SCATTER = 0.2  # of the points about their line, of their mean
 SAME = 0.99  # cosine between two directions that are one
 GRID = 5  # points along each axis of the workspace
@@ -72,7 +72,7 @@ class Bounds:
 
 
 def force_within(model: ArmModel, most_ma: float) -> float:
-    """F_m [N]: no motor gets more than `most_ma` for it, and none more than half of what it can do for ever. Raises DeviceError."""
+    """F_m [N]: no motor gets more than `most_ma` for it, nor more than half of what it can do for ever. Raises DeviceError."""
     if max(model.drive.largest_ma) <= 0.0:
         raise DeviceError(f"{model.record.model}: gives no force, so nothing can be identified: it is read only")
     return min(0.5, most_ma / max(model.drive.largest_ma)) * model.record.continuous_force_n
@@ -126,25 +126,28 @@ def fit(
     """Lower bounds of b and c in y = c + b s: s `speed_mps`, y `resistance_n`, with the path of each period.
 
     rounding_n: what currents, rounded towards zero, may lack. A count of resolution_m is an error of W, the same in all periods
-    of a frequency. Raises DeviceError for too little motion and a bad fit.
+    of a frequency. Periods with too little motion are left out: a heavy arm hardly follows the fastest. Raises DeviceError
+    where too few are left, and for a bad fit.
     """
-    if path_m.min() < LEAST_PATH_M:
+    enough = path_m >= LEAST_PATH_M
+    if enough.sum() < 2 * PERIODS:
         raise DeviceError(
-            f"the tip moved {1e3 * path_m.min():.1f} mm a period under at most {force_n:.2g} N, less than "
-            f"{1e3 * LEAST_PATH_M:g} mm: its friction is too large for that force, or it is held; nothing is kept"
+            f"the tip moved {1e3 * np.sort(path_m)[-2 * PERIODS]:.1f} mm a period under at most {force_n:.2g} N, less than "
+            f"{1e3 * LEAST_PATH_M:g} mm: its friction or mass is too large for that force, or it is held; nothing is kept"
         )
+    speed_mps, resistance_n = speed_mps[enough], resistance_n[enough]
     design = np.column_stack([speed_mps, np.ones_like(speed_mps)])
     (b, c), *_ = np.linalg.lstsq(design, resistance_n, rcond=None)
     residual = resistance_n - design @ (b, c)
     variance = residual @ residual / (len(residual) - 2)
     mean = resistance_n.mean()
-    floor_n = max(rounding_n, 0.01 * force_n)
+    floor_n = max(rounding_n, 0.02 * force_n)  # coarse counts alone scatter by so much
     if sqrt(variance) > max(MOST_SCATTER * mean, floor_n) or mean < -floor_n:
         raise DeviceError(
             f"the arm resists with {mean:.3g} N, +-{sqrt(variance):.2g} N about damping and friction: more than "
             f"{MOST_SCATTER:.0%}, or below 0; let nobody touch it, and see that nothing drags; nothing is kept"
         )
-    variance += PERIODS * (resolution_m * force_n / path_m.min()) ** 2
+    variance += PERIODS * (resolution_m * force_n / path_m[enough].min()) ** 2
     error_b, error_c = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
     b = max(0.0, b - SIGMAS * error_b)
     c = min(c - SIGMAS * error_c, (resistance_n - b * speed_mps).min()) - rounding_n
@@ -243,8 +246,8 @@ class _Loop:
         away = [x - middle for x, middle in zip(position, self._middle_m, strict=True)]
         if hypot(*away) > MOST_AWAY_M or hypot(*velocity) > MOST_SPEED_MPS:
             raise DeviceError(
-                f"the tip is {1e3 * hypot(*away):.0f} mm off at {hypot(*velocity):.2f} m/s, out of "
-                f"{1e3 * MOST_AWAY_M:g} mm and {MOST_SPEED_MPS:g} m/s: it is let go; let nobody touch it, and hang up one that is not balanced"
+                f"the tip is {1e3 * hypot(*away):.0f} mm off at {hypot(*velocity):.2f} m/s, out of {1e3 * MOST_AWAY_M:g} mm "
+                f"and {MOST_SPEED_MPS:g} m/s: it is let go; let nobody touch it, and hang up one that is not balanced"
             )
         off = [goal - x for goal, x in zip(reference_m, away, strict=True)]
         push = [share * part for part in self._law.force(off, [-v for v in velocity])]
