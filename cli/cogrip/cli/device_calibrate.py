@@ -66,7 +66,7 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         rate_hz = min(RATE_HZ, arm.model.record.rate_hz)
         with termination_raised():
             found = identify(
-                arm, arm.model, force_n, Clock(rate_hz).wait, lambda text: console.print(f"  {text}", markup=False)
+                arm, arm.model, force_n, Clock(rate_hz).newest, lambda text: console.print(f"  {text}", markup=False)
             )
         path = CalibrationStore().keep_losses(
             arm.losses(found.damping_nspm, found.friction_n, time.strftime("%Y-%m-%d %H:%M:%S"))

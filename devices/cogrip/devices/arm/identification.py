@@ -53,7 +53,7 @@ MOST_RADPS = 40.0  # of the spring on the record's mass: slow against the age of
 DAMPING_RATIO = 0.7
 MOST_AWAY_M = 0.03  # further from the middle, or faster, and the arm is let go
 MOST_SPEED_MPS = 0.5
-SILENT_S = 0.02
+SILENT_S = 0.05  # without a reply, or without a tick: soon after a driver, or the firmware, lets go by itself
 SIGMAS = 3.0
 LEAST_PATH_M = 0.010  # a period: a quarter of what the reference goes; at two frequencies or more
 MOST_SCATTER = 0.2  # of the points about their line, of their mean
@@ -82,28 +82,28 @@ def identify(
     device: Device,
     model: ArmModel,
     force_n: float,
-    wait: Callable[[int], None] = lambda tick: None,
+    wait: Callable[[int], int] = lambda tick: tick,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Bounds:
     """Swing the arm, which stands freely in mid-range with its pose known, and fit. It is opened and closed here.
 
     device    all axes of an arm of this model
     force_n   F_m
-    wait      until a tick is due
+    wait      until a tick is due; gives the newest one that is, if later ones are due already
     Raises DeviceError where the arm fails, leaves its place, hardly moves, or does not follow the model.
     """
     record = device.capability
     rate_hz = min(RATE_HZ, record.rate_hz)
     device.open(rate_hz)
     try:
-        middle_m = _middle(device, rate_hz, wait)
+        tick, middle_m = _middle(device, rate_hz, wait)
         jacobian = _jacobian(model, middle_m)
         if jacobian is None or not all(model.inside(_three(at)) for at in _around(middle_m)):
             where = ", ".join(f"{value:.3f}" for value in middle_m)
             raise DeviceError(
                 f"the tip is at ({where}) m, too near the edge to swing {1e3 * AMPLITUDE_M:g} mm; put it in mid-range"
             )
-        loop = _Loop(device, middle_m, SwingLaw(force_n, record.apparent_mass_kg, rate_hz), rate_hz, wait)
+        loop = _Loop(device, middle_m, SwingLaw(force_n, record.apparent_mass_kg), rate_hz, tick, wait)
         joints = jacobian / np.linalg.norm(jacobian, axis=0)
         axes = [axis for axis in np.eye(record.axes) if np.abs(axis @ joints).max() < SAME]
         rounding_n = _rounding_n(model, jacobian)
@@ -168,7 +168,7 @@ def everywhere(found: Sequence[Bounds], joints: Array, ratio: float) -> Bounds:
 class SwingLaw:
     """A spring and a damper, of at most `force_n` together [N]."""
 
-    def __init__(self, force_n: float, mass_kg: float, rate_hz: int) -> None:
+    def __init__(self, force_n: float, mass_kg: float) -> None:
         self._most_n = force_n
         self._stiffness_npm = min(force_n / ERROR_M, mass_kg * MOST_RADPS * MOST_RADPS)
         self._damping_nspm = 2.0 * DAMPING_RATIO * sqrt(self._stiffness_npm * mass_kg)
@@ -182,34 +182,37 @@ class SwingLaw:
 
 
 class _Loop:
-    """The device's loop, tick by tick, and what was seen in it since the direction began."""
+    """The device's loop from `tick` on, and what was seen in it since the direction began."""
 
     def __init__(
-        self, device: Device, middle_m: Sequence[float], law: SwingLaw, rate_hz: int, wait: Callable[[int], None]
-    ) -> None:
+        self, device: Device, middle_m: Sequence[float], law: SwingLaw, rate_hz: int, tick: int, wait: Callable[[int], int]
+    ) -> None:  # fmt: skip
         self._device, self._middle_m, self._law, self._rate_hz, self._wait = device, middle_m, law, rate_hz, wait
-        self._tick = self._taken = round(REST_S * rate_hz)  # after `_middle`
-        self._recent: deque[tuple[int, Sequence[float]]] = deque([(self._taken, middle_m)], VELOCITY_TICKS + 1)
+        self._tick = self._taken = self._begun = tick
+        self._recent: deque[tuple[int, Sequence[float]]] = deque([(tick, middle_m)], VELOCITY_TICKS + 1)
         self._seen: list[tuple[int, Sequence[float]]] = []
-        self._forces: list[Sequence[float]] = []
+        self._held: Sequence[float] = [0.0] * len(middle_m)
+        self._forces: list[Sequence[float]] = []  # tick by tick
 
     def swing(self, direction: Array) -> tuple[Array, Array, Array]:
         """s [m/s], y [N] and the path [m] of each measured period."""
-        begun, windows = self._tick, []
+        self._begun, windows = self._tick, []
         self._seen, self._forces = [self._recent[-1]], []
         u = [float(part) for part in direction]
         for frequency_hz in FREQUENCIES_HZ:
             period = FRAMES * round(self._rate_hz / (FRAMES * frequency_hz))
-            start, omega = self._tick, 2.0 * pi / period
             settle = ceil(SETTLE_S * frequency_hz) + 0.25  # periods
-            for at in range(round((settle + PERIODS + LEAVE) * period)):
+            start, omega = self._tick, 2.0 * pi / period
+            while (at := self._next() - start) < round((settle + PERIODS + LEAVE) * period):
                 grown = AMPLITUDE_M * min(1.0, at / period)
-                self._step([grown * sin(omega * at) * part for part in u])
-            first = start - begun + round(settle * period)
+                self._act([grown * sin(omega * at) * part for part in u])
+            first = start - self._begun + round(settle * period)
             windows += [(first + number * period, period) for number in range(PERIODS)]
-        ticks = np.array([tick - begun for tick, _ in self._seen], dtype=float)
+        ticks = np.array([tick - self._begun for tick, _ in self._seen], dtype=float)
         positions = np.array([position for _, position in self._seen])
-        path = np.column_stack([np.interp(np.arange(self._tick - begun), ticks, column) for column in positions.T])
+        path = np.column_stack(
+            [np.interp(np.arange(self._tick - self._begun), ticks, column) for column in positions.T]
+        )
         return self._points(path, np.array(self._forces), windows)
 
     def _points(self, path: Array, forces: Array, windows: Sequence[tuple[int, int]]) -> tuple[Array, Array, Array]:
@@ -226,13 +229,22 @@ class _Loop:
 
     def fade(self) -> None:
         """Hold the middle ever less: the force ends at zero."""
-        ticks = round(FADE_S * self._rate_hz)
-        for at in range(ticks):
-            self._step([0.0] * len(self._middle_m), 1.0 - (at + 1) / ticks)
+        start, ticks = self._tick, round(FADE_S * self._rate_hz)
+        while (at := self._next() - start) < ticks:
+            self._act([0.0] * len(self._middle_m), 1.0 - (at + 1) / ticks)
 
-    def _step(self, reference_m: Sequence[float], share: float = 1.0) -> None:
-        """One tick: to `reference_m` from the middle. Raises DeviceError where the arm is to be let go."""
-        self._wait(self._tick)
+    def _next(self) -> int:
+        """Wait for the next tick. Where others were missed, the last force was held. Raises DeviceError for too many."""
+        due = self._wait(self._tick)
+        if due - self._tick > SILENT_S * self._rate_hz:
+            away_ms = 1e3 * (due - self._tick) / self._rate_hz
+            raise DeviceError(f"the loop was away for {away_ms:.0f} ms, above {1e3 * SILENT_S:g}; see `cogrip doctor`")
+        self._tick = due
+        self._forces += [self._held] * (due - self._begun - len(self._forces))
+        return due
+
+    def _act(self, reference_m: Sequence[float], share: float = 1.0) -> None:
+        """This tick: to `reference_m` from the middle. Raises DeviceError where the arm is to be let go."""
         sample = self._device.read(self._tick)
         if sample is not None:
             self._taken = self._tick - sample.age_ticks
@@ -253,21 +265,22 @@ class _Loop:
         push = [share * part for part in self._law.force(off, [-v for v in velocity])]
         load = [-part for part in push]  # a device's force loads the hand: it pushes with -F
         acting = self._device.write(load)
-        self._forces.append(push if acting is None else [-part for part in acting])
+        self._held = push if acting is None else [-part for part in acting]
+        self._forces.append(self._held)
         self._tick += 1
 
 
-def _middle(device: Device, rate_hz: int, wait: Callable[[int], None]) -> tuple[float, ...]:
-    """Where the tip stands: the last sample of REST_S without force. Raises DeviceError where there is none."""
-    position = None
-    for tick in range(round(REST_S * rate_hz)):
-        wait(tick)
+def _middle(device: Device, rate_hz: int, wait: Callable[[int], int]) -> tuple[int, tuple[float, ...]]:
+    """The next tick, and where the tip stands after REST_S without force. Raises DeviceError where nothing was read."""
+    position, tick = None, 0
+    while (tick := wait(tick)) < REST_S * rate_hz:
         sample = device.read(tick)
         position = position if sample is None else sample.position_m
         device.write((0.0,) * device.capability.axes)
+        tick += 1
     if position is None:
         raise DeviceError(f"no reply for {1e3 * REST_S:g} ms: see `cogrip devices check`")
-    return position
+    return tick, position
 
 
 def _three(position: Sequence[float]) -> tuple[float, float, float]:
