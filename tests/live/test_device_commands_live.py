@@ -110,7 +110,12 @@ def test_calibrate_identifies_damping_and_friction_of_a_free_arm(start):
     """Another program finds them in the record: at least a part of what the mechanism has, and no more."""
     arm = start.arm("arm", FREE + "&damping_nspm=0.5&friction_n=0.05")
     found = start("devices", "calibrate", arm.address, "--damping", "--yes")
-    assert found.end() == 0, found.said
+    code = found.end()
+    if re.search(
+        r"encoder \w jumped by|no reply for 50 ms", found.said
+    ):  # its firmware's process was away for 10, 50 ms
+        pytest.skip(f"this machine took the processor away for too long: {found.said}")
+    assert code == 0, found.said
     assert "direction 3 of 3, at most 0.18 N: do not touch the arm" in found.said
     assert arm.force_n() == 0.0
     record = make(arm.address + "&model=vintage", axes=1).capability

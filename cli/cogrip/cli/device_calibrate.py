@@ -13,6 +13,7 @@ from cogrip.devices.arm.identification import RATE_HZ, force_within, identify
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.arm_check import MOST_TEST_MA
 from cogrip.devices.io.calibration_store import CalibrationStore
+from cogrip.protocol.io.realtime import engage, release
 
 
 def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = False) -> int:
@@ -64,10 +65,18 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         # Haply's "currents" are torques: half of what its motors can do for ever is small enough
         force_n = force_within(arm.model, float("inf") if address.startswith("haply:") else MOST_TEST_MA)
         rate_hz = min(RATE_HZ, arm.model.record.rate_hz)
-        with termination_raised():
-            found = identify(
-                arm, arm.model, force_n, Clock(rate_hz).newest, lambda text: console.print(f"  {text}", markup=False)
-            )
+        measures = engage(["gc-frozen", "fifo"])
+        try:
+            with termination_raised():
+                found = identify(
+                    arm,
+                    arm.model,
+                    force_n,
+                    Clock(rate_hz).newest,
+                    lambda text: console.print(f"  {text}", markup=False),
+                )
+        finally:
+            release(measures)
         path = CalibrationStore().keep_losses(
             arm.losses(found.damping_nspm, found.friction_n, time.strftime("%Y-%m-%d %H:%M:%S"))
         )
