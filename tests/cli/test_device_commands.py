@@ -255,6 +255,8 @@ BAD = [
         ["calibrate", f"serial:{GONE}?model=vintage&limit_ma=9999,1,1"],
         "limit_ma=9999,1,1: give three numbers, each 2 to 3000",
     ),
+    (["calibrate", f"serial:{GONE}?model=vintage&pose=none", "--damping"], "pose=none gives no force"),
+    (["calibrate", "emulated:vintage", "--damping"], "there is nothing to calibrate or check here"),
     (["calibrate", "sim:phantom"], "there is nothing to calibrate or check here"),
     (["check", "emulated:vintage", "--yes"], "there is nothing to calibrate or check here"),
     (
@@ -282,6 +284,8 @@ BAD = [
 ]
 MISSING = [
     (["calibrate", f"serial:{GONE}", "--yes"], "look for its name with `cogrip devices find`"),
+    (["calibrate", f"serial:{GONE}", "--damping", "--yes"], "look for its name with `cogrip devices find`"),
+    (["calibrate", "hid:polhem?variant=mbed8", "--damping", "--yes"], "gives no force, so nothing can be identified"),
     (["check", f"serial:{GONE}", "--yes"], "look for its name with `cogrip devices find`"),
     (["conform", f"serial:{GONE}"], "look for its name with `cogrip devices find`"),
     (["calibrate", "serial:/dev/null", "--yes"], "serial:/dev/null: cannot be opened"),

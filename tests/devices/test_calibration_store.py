@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.arm.pose import Calibration, OwnLosses
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.calibration_store import FOLDER, CalibrationStore, calibration_folder
 
@@ -133,3 +133,32 @@ def test_the_folder_is_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv(FOLDER, str(tmp_path / "mine"))
     assert calibration_folder() == tmp_path / "mine"
     assert CalibrationStore().keep(made()).parent == tmp_path / "mine"
+
+
+def losses(**keys) -> OwnLosses:
+    keys = {"drive": (1.0,) * 6, "own_damping_nspm": 0.3, "own_friction_n": 0.02, **keys}
+    return OwnLosses(device="serial:/dev/ttyACM0", model="vintage", made="today", **keys)
+
+
+def test_losses_are_kept_beside_the_calibration_and_outlive_it(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path)
+    store.keep(made())
+    assert store.find_losses("serial:/dev/ttyACM0") is None, "a folder from before they were identified"
+    path = store.keep_losses(losses())
+    assert json.loads(path.read_text())["version"] == 1
+    store.keep(made(made="later"))
+    assert CalibrationStore(tmp_path).find_losses("serial:/dev/ttyACM0") == losses()
+    assert store.find("serial:/dev/ttyACM0") == made(made="later")
+    assert store.find_losses("haply:/dev/ttyACM0") is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("version", 2), ("own_damping_nspm", -0.1), ("own_friction_n", 1e9), ("own_friction_n", None), ("drive", "x")],
+)
+def test_losses_of_another_version_or_that_none_can_be_are_refused(tmp_path: Path, field: str, value: object) -> None:
+    store = CalibrationStore(tmp_path)
+    path = store.keep_losses(losses())
+    path.write_text(json.dumps({**json.loads(path.read_text()), field: value}))
+    with pytest.raises(DeviceError, match=r"-damping\.json: cannot be read as a calibration .*; delete it"):
+        store.find_losses("serial:/dev/ttyACM0")

@@ -24,7 +24,7 @@ LIMIT_S = 120.0  # for anything that is waited for
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
 WITHIN = ("--set", "coupling.impedance_nspm=2")  # what every arm here carries: the 2DIY the least
-STALLED = ("watchdog: the loop was away", "device stall", "its guard process did not start within")
+STALLED = ("the loop was away", "device stall", "its guard process did not start within")
 FREE = "push&force_n=0"  # nobody holds it
 
 

@@ -10,6 +10,8 @@ import sys
 
 import pytest
 
+from cogrip.devices.registry import make
+
 from tests.live.held_arms import FREE, fairly
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
@@ -100,6 +102,38 @@ def test_the_prompt_of_calibrate(start, number, code):
     assert asked.end() == code, asked.said
     assert ("is calibrated" in asked.said) == (code == 0)
     assert "Traceback" not in asked.said
+
+
+@fairly
+def test_calibrate_identifies_damping_and_friction_of_a_free_arm(start):
+    """Another program finds them in the record: at least a part of what the mechanism has, and no more."""
+    arm = start.arm("arm", FREE + "&damping_nspm=0.5&friction_n=0.05")
+    found = start("devices", "calibrate", arm.address, "--damping", "--yes")
+    code = found.end()
+    if re.search(
+        r"encoder \w jumped by|no reply for 50 ms", found.said
+    ):  # its firmware's process was away for 10, 50 ms
+        pytest.skip(f"this machine took the processor away for too long: {found.said}")
+    assert code == 0, found.said
+    assert "direction 3 of 3, at most 0.18 N: do not touch the arm" in found.said
+    assert arm.force_n() == 0.0
+    record = make(arm.address + "&model=vintage", axes=1).capability
+    assert 0.0 < record.own_damping_nspm <= 0.5
+    assert 0.5 * 0.05 < record.own_friction_n <= 0.05
+    assert f"at least {record.own_damping_nspm:.3g} N s/m of damping and {record.own_friction_n:.3g} N" in found.said
+
+
+@fairly
+def test_identification_lets_go_when_it_is_interrupted_and_keeps_nothing(start):
+    arm = start.arm("arm", FREE)
+    found = start("devices", "calibrate", arm.address, "--damping", "--yes")
+    found.hear("direction 1 of 3")
+    arm.pushes(True)
+    found.popen.send_signal(signal.SIGTERM)
+    assert found.end() == 130, found.said
+    assert "Traceback" not in found.said
+    assert arm.force_n() == 0.0
+    assert make(arm.address + "&model=vintage", axes=1).capability.own_friction_n == 0.0
 
 
 @fairly

@@ -112,7 +112,13 @@ class Felt:
     """A session whose link changes its delay; what every hand felt at the end of each pressing."""
 
     def __init__(
-        self, kind: str, axes: int, delays: list[tuple[float, float]], seconds: float, hand_npm: float = 500.0, **tables: Table
+        self,
+        kind: str,
+        axes: int,
+        delays: list[tuple[float, float]],
+        seconds: float,
+        hand_npm: float = 500.0,
+        **tables: Table,
     ) -> None:
         people = 1 if kind == "wall" else 2
         users = [

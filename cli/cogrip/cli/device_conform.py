@@ -96,3 +96,8 @@ class Clock:
         rest_ns = due_ns(self._start_ns, tick, self._rate_hz) - time.monotonic_ns()
         if rest_ns > 0:
             time.sleep(rest_ns * 1e-9)
+
+    def newest(self, tick: int) -> int:
+        """Wait as well; the newest tick that is due then, which is a later one after a stall."""
+        self.wait(tick)
+        return max(tick, (time.monotonic_ns() - self._start_ns) * self._rate_hz // 10**9)

@@ -24,8 +24,10 @@ _COLUMNS: dict[str, Callable[[Capability], Sequence[str]]] = {
     "advised:\nstiffness,\ndamping": lambda record: (
         _number(record.stiffness_npm, "N/m"), _number(record.damping_nspm, "N s/m"),
     ),
-    "one count,\nfelt mass": lambda record: (
+    "one count,\nfelt mass,\nown losses": lambda record: (
         _number(record.resolution_m * 1e3, "mm") if record.resolution_m else "exact", _number(record.apparent_mass_kg, "kg"),
+        *([_number(record.own_damping_nspm, "N s/m")] if record.own_damping_nspm else []),
+        *([_number(record.own_friction_n, "N")] if record.own_friction_n else []),
     ),
     "most speed,\nrate,\nvelocity": lambda record: (
         _number(record.speed_mps, "m/s"), _number(record.rate_hz, "Hz"),

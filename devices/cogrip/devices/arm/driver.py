@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import hypot, isfinite
 
 from cogrip.devices.arm.encoder_watch import EncoderWatch
 from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
-from cogrip.devices.arm.pose import Calibration, KnownPose
+from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.arm.weight import WeightCompensation
 from cogrip.devices.device import Capability, DeviceError, Sample, check_rate
 
@@ -29,11 +30,12 @@ class ArmDevice:
     """See `Device`. axes: how many of x, y, z the room uses; the others are free.
 
     identify: asks the wire what it is, where the address leaves that open; gives the model.
+    store: has the damping and friction that were identified; they go into the record.
     """
 
     def __init__(
         self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Callable[[ArmModel], KnownPose],
-        model: ArmModel | None,
+        model: ArmModel | None, store: Store,
     ) -> None:  # fmt: skip
         self._name = name
         self._axes = axes
@@ -41,6 +43,8 @@ class ArmDevice:
         self._known = known
         self._make_pose = pose
         self._model = model
+        self._store = store
+        self._own: tuple[float, float] | None = None  # damping [N s/m] and friction [N], once looked for
         self._pose = pose(model) if model is not None else None
         self._counts: dict[str, int] = {}
         self._open = False
@@ -59,7 +63,27 @@ class ArmDevice:
 
     @property
     def capability(self) -> Capability:
-        return self.model.record.first(self._axes)
+        record = self.model.record.first(self._axes)
+        self._own = self._own or self._identified()
+        damping_nspm, friction_n = self._own
+        return replace(record, own_damping_nspm=damping_nspm, own_friction_n=friction_n)
+
+    def _identified(self) -> tuple[float, float]:
+        """Bounds of this arm's own damping [N s/m] and friction [N]; 0 where they are not known. Raises DeviceError."""
+        losses = self._store.find_losses(self._name)
+        if losses is None:
+            return 0.0, 0.0
+        if not losses.holds_for(self.model):
+            self._count("own damping left out: identified with other settings")
+            return 0.0, 0.0
+        return losses.own_damping_nspm, losses.own_friction_n
+
+    def losses(self, damping_nspm: float, friction_n: float, made: str) -> OwnLosses:
+        """What is to be kept of an identification of this arm."""
+        return OwnLosses(
+            device=self._name, model=self.model.record.model, drive=drive_of(self.model), own_damping_nspm=damping_nspm,
+            own_friction_n=friction_n, made=made,
+        )  # fmt: skip
 
     @property
     def model(self) -> ArmModel:
@@ -102,6 +126,7 @@ class ArmDevice:
         if self._open:
             raise DeviceError(f"{self._name}: is open already; close it first")
         port = self._exchange.port
+        self._own = None  # it may have been identified anew
         check_rate(rate_hz, self.capability, self._name)
         port.open()
         try:

@@ -5,12 +5,13 @@ No force is given before. A calibration holds for one plugging-in (`Port.stamp`)
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
 import msgspec
+from msgspec import Meta
 
 from cogrip.devices.arm.kinematics import Vector
-from cogrip.devices.arm.model import Pose
+from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.device import DeviceError
 
 
@@ -29,11 +30,37 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     home_counts: tuple[float, ...] = ()  # those it was made with
 
 
+class OwnLosses(msgspec.Struct, frozen=True, kw_only=True):
+    """What `cogrip devices calibrate --damping` leaves: lower bounds of what the mechanism itself takes.
+
+    It holds for the mechanism, so also after it was plugged in again. drive: the gears and motor constants it was found with,
+    whose force it is in units of (`drive_of`).
+    """
+
+    device: str
+    model: str
+    drive: tuple[float, ...]
+    own_damping_nspm: Annotated[float, Meta(ge=0.0, le=1e3)]
+    own_friction_n: Annotated[float, Meta(ge=0.0, le=1e3)]
+    made: str  # local time, for people
+    version: Literal[1] = 1
+
+    def holds_for(self, model: ArmModel) -> bool:
+        """Whether it was found with this model and this drive."""
+        return self.model == model.record.model and self.drive == drive_of(model)
+
+
+def drive_of(model: ArmModel) -> tuple[float, ...]:
+    """Radians a count, and milliamperes a newton metre, of each joint."""
+    return (*model.drive.rad_per_count, *model.drive.ma_per_nm)
+
+
 class Store(Protocol):
-    """Where calibrations are kept."""
+    """Where calibrations and identified losses are kept."""
 
     def find(self, device: str) -> Calibration | None: ...
     def keep(self, calibration: Calibration) -> object: ...
+    def find_losses(self, device: str) -> OwnLosses | None: ...
 
 
 class KnownPose:

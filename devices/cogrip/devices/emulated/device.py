@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.arm.pose import Calibration, OwnLosses
 from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.emulated.firmware import Firmware
 from cogrip.protocol.rates import due_ns
@@ -82,9 +82,16 @@ class Notebook:
 
     def __init__(self) -> None:
         self._kept: dict[str, Calibration] = {}
+        self._losses: dict[str, OwnLosses] = {}
 
     def find(self, device: str) -> Calibration | None:
         return self._kept.get(device)
 
     def keep(self, calibration: Calibration) -> None:
         self._kept[calibration.device] = calibration
+
+    def find_losses(self, device: str) -> OwnLosses | None:
+        return self._losses.get(device)
+
+    def keep_losses(self, losses: OwnLosses) -> None:
+        self._losses[losses.device] = losses

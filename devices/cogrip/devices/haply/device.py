@@ -17,9 +17,8 @@ class HaplyDevice(ArmDevice):
         self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: KnownPose, store: Store, number: int
     ) -> None:  # fmt: skip
         self._line = HaplyLine(port, codec, self._plan)
-        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, lambda _: pose, model)
+        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, lambda _: pose, model, store)
         self._pose_kind = pose.kind
-        self._store = store
         self._number = number
         self._calibrating = False
 

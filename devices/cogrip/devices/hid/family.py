@@ -79,7 +79,7 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
         return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
 
     # a report does not say what arm it comes from: whatever it is, it is the one of the address
-    return ArmDevice(name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, pose, model)
+    return ArmDevice(name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, pose, model, store)
 
 
 def _settings(address: Address) -> HidSettings:

@@ -1,4 +1,4 @@
-"""Calibrations as files of this user: one JSON for each device, replaced as a whole."""
+"""Calibrations as files of this user: one JSON for each device, replaced as a whole; identified losses beside them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import os
 import re
 import sys
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
-from cogrip.devices.arm.pose import Calibration
+from cogrip.devices.arm.pose import Calibration, OwnLosses
 from cogrip.devices.device import DeviceError
 
+_Kept = TypeVar("_Kept", Calibration, OwnLosses)
 FOLDER = "COGRIP_CALIBRATION"  # environment variable that names another folder
 
 
@@ -46,9 +48,19 @@ class CalibrationStore:
 
     def find(self, device: str) -> Calibration | None:
         """None where there is none. Raises DeviceError for a file that is none of ours."""
+        return self._read(self.path_of(device), device, Calibration)
+
+    def find_losses(self, device: str) -> OwnLosses | None:
+        """None where they were never identified. Raises DeviceError for a file that is none of ours."""
+        return self._read(self._losses_path(device), device, OwnLosses)
+
+    def _losses_path(self, device: str) -> Path:
         path = self.path_of(device)
+        return path.with_name(f"{path.stem}-damping.json")
+
+    def _read(self, path: Path, device: str, kind: type[_Kept]) -> _Kept | None:
         try:
-            return msgspec.json.decode(path.read_bytes(), type=Calibration)
+            return msgspec.json.decode(path.read_bytes(), type=kind)
         except FileNotFoundError:
             return None
         except (OSError, msgspec.MsgspecError) as error:
@@ -58,11 +70,17 @@ class CalibrationStore:
 
     def keep(self, calibration: Calibration) -> Path:
         """Write it. Raises DeviceError where that cannot be."""
-        path = self.path_of(calibration.device)
+        return self._write(self.path_of(calibration.device), calibration)
+
+    def keep_losses(self, losses: OwnLosses) -> Path:
+        """Write them. Raises DeviceError where that cannot be."""
+        return self._write(self._losses_path(losses.device), losses)
+
+    def _write(self, path: Path, kept: Calibration | OwnLosses) -> Path:
         new = path.with_suffix(".new")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            new.write_bytes(msgspec.json.format(msgspec.json.encode(calibration)) + b"\n")
+            new.write_bytes(msgspec.json.format(msgspec.json.encode(kept)) + b"\n")
             new.replace(path)
         except OSError as error:
             raise DeviceError(f"{path}: cannot be written: {error.strerror}; name another folder in {FOLDER}") from None

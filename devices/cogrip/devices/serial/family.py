@@ -69,4 +69,4 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
         return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
 
     stated = known(settings.model) if settings.model else None
-    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, pose, stated)
+    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, pose, stated, store)
