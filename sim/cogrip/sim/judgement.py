@@ -36,8 +36,8 @@ MOST_CONTROLLED = 0.05
 """Of the same ticks: the device port changed the force, or rendered less impedance than was asked for."""
 MOST_REPLACED = 0.05
 """Of one direction's frames: not there in time, and concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
-MOST_REPLACED_AT_REST = 0.003
-"""Of one direction's frames, for the prediction: what the line keeps for gaps makes a steady hand softer by half at 1 %."""
+MOST_REPLACED_AT_REST = 0.001
+"""Of one direction's frames less its longest gap, for the prediction: what a line keeps for gaps makes a steady hand softer."""
 MOST_MOVED = 0.01
 """Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
 STIFFNESS_JND = 0.23
@@ -307,7 +307,7 @@ def not_predicted(row: Row) -> str:
         return f"the force was at a limit in {_percent(limited)} of the ticks"
     if controlled > MOST_CONTROLLED:
         return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
-    if _replaced(row)[0] > MOST_REPLACED_AT_REST:
+    if _scattered(row) > MOST_REPLACED_AT_REST:
         return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
     if moved > MOST_MOVED:
         return f"the playout's depth changed at {_percent(moved)} of the frames"
@@ -321,6 +321,11 @@ def _value(row: Row, key: str) -> float | None:
 def _replaced(row: Row) -> tuple[float, str]:
     """Share of the frames of a direction that were not there in time, of the direction where it is larger."""
     return max((_share(row, way, "concealed"), "from" if way == "up" else "to") for way in ("up", "down"))
+
+
+def _scattered(row: Row) -> float:
+    """Share of the replaced frames that were not one gap: a delay that grew once leaves one, and the line is as before."""
+    return max(_share(row, way, "concealed") - _share(row, way, "longest_gap") for way in ("up", "down"))
 
 
 def _moved(row: Row) -> float:
