@@ -73,5 +73,4 @@ def test_what_a_client_says_as_it_leaves_is_shown_clean_and_decides_nothing(serv
         "Stable as far as this end measured, but clients say that they were not: the force of ben, the hand of ben."
         in " ".join(said.split())
     )
-    assert "The client of ben says that it diverged (the server burns" in said
-    assert "The client of ben says that the line down gave out 5 J too much." in said
+    assert "the client of ben says that its line down gave out 5 J too much" in " ".join(said.split())
