@@ -229,3 +229,10 @@ def test_an_unstable_coupling_is_not_green() -> None:
     assert stable(summary).tone == "bad"
     assert felt(summary).tone == "warn"
     assert not succeeded(summary)
+
+
+def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() -> None:
+    summary = summary_of(person())
+    summary["users"][0]["claimed"] = {"diverged": False, "down_margin_j": 0.0}
+    assert passive(summary).tone == "good"
+    assert passive(summary).sentence.endswith("(least margin 0 J), nor, say the clients, any motors.")
