@@ -127,7 +127,11 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
         why = "; ".join(told) or "no end told its energy margin"
         return Judgement("passive", "warn", f"Whether the run was passive is not known: {why}.")
     lent = f" The tank may lend {energy(tank_j)}." if tank_j else ""
-    port = f"no device's motors either (least margin {energy(device[0])})" if device else "nor, say the clients, any motors"
+    port = (
+        f"no device's motors either (least margin {energy(device[0])})"
+        if device
+        else "nor, say the clients, any motors"
+    )
     margin_j, ledger, who = worst
     if margin_j < -ROUNDING_J:
         lender = "its tank" if tank_j else "its passivity controller, E(0),"
