@@ -168,6 +168,8 @@ def test_an_existing_file_is_never_overwritten(words, tmp_path):
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc and /sys")
 @pytest.mark.parametrize("folder", ["/proc/cogrip", "/proc/sys", "/sys/kernel", "/sys/cogrip/deeper"])
 def test_where_nothing_can_be_written_the_session_goes_on_without(words, folder):
+    if not Path(folder).parents[-2].is_dir():
+        pytest.skip(f"there is no {Path(folder).parents[-2]}")
     assert open_recorder(Path(folder) / "client-anna.mcap", header(), words.append) is None
     (said,) = words
     assert said.startswith(f"this session is not recorded: {folder}/client-anna.mcap: ")

@@ -1,4 +1,4 @@
-"""What a client knows at the end of a session."""
+"""Account of a client: all that it knows at the end of a session."""
 
 from __future__ import annotations
 

@@ -483,7 +483,7 @@ class ClientCore:
         return account_of(self, ticks)
 
     def predicted_stiffness(self) -> float | None:
-        """What is felt at rest by the loop as it was measured last [N/m]; None where no wave went round."""
+        """Return the stiffness felt at rest, by the loop as measured last [N/m]; None where no wave went round."""
         assert self.seat is not None
         loop = self.coupling.loop_frames()
         return None if loop is None else self.seat.predicted_stiffness(loop, self._late_frames)
@@ -494,5 +494,5 @@ class ClientCore:
         return self._rest.stiffness_npm() if self._rest else None
 
     def line_account(self) -> tuple[LinkCount, PlayoutAccount | None]:
-        """Of the frames that came down, on all lines."""
+        """Count the frames that came down on all lines, and how they were played out."""
         return self._past.count(self.coupling), self._past.playout_account(self.coupling)

@@ -206,12 +206,12 @@ class DevicePort:
 
     @property
     def resting(self) -> bool:
-        """Whether the force is let go because it oscillated, or sat at its limit."""
+        """True while the force is let go because it oscillated, or sat at its limit."""
         return self._rest_left > 0
 
     @property
     def goes_on(self) -> bool:
-        """Whether letting go has not helped."""
+        """True where letting go has not helped."""
         return len(self._rests) > MOST_RESTS
 
     def elapse(self) -> None:
@@ -236,7 +236,7 @@ class DevicePort:
             self.balance_j = 0.0
 
     def account(self) -> DeviceAccount:
-        """What is to be said of the device port at the end."""
+        """Return the account of the device port."""
         ticks = max(1, self._ticks)
         return DeviceAccount(
             oscillates=self.oscillates,
@@ -249,7 +249,7 @@ class DevicePort:
 
 
 def cure(found: Trouble, seat: SeatSettings, record: Capability) -> str:
-    """Why the force was let go, and what to do."""
+    """Say why the force was let go, and what to do."""
     coupling = seat.coupling
     if found == "energy":
         return "the force law took more energy out than came in, and all of the device's reserve; leave this server"

@@ -44,7 +44,7 @@ class NewestCoupling(Generic[M]):
 
     @property
     def stored_j(self) -> float:
-        """Of what the other end gave, kept here."""
+        """Energy kept here of all that the other end gave."""
         return 0.0
 
     @property

@@ -93,7 +93,7 @@ class PassivityControl(NewestCoupling[Power]):
 
     @property
     def given_j(self) -> float:
-        """What has gone in at the object, less what was told to have gone in here."""
+        """Energy that has gone in at the object, less what was told to have gone in here."""
         return sum(self._received) - sum([energy.value for energy in self._in])
 
     def set_latency(self, ticks: int) -> None:

@@ -257,7 +257,7 @@ class WaveCoupling:
 
     @property
     def reduced(self) -> bool:
-        """Whether less than b is rendered now, or a deflection comes back."""
+        """True while less than b is rendered, or a deflection comes back."""
         return self._ratio != 1.0 or self._deflected
 
     @property
