@@ -48,7 +48,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def ran_in(folder: Path, *arguments: object, code: str = SCRIPT, module: str = "") -> str:
-    """What a process says that is started in the folder; none of the modules there was imported."""
+    """Return what a process says that is started in the folder; none of the modules there was imported."""
     script = folder.parent / "bin" / "script.py"
     script.parent.mkdir(exist_ok=True)
     script.write_text(code)

@@ -191,6 +191,14 @@ def test_the_impedance_comes_down_with_a_train_of_turns_and_is_tried_again_below
     assert tried.carried_nspm == pytest.approx(LEAST * carried, rel=0.05)
 
 
+def test_a_shaken_hand_is_seen_however_little_is_rendered() -> None:
+    """The same motion at the impedance that is left makes a tenth of the force."""
+    tried = port()
+    tried.carried_nspm *= 0.1
+    assert _shake(tried, 30, force_n=0.2) == "oscillation"
+    assert _shake(port(), 30, force_n=0.2) == ""
+
+
 def test_oscillation_lets_go_and_is_a_fault_where_it_goes_on() -> None:
     tried = port()
     for _ in range(MOST_RESTS + 1):

@@ -201,7 +201,7 @@ def test_every_device_keeps_its_continuous_force_for_ever(record) -> None:
 
 
 def test_half_a_second_at_the_peak_is_a_fault_too() -> None:
-    """What is asked for beyond the peak is no force that a person chose."""
+    """A force that is asked for beyond the peak is none that a person chose."""
     safety = full()
     for _ in range(round(AT_LIMIT_S / 1e-3)):
         safety.limit((20.0, 0.0, 0.0))

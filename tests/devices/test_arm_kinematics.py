@@ -276,7 +276,7 @@ def test_gravity_of_the_polhem_is_the_gradient_of_its_potential_energy(data) -> 
     ],
 )
 def test_gravity_of_the_polhem_is_its_maker_s(tip, torque) -> None:
-    """What polhemComputeMotorAmps of hfabapi, compiled, answers to no force, by differences over a milliradian."""
+    """Answers of polhemComputeMotorAmps of hfabapi, compiled, to no force, by differences over a milliradian."""
     assert LINKAGE.gravity(LINKAGE.inverse(tip)) == pytest.approx(torque, abs=3e-8)
 
 

@@ -29,7 +29,7 @@ def test_resolution_at_home_per_count_is_the_printed_one() -> None:
 
 
 def worst_force_n(model) -> float:
-    """What the current limits give in the worst direction at the worst reachable place: a grid through the sphere's shells.
+    """Force by the current limits in the worst direction at the worst reachable place: a grid through the sphere's shells.
 
     Of a motor that holds weight too, what is left beside it.
     """

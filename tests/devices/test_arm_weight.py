@@ -20,7 +20,7 @@ HELD = RISE + 100  # and the hand has come to rest
 
 
 def felt(bench: Bench) -> tuple[float, ...]:
-    """What the arm pushes the hand with, motors and weight [N]."""
+    """Return what the arm pushes the hand with, motors and weight [N]."""
     mechanics = bench.arm.mechanics
     return tuple(motors + weight for motors, weight in zip(mechanics.force_n, mechanics.weight_n, strict=True))
 

@@ -45,7 +45,7 @@ every_record = pytest.mark.parametrize("record", [OMEGA, DELTA, TOUCH, PHANTOM],
 
 
 def judged(judge: Plausibility, positions: Iterable[Sequence[float]], first: int = 0) -> list[str]:
-    """What is said of these positions, one a tick."""
+    """Return what is said of these positions, one a tick."""
     return [judge.judge(first + tick, Sample(tuple(place), None)) for tick, place in enumerate(positions)]
 
 

@@ -156,7 +156,7 @@ class Protection:
         return record._replace(body=explicit + self._aead.encrypt(self._nonce(record.place), record.body, aad))
 
     def open(self, record: Record) -> bytes | None:
-        """What a record holds, None where it was not made with these keys."""
+        """Return what a record holds, None where it was not made with these keys."""
         explicit = 8 if len(self._iv) == 4 else 0
         size = len(record.body) - explicit - 16
         if size < 0:

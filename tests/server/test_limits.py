@@ -205,7 +205,7 @@ def test_views_are_no_more_than_a_picture_needs_at_any_rate(network_hz: int, vie
 
 
 def energy_of(record: Record, wave: float, share: float, seconds: float) -> tuple[float, WaveLimiter]:
-    """What a player brings in under the default settings who sends this wave and gets a share of it back [J]."""
+    """Return what a player brings in under the default settings who sends this wave and gets a share of it back [J]."""
     bound = WaveLimiter(20.0, FRAME_S, limits_of(record, resolve({}), 0))
     brought_j = 0.0
     for _ in range(round(seconds / FRAME_S)):

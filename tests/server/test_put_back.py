@@ -28,7 +28,7 @@ def seated(kind: str) -> Room:
 
 
 class Line:
-    """What a person sends, frame by frame."""
+    """Return what a person sends, frame by frame."""
 
     def __init__(self, room: Room) -> None:
         self.room = room

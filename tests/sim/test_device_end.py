@@ -1,5 +1,6 @@
 """The device end in whole sessions: calm beyond what the device carries, untouched within, let go where the law oscillates."""
 
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import dist
@@ -184,8 +185,6 @@ GOOD: dict[str, Callable[[], Settings]] = {
 
 
 def replace_seconds(path: Path) -> Settings:
-    import tomllib
-
     return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
 
 
@@ -221,6 +220,26 @@ def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if
             assert one.laboratory.diverged or not one.forces[-1].any()
         assert one.core.port.balance_j >= -one.core.port.reserve_j
         assert one.largest_step_n < 1.0
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.0, 10.0])
+def test_virtual_coupling_keeps_its_spring_whatever_its_damping(damping: float) -> None:
+    """K l T < b holds with what the device carries, not with the B that is asked for."""
+    coupling = {"kind": "coupling", "stiffness_npm": 1000.0, "damping_nspm": damping}
+    [one] = felt(
+        room(1.0, users=({"hand": "hold"},), object={"kind": "wall"}, coupling=coupling, link={"delay_ms": 0.0})
+    )
+    assert one.core.coupling._rendered_npm == 1000.0
+    assert not one.core.coupling.reduced
+
+
+def test_warm_motors_are_no_oscillation() -> None:
+    """`configs/lan.toml` as it is, 60 s: hands pull with more than motors give for long. It ended as a fault at the peak."""
+    people = felt(resolve(tomllib.loads((CONFIGS / "lan.toml").read_text())))
+    assert any(one.core.safety.counts.get("thermally limited") for one in people)
+    for one in people:
+        assert one.account.device.let_go == 0
+        assert one.core.safety.state == "live"
 
 
 def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave() -> None:

@@ -92,17 +92,18 @@ K_NPM = 1000.0
 PRESS_S, CYCLE_S = 3.25, 4.0
 
 
-def course(sign: float) -> Callable[[float], tuple[float, float]]:
+def course(sign: float, stroke_s: float = 0.4) -> Callable[[float], tuple[float, float]]:
     """Press 6 mm in, hold, draw back 4 mm out, and again."""
+    speed_mps = 0.010 / stroke_s
 
     def at(time_s: float) -> tuple[float, float]:
         phase_s = time_s % CYCLE_S
-        if phase_s < 0.4:
-            return sign * (-0.004 + 0.010 * phase_s / 0.4), sign * 0.025
+        if phase_s < stroke_s:
+            return sign * (-0.004 + speed_mps * phase_s), sign * speed_mps
         if phase_s < PRESS_S:
             return sign * 0.006, 0.0
-        if phase_s < PRESS_S + 0.4:
-            return sign * (0.006 - 0.010 * (phase_s - PRESS_S) / 0.4), -sign * 0.025
+        if phase_s < PRESS_S + stroke_s:
+            return sign * (0.006 - speed_mps * (phase_s - PRESS_S)), -sign * speed_mps
         return sign * -0.004, 0.0
 
     return at
@@ -117,6 +118,7 @@ class Felt:
         axes: int,
         delays: list[tuple[float, float]],
         seconds: float,
+        stroke_s: float = 0.4,
         **tables: Table,
     ) -> None:
         people = 1 if kind == "wall" else 2
@@ -132,7 +134,8 @@ class Felt:
         for number, person in enumerate(self.laboratory.people):
             hand = DirectedHand(
                 ImpedanceSettings(hand_stiffness_npm=500.0, hand_damping_nspm=10.0),
-                course(-1.0 if number else 1.0), (1.0, *[0.5] * (axes - 1)) if kind != "wall" else (1.0, *[0.0] * (axes - 1)),
+                course(-1.0 if number else 1.0, stroke_s),
+                (1.0, *[0.5] * (axes - 1)) if kind != "wall" else (1.0, *[0.0] * (axes - 1)),
             )  # fmt: skip
             hand.open(1024, (0.0,) * axes)
             person.device.hand = hand
@@ -202,11 +205,11 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
 
 
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
-    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 19.3)
+    session = Felt("wall", 1, [(0.0, 20.0), (3.5, 60.0)], 19.3, stroke_s=0.8)
     [user] = session.summary["users"]
     line_npm = 120.0 / (17 * FRAME_MS * 1e-3)  # 903.5: softer than what is asked for
     assert user["rendered_npm"] == pytest.approx(100.0 * K_NPM)
-    assert session.felt_npm[-1] == pytest.approx(1.0 / (1e-2 / K_NPM + 1.0 / line_npm), rel=0.025)
+    assert session.felt_npm[-1] == pytest.approx(1.0 / (1e-2 / K_NPM + 1.0 / line_npm), rel=0.02)
     told = [event.text for event in session.laboratory.server.events if event.event == "stiffness"]
     assert len(told) == 1
     assert "u0 is told: a felt stiffness of 1000 N/m is out of reach by the delay now measured (125 ms" in told[0]

@@ -1,5 +1,6 @@
 """What the couplings have in common whose newest message wins: virtual coupling and power variables."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import inf
 from typing import Generic, TypeVar
@@ -12,7 +13,7 @@ from cogrip.protocol.messages import Power, State
 M = TypeVar("M", State, Power)
 
 
-class NewestCoupling(Generic[M]):
+class NewestCoupling(ABC, Generic[M]):
     """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
 
     A message that is missing leaves no gap: the last one stands.
@@ -38,9 +39,9 @@ class NewestCoupling(Generic[M]):
         self._peak_n, self._lag_s = record.peak_force_n, lag_s
 
     @property
+    @abstractmethod
     def given_j(self) -> float:
         """Energy that the other end gave this one, less what it took."""
-        raise NotImplementedError
 
     @property
     def stored_j(self) -> float:

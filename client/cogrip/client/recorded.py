@@ -159,7 +159,7 @@ def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
 
 
 def start_text(hello: Hello, capability: Capability) -> str:
-    """What a client core is made from, as JSON text, less its token."""
+    """Return what a client core is made from, as JSON text, less its token."""
     asked = msgspec.structs.replace(hello, token="", ticket="")
     return json.dumps(
         {"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)}, allow_nan=False

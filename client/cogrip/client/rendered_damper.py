@@ -21,7 +21,7 @@ class OverloadError(DeviceError):
 
 @dataclass(frozen=True, slots=True)
 class Damper:
-    """What the device renders by itself: b of waves and of passivity control, B of virtual coupling. key: of [coupling]."""
+    """The damper that a device itself renders: b of waves and passivity control, B of virtual coupling. key: of [coupling]."""
 
     symbol: str
     key: str
@@ -36,7 +36,7 @@ def damper_of(coupling: Coupling) -> Damper:
 
 
 def is_carried(seat: SeatSettings, record: Capability) -> bool:
-    """Whether the device carries the damper that the seat asks for."""
+    """True where the device carries the damper that the seat asks for."""
     most = largest_impedance(record, seat.rates.tick_s).impedance_nspm
     return damper_of(seat.coupling).value_nspm <= most * (1.0 + ROUNDING)
 
@@ -60,7 +60,7 @@ def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -
 
 
 def bound_words(carried: Carried, record: Capability) -> str:
-    """What binds, at the largest b."""
+    """Say what binds, at the largest b."""
     if carried.bound == "lag":
         return f"the {carried.lag_ticks:.2g} ticks that its damper is late take all of its {record.apparent_mass_kg:.3g} kg"
     if carried.bound == "noise":

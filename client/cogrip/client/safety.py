@@ -107,7 +107,7 @@ class Safety:
 
     @property
     def gain(self) -> float:
-        """Of the ramp, 0 to 1."""
+        """Gain of the ramp, 0 to 1."""
         return self._gain
 
     @property
@@ -122,7 +122,7 @@ class Safety:
 
     @property
     def at_peak(self) -> bool:
-        """Whether the law wants more than the device's peak, warm motors aside."""
+        """True where the law wants more than the device's peak, warm motors aside."""
         return self._at_limit > 0
 
     @property

@@ -38,7 +38,7 @@ RELAX_RAD_S = 100.0  # w
 LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05  # what slips beyond stays where it is
 REPAID = 1.0 / 16.0  # of what was withheld, in a frame
 Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
-"""Of one tick: the returning wave, the share s, the ratio of impedances, and what limits took from the force."""
+"""One tick's returning wave, the share s, the ratio of impedances, and what limits took from the force."""
 OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
 
 
@@ -114,7 +114,7 @@ class WaveCoupling:
         self._late = deque([*[(self._zero, 1.0, 1.0, None)] * keep, *self._late], maxlen=keep)
 
     def _booked(self) -> Held:
-        """What belongs to the tick that is booked."""
+        """Return what belongs to the tick that is booked."""
         held = (self.returning, self._share, self._ratio, self.cut_n)
         late = self._late
         if not late:

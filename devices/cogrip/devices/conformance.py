@@ -208,7 +208,7 @@ def positions_do_not_jump(subject: Subject) -> None:
 
 
 def velocity_agrees_with_position(subject: Subject) -> None:
-    """What the velocities add up to is what the positions say. Nothing to see where the device stands still, or gives none."""
+    """Velocities add up to what the positions say. Nothing to see where the device stands still, or gives none."""
     found, _ = _judged(subject)
     _expect(DRIFT not in found, f"velocities that agree with the positions: {found.get(DRIFT)}")
 

@@ -144,7 +144,7 @@ class Plausibility:
         return self._slack_m + off_course_m(time_s, late_s, HAND_MPS2) + motors_m
 
     def _move(self, step: Sequence[float], ticks: int) -> None:
-        """What is known of the speed; over a gap it is not."""
+        """Return what is known of the speed; over a gap it is not."""
         tick_s = self._tick_s
         rate = 1.0 / (ticks * tick_s)
         self._last = last = [moved * rate for moved in step]

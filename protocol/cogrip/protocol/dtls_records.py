@@ -85,7 +85,7 @@ class ClientRecords:
 
     @property
     def overdue(self) -> bool:
-        """Whether a handshake should have been done by now, with all that was passed."""
+        """Return whether a handshake should have been done by now, with all that was passed."""
         return self.state == "finishing" and self.finished >= MOST_FINISHED
 
     def open(self) -> None:

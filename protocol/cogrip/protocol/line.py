@@ -130,14 +130,14 @@ class LineReceiver:
         return True
 
     def _keep_totals(self, first: int, total: Frame, square: Frame) -> None:
-        """Of those that speak of played frames alone the newest, the others until their frame is due."""
+        """Keep the newest of those that speak of played frames alone, the others until their frame is due."""
         if self._cursor is None or first > self._cursor:
             self._totals[first] = (total, square)
         elif self._usable is None or first >= self._usable[0]:
             self._usable = first, total, square
 
     def _near(self, newest: int) -> bool:
-        """Whether a datagram that ends with this frame can be of this line: what is kept, and gone over, is bounded by it."""
+        """Return whether a datagram that ends with this frame can be of this line, by which all that is kept is bounded."""
         if self._cursor is not None:
             return newest <= self._cursor + HISTORY
         if self._anchor is None:

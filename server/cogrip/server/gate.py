@@ -102,7 +102,7 @@ class Gate:
         return taken
 
     def was_seated(self, address: Address, now_ns: int) -> bool:
-        """Whether somebody at this address had a seat lately."""
+        """Return whether somebody at this address had a seat lately."""
         return now_ns - self._seated_ns[self._slot(address)] < SEATED_NS
 
     def seated(self, address: Address, now_ns: int) -> None:

@@ -50,7 +50,7 @@ class WavePort:
 
     @property
     def neutral(self) -> Row:
-        """What goes back of a step that did not count: nothing."""
+        """Return what goes back of a step that did not count: nothing."""
         return (0.0,) * self._axes
 
     def take(self, frames: int) -> Row:
@@ -152,7 +152,7 @@ class StatePort(NewestPort[State]):
 
     @property
     def neutral(self) -> Row:
-        """What goes back of a step that did not count: an object that rests where the hand is."""
+        """Return what goes back of a step that did not count: an object that rests where the hand is."""
         return (self.hand or (0.0,) * self._axes) + (0.0,) * self._axes
 
     def take(self, frames: int) -> Row:

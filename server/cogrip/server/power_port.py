@@ -39,7 +39,7 @@ class PowerPort(NewestPort[Power]):
 
     @property
     def neutral(self) -> Row:
-        """What goes back of a step that did not count: no force, and a proxy that stands."""
+        """Return what goes back of a step that did not count: no force, and a proxy that stands."""
         return (0.0,) * (2 * self._axes)
 
     def _origin(self, message: Power) -> Row:

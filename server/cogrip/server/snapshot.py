@@ -180,7 +180,7 @@ def _lesser(one: Number, other: Number) -> Number:
 
 
 class Health:
-    """Whether a server is well, by the snapshots that came of it. Where the people of a room take their object is theirs: a
+    """Judge if a server is well, by the snapshots that came of it. Where the people of a room take their object is theirs: a
     room that has diverged is told of, and makes no server unwell."""
 
     def __init__(self) -> None:

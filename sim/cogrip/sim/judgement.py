@@ -62,7 +62,7 @@ def judgements(summary: Summary, tank_j: float | None = None) -> tuple[Judgement
 
 
 def succeeded(summary: Summary) -> bool:
-    """What exit code 0 stands for: passive and stable as far as every end goes, and nobody's device ended in a fault.
+    """Return what exit code 0 stands for: passive and stable as far as every end goes, and nobody's device ended in a fault.
 
     Not how it felt: a force at its limit is no failure of the session. What clients of others say of themselves fails nothing.
     """
@@ -73,7 +73,7 @@ def succeeded(summary: Summary) -> bool:
 
 
 def came(summary: Summary) -> bool:
-    """Whether anybody was there: an empty room has nothing to be judged."""
+    """Return whether anybody was there: an empty room has nothing to be judged."""
     return any(True for _ in _held(people(summary)))
 
 
@@ -98,7 +98,7 @@ def _measured(row: Row) -> tuple[str, ...]:
 
 
 def _claimed_margins(users: list[Row], tank_j: float) -> list[str]:
-    """What clients of others say against themselves."""
+    """Return what clients of others say against themselves."""
     bounds = (("down_margin_j", "its line down", -tank_j), ("device_margin_j", "its device", 0.0))
     return [
         f"the client of {name_of(row)} says that {words} gave out {energy(-value)} too much"
@@ -110,7 +110,7 @@ def _claimed_margins(users: list[Row], tank_j: float) -> list[str]:
 
 
 def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
-    """Whether no line, and no device port, ever gave out more energy than had come in."""
+    """Judge whether no line, and no device port, ever gave out more energy than had come in."""
     users, said = people(summary), summary.get("passive")
     worst, device = worst_margin(users), _worst_device(users)
     if said is False:
@@ -190,7 +190,7 @@ def _held(users: list[Row]) -> Iterator[Row]:
 
 
 def _untold(row: Row) -> list[str]:
-    """What is missing of one sitting before it can be called passive, as what stands before `of <name>`."""
+    """Return what is missing of one sitting before it can be called passive, as what stands before `of <name>`."""
     margins = [dig(row, "energy", key) for key in ("up_margin_j", "down_margin_j")]
     if row.get("state") is None:
         return ["nothing was heard from the client"]
@@ -205,7 +205,7 @@ def _untold(row: Row) -> list[str]:
 
 
 def unjudged(summary: Summary) -> bool:
-    """Whether a run is of clients that told nothing of their device ports at all: an old one."""
+    """Return whether a run is of clients that told nothing of their device ports at all: an old one."""
     return all(dig(row, "energy", "device_margin_j") is None for row in _held(people(summary)))
 
 
@@ -213,7 +213,7 @@ def unjudged(summary: Summary) -> bool:
 
 
 def stable(summary: Summary) -> Judgement:
-    """Whether nothing diverged and no force oscillated at a hand."""
+    """Judge whether nothing diverged and no force oscillated at a hand."""
     users, said = people(summary), summary.get("diverged")
     shaking = _named(row for row in sittings(users) if row.get("oscillates") is True and not row.get("claimed"))
     found, brief = [], []
@@ -256,7 +256,7 @@ def stable(summary: Summary) -> Judgement:
 
 
 def felt(summary: Summary) -> Judgement:
-    """Whether hands felt what the force law and the network's frames made, and nothing that took their place."""
+    """Judge whether hands felt what the force law and the network's frames made, and nothing that took their place."""
     held = list(_held(people(summary)))
     reasons = list(dict.fromkeys(_worst_reasons(held)))
     if stable(summary).tone == "bad":

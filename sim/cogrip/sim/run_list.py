@@ -135,7 +135,7 @@ def _seats(recordings: list[Recording], words: list[tuple[str, str]]) -> list[st
 
 
 def _of_summary(summary: Summary) -> Iterator[tuple[str, str]]:
-    """What a report says, but in a line: of a session that diverged or oscillated nothing else, for nothing is as it should."""
+    """Return what a report says, but in a line: of a session that diverged or oscillated nothing else."""
     broken = stable(summary).tone == "bad"
     found: tuple[Judgement, ...] = judgements(summary)
     if unjudged(summary) and came(summary) and "bad" not in (judgement.tone for judgement in found):

@@ -158,7 +158,7 @@ def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
 
 
 def _limited(room: Room) -> dict[str, int]:
-    """What people brought in beyond what their seats may, and was taken off; how often their object had to be put back."""
+    """Count what people brought in beyond what seats may, and was taken off; how often their object had to be put back."""
     put_back = {"object put back from out of reach": room.put_back} if room.put_back else {}
     return put_back | {
         f"{seat.name}: {reason}": count
@@ -168,7 +168,7 @@ def _limited(room: Room) -> dict[str, int]:
 
 
 def _claimed(client: ClientAccount | None) -> dict[str, Any]:
-    """What a client alone says that would decide the verdict, if it were believed."""
+    """Return what a client alone says that would decide the verdict, if it were believed."""
     return {"diverged": client.diverged if client else None, "down_margin_j": client.down_margin_j if client else None}
 
 
@@ -208,7 +208,7 @@ def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
 
 
 def _device(device: DeviceAccount) -> dict[str, Any]:
-    """What was seen at the device port; null where nobody looked: the margin says whether somebody did."""
+    """Return what was seen at the device port; null where nobody looked: the margin says whether somebody did."""
     keys = ("oscillates", "at_limit", "controlled", "leak_j", "let_go")
     return {key: getattr(device, key) if device.margin_j is not None else None for key in keys}
 

@@ -81,7 +81,7 @@ def share(value: float | None) -> str:
 
 
 def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
-    """Whether a margin that is a number is below what its ledger may lend: the tank of each direction."""
+    """Return whether a margin that is a number is below what its ledger may lend: the tank of each direction."""
     bounds = {key: -(2.0 if key == "line_margin_j" else 1.0) * tank_j - ROUNDING_J for key in MARGINS}
     return any(
         is_number(value := dig(user, "energy", key)) and value < bounds[key]

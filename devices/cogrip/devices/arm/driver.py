@@ -79,7 +79,7 @@ class ArmDevice:
         return losses.own_damping_nspm, losses.own_friction_n
 
     def losses(self, damping_nspm: float, friction_n: float, made: str) -> OwnLosses:
-        """What is to be kept of an identification of this arm."""
+        """Return what is to be kept of an identification of this arm."""
         return OwnLosses(
             device=self._name, model=self.model.record.model, drive=drive_of(self.model), own_damping_nspm=damping_nspm,
             own_friction_n=friction_n, made=made,

@@ -295,7 +295,7 @@ def _around(middle_m: Sequence[float]) -> list[tuple[float, ...]]:
 
 
 def _jacobian(model: ArmModel, position: Sequence[float]) -> Array | None:
-    """Of as many joints as there are axes; None where the tip cannot be, or nearly not."""
+    """Return the value of as many joints as there are axes; None where the tip cannot be, or nearly not."""
     angles = model.kinematics.inverse(_three(position))
     rows = None if angles is None else model.kinematics.jacobian(angles)
     axes = len(position)

@@ -40,7 +40,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """What moves in the plane, with covers; g_mps2 = 0 leaves gravity out. Numbers of hfabapi, which has 9.81."""
+    """Masses that move in the plane, with covers; g_mps2 = 0 leaves gravity out. Numbers of hfabapi, which has 9.81."""
 
     upper: Body = Body(0.15764, 0.030123, 0.000484)
     crank: Body = Body(0.07733, -0.004086, 0.001911)

@@ -31,7 +31,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class OwnLosses(msgspec.Struct, frozen=True, kw_only=True):
-    """What `cogrip devices calibrate --damping` leaves: lower bounds of what the mechanism itself takes.
+    """Result of `cogrip devices calibrate --damping`: lower bounds of what the mechanism itself takes.
 
     It holds for the mechanism, so also after it was plugged in again. drive: the gears and motor constants it was found with,
     whose force it is in units of (`drive_of`).
@@ -46,7 +46,7 @@ class OwnLosses(msgspec.Struct, frozen=True, kw_only=True):
     version: Literal[1] = 1
 
     def holds_for(self, model: ArmModel) -> bool:
-        """Whether it was found with this model and this drive."""
+        """Return whether it was found with this model and this drive."""
         return self.model == model.record.model and self.drive == drive_of(model)
 
 

@@ -20,7 +20,7 @@ class Body:
 
     @property
     def hand(self) -> Hand:
-        """Who holds the tip; its ticks are of 1 / STEP_HZ."""
+        """Return who holds the tip; its ticks are of 1 / STEP_HZ."""
         return self._machine.hand
 
     @property

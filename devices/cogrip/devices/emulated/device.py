@@ -42,7 +42,7 @@ class EmulatedDevice:
 
     @property
     def force_n(self) -> tuple[float, ...]:
-        """What the motors load the hand with [N], without what they hold of the arm's own weight."""
+        """Return what the motors load the hand with [N], without what they hold of the arm's own weight."""
         mechanics = self.firmware.mechanics
         share = getattr(self.driver, "weight_share", 0.0)
         load = [-motors - share * weight for motors, weight in zip(mechanics.force_n, mechanics.weight_n, strict=True)]

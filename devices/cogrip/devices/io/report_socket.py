@@ -21,7 +21,7 @@ OFFERED = hasattr(socket, "AF_UNIX") and hasattr(socket, "SOCK_SEQPACKET")
 
 
 def is_socket(path: str) -> bool:
-    """Whether a socket is there."""
+    """Return whether a socket is there."""
     try:
         return bool(path) and stat.S_ISSOCK(Path(path).stat().st_mode)
     except OSError:

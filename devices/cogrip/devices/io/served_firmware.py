@@ -33,12 +33,12 @@ class ServedFirmware(ABC):
     @property
     @abstractmethod
     def where(self) -> str:
-        """What people are told to open."""
+        """Return what people are told to open."""
 
     @property
     @abstractmethod
     def plugged(self) -> bool:
-        """Whether the wire is there."""
+        """Return whether the wire is there."""
 
     @abstractmethod
     def plug(self) -> None:
@@ -54,7 +54,7 @@ class ServedFirmware(ABC):
 
     @abstractmethod
     def heard(self, ready: Sequence[int]) -> Sequence[bytes]:
-        """What has come on those that are ready: bytes, or one report each."""
+        """Return what has come on those that are ready: bytes, or one report each."""
 
     @abstractmethod
     def tell(self, replies: Sequence[bytes]) -> None:

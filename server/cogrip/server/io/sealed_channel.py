@@ -176,7 +176,7 @@ class SealedListener:
         return False
 
     def _look(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
-        """Whether somebody has a seat by this association now."""
+        """Return whether somebody has a seat by this association now."""
         seated = self._seated(address)
         if seated != peer.seated:
             peer.seated = seated
@@ -405,7 +405,7 @@ class _Peer:
 
 
 def _of_session(datagram: bytes) -> bool:
-    """Whether a datagram is one record of messages under a seal, by its header."""
+    """Return whether a datagram is one record of messages under a seal, by its header."""
     return (
         RECORD_HEADER_BYTES < len(datagram) <= MAX_DATAGRAM_BYTES
         and datagram[0] == DATA

@@ -125,7 +125,7 @@ class World(ABC):
 
     @property
     def out_of_reach(self) -> bool:
-        """Whether nobody can hold the object where it is, or it is nowhere."""
+        """Return whether nobody can hold the object where it is, or it is nowhere."""
         return not all(abs(place) <= REACH_M for place in self.motion()[: self.axes])
 
 

@@ -41,7 +41,7 @@ class Motion:
 
 
 def implausible(settings: Settings) -> list[Finding]:
-    """What in the settings, and in the recordings they name, is out of what hands and devices do. Raises DeviceError."""
+    """Return what in the settings, and in the recordings they name, is out of what hands and devices do. Raises DeviceError."""
     found = list(_masses(settings))
     for user in settings.users:
         if user.device.startswith(("sim:", "emulated:", "replay:")):

@@ -29,7 +29,7 @@ HELLO_LENGTH = 40  # of an address in a hello: a longer one is cut there
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What a laboratory is to run: its settings, and with which tick of the session, at their own rate, each person begins.
+    """Settings that a laboratory is to run, and with which tick of the session, at their own rate, each person begins.
 
     overloads: people whose recorded devices would be asked for more than they carry, though others stand in for them.
     """
@@ -76,7 +76,7 @@ def what_if(run: RunRecords, changes: Mapping[str, Any], hands: Hands = "same") 
 
 
 def _start(run: RunRecords, user: User) -> tuple[Hello, Capability]:
-    """What a recorded person asked the server for, and the record of their device."""
+    """Return what a recorded person asked the server for, and the record of their device."""
     end = run.clients.get(user.name)
     if end is None:
         there = ", ".join(run.clients) or "nobody"

@@ -1,0 +1,39 @@
+"""A client's own word decides nothing at the server: what it measured stays, and what is old moves nobody."""
+
+from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
+from cogrip.protocol.messages import Stamp, State
+from cogrip.protocol.settings import resolve, seat_settings
+from cogrip.server.limits import SeatLimits
+from cogrip.server.ports import StatePort
+from cogrip.server.room import MOST_EARLIER, Seat
+
+SETTINGS = resolve({"coupling": {"kind": "coupling"}, "users": [{"name": "anna"}]})
+
+
+def measured(margin_j: float) -> SeatAccount:
+    return SeatAccount((0.0,), margin_j, margin_j, LinkCount())
+
+
+def claimed(margin_j: float) -> ClientAccount:
+    return ClientAccount(
+        (0.0,), (0.0,), 0.0, 0.0, None, None, margin_j, 0.0, LinkCount(), Percentiles(), TickCount(), False, "idle", ""
+    )
+
+
+def test_claims_crowd_no_sitting_out_that_was_measured_as_bad() -> None:
+    seat = Seat(seat_settings(SETTINGS, 0))
+    seat.last = measured(-0.7)
+    seat.close_sitting()
+    for _ in range(3 * MOST_EARLIER):
+        seat.last, seat.account = measured(0.0), claimed(-1e300)
+        seat.close_sitting()
+    assert len(seat.earlier) == MOST_EARLIER
+    assert min(sitting.least_margin() for sitting in seat.earlier) == -0.7
+
+
+def test_an_old_state_does_not_say_where_the_hand_is() -> None:
+    port = StatePort(seat_settings(SETTINGS, 0), SeatLimits(8.5, 2.0, 10.0))
+    assert port.receive(State(7, 5, (0.001,), (0.0,), 0.0, 0, Stamp(1)))
+    assert port.hand == (0.001,)
+    port.receive(State(7, 4, (1000.0,), (0.0,), 0.0, 0, Stamp(1)))
+    assert port.hand == (0.001,)
