@@ -34,7 +34,7 @@ def test_radius_is_the_contract_to_the_letter(
     capsys, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int
 ) -> None:
     found = answer(
-        capsys, "stability", "radius", DEMO, "--scheme", scheme, "--delay-frames", str(delay),
+        capsys, "stability", "radius", DEMO, "--exact-velocity", "--scheme", scheme, "--delay-frames", str(delay),
         "--set", f"coupling.stiffness_npm={stiffness}",
     )  # fmt: skip
     assert list(found) == ["scheme", "spectral_radius", "structural", "states", "stable"]
@@ -45,10 +45,40 @@ def test_radius_is_the_contract_to_the_letter(
 
 
 def test_limit_is_the_contract_to_the_letter(capsys) -> None:
-    found = answer(capsys, "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "0")
+    paper = "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "0"
+    found = answer(capsys, *paper, "--exact-velocity")
     assert found == {"largest_stable_stiffness_npm": pytest.approx(1977.675, rel=1e-4), "searched_to_npm": 1e7}
-    found = answer(capsys, "stability", "limit", DEMO)
+    found = answer(capsys, *paper)
+    assert found["largest_stable_stiffness_npm"] < 1900.0
+    found = answer(capsys, "stability", "limit", DEMO, "--exact-velocity")
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
+
+
+@pytest.mark.parametrize("more", [[], ["--set", "link.delay_ms=60"], ["--set", "coupling.kind=coupling"]])
+def test_advice_and_limit_and_sweep_name_one_stiffness(capsys, tmp_path: Path, more: list[str]) -> None:
+    """Whoever asks up to which K a session is stable is told the same, and that it is of the estimated velocity."""
+    advised = answer(capsys, "advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
+    limit = answer(capsys, "stability", "limit", DEMO, *more)["largest_stable_stiffness_npm"]
+    assert 0.0 < limit < 1e4
+    assert advised == pytest.approx(limit, rel=2e-4)
+    command = [
+        "sweep",
+        DEMO,
+        "--vary",
+        "seed=1",
+        "--measure",
+        "lifted.largest_stable_stiffness_npm",
+        "--out",
+        str(tmp_path),
+    ]
+    assert run(capsys, *command, *more)[0] == 0
+    with next(tmp_path.rglob("table.csv")).open() as file:
+        [row] = csv.DictReader(file)
+    assert float(row["lifted.largest_stable_stiffness_npm"]) == pytest.approx(limit, rel=1e-9)
+    _, out, _ = run(capsys, "stability", "limit", DEMO, *more)
+    assert "velocities as clients estimate them" in out
+    _, out, _ = run(capsys, "stability", "limit", DEMO, "--exact-velocity", *more)
+    assert "idealised: exact velocities" in out
 
 
 def test_a_users_own_stiffness_counts(capsys) -> None:
@@ -61,9 +91,9 @@ def test_a_users_own_stiffness_counts(capsys) -> None:
 
 def test_the_papers_scheme_brings_its_filter_but_a_set_stands_above_it(capsys) -> None:
     radii = [
-        answer(capsys, "stability", "radius", DEMO, "--scheme", "paper", "--delay-frames", "4", *more)[
-            "spectral_radius"
-        ]
+        answer(
+            capsys, "stability", "radius", DEMO, "--exact-velocity", "--scheme", "paper", "--delay-frames", "4", *more
+        )["spectral_radius"]
         for more in ((), ("--set", "coupling.decimator=lowpass"), ("--set", "coupling.decimator=boxcar"))
     ]
     assert radii[0] == radii[1] == pytest.approx(1.0817, abs=5e-5)
@@ -74,24 +104,26 @@ def test_words_for_people(capsys) -> None:
     _, out, _ = run(capsys, "stability", "radius", DEMO, "--scheme", "coupling")
     assert "virtual coupling: NOT stable" in out
     assert "structural eigenvalues at 1: joint position" in out
-    _, out, _ = run(capsys, "stability", "limit", DEMO)
+    _, out, _ = run(capsys, "stability", "limit", DEMO, "--exact-velocity")
     assert "stable at any stiffness up to 1e+07 N/m" in out
     _, out, _ = run(capsys, "stability", "limit", DEMO, "--set", "coupling.impedance_nspm=300")
     assert "stable at no stiffness" in out
 
 
 def test_a_delay_that_is_no_whole_number_of_ticks_says_what_was_done(capsys) -> None:
-    code, out, err = run(capsys, "stability", "radius", DEMO, "--delay-frames", "1.3", "--json", "-")
+    command = "stability", "radius", DEMO, "--exact-velocity", "--delay-frames"
+    code, out, err = run(capsys, *command, "1.3", "--json", "-")
     assert code == 0
     assert json.loads(out)["states"] == 18  # two frames each way
     assert "10.4 device ticks, no whole number: taken as 11" in err
     assert "after 16 ticks or 2 frames" in err
-    _, _, err = run(capsys, "stability", "radius", DEMO, "--delay-frames", "2", "--json", "-")
+    _, _, err = run(capsys, *command, "2", "--json", "-")
     assert err == ""
 
 
 def test_region_leaves_picture_numbers_and_record(capsys, tmp_path: Path) -> None:
     command = ["stability", "region", DEMO, "--scheme", "paper", "--delays-frames", "0,1,2,4", "--out", str(tmp_path)]
+    command.append("--exact-velocity")
     code, out, _ = run(capsys, *command, "--grid", "8")
     assert code == 0
     assert "0 frames each way: to 1978 N/m if both are alike" in out
@@ -161,14 +193,22 @@ def test_bad_input_is_named_and_leaves_nothing(
 
 def test_advice_in_words_and_in_numbers(capsys) -> None:
     code, out, err = run(capsys, "advise", DEMO)
+    out = " ".join(out.split())
     assert code == 0
-    assert "anna: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 Ns/m" in out
+    assert (
+        "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 Ns/m"
+        in out
+    )
+    assert "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device" in out
+    assert "note laboratory anna, ben: a spring of 1000 N/m felt like 363 N/m at rest over this link" in out
+    assert "ok laboratory a session of 6 s with these settings: passive and stable" in out
+    assert "conditions velocities as clients estimate them" in out
     assert "b T_c / m = 0.20" in out
     assert (
         "b = 20 of at most 25.6 Ns/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg"
         in out
     )
-    assert "most helpful: --set coupling.impedance_nspm=25.6: felt stiffness would miss" in out
+    assert "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %" in out
     assert "20.48 device ticks" in err
     found = answer(capsys, "advise", DEMO, "--set", "coupling.kind=coupling")
     assert not found["stable"]
@@ -179,9 +219,24 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
     assert found["users"][0]["impedance_bound"] == "lag"
 
 
+def test_advice_the_other_way_round(capsys) -> None:
+    """What it names is what `advise` then says of these settings, and what a session in virtual time feels."""
+    found = answer(capsys, "advise", DEMO, "--for-stiffness")["stiffest"]
+    sets = [word for setting in found["set"] for word in ("--set", setting)]
+    there = answer(capsys, "advise", DEMO, "--no-laboratory", *sets)
+    assert there["stable"]
+    assert found["felt_stiffness_npm"] == min(user["felt_stiffness_npm"] for user in there["users"])
+    for user in found["users"]:
+        assert user["laboratory_felt_npm"] == pytest.approx([found["felt_stiffness_npm"]], rel=0.01)
+    code, out, _ = run(capsys, "advise", DEMO, "--for-stiffness")
+    assert code == 0
+    assert f"stiffest {found['felt_stiffness_npm']:.4g} N/m" in " ".join(out.split())
+    assert "--set coupling.impedance_nspm=25.6" in out
+
+
 def test_serve_warns_in_the_words_of_advise(capsys, tmp_path: Path) -> None:
     outside = ["--set", "coupling.impedance_nspm=60"]
-    warnings = answer(capsys, "advise", DEMO, *outside)["warnings"]
+    warnings = answer(capsys, "advise", DEMO, "--no-laboratory", *outside)["warnings"]
     assert warnings
     code, out, _ = run(
         capsys, "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report", *outside

@@ -9,8 +9,8 @@ from cogrip.devices.for_user import make_for
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.analysis import advice_change
-from cogrip.sim.analysis.advice import AMPLE, Advice, advise, advise_seat
-from cogrip.sim.analysis.advice_change import best_change
+from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_seat, feel_level
+from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
 
 
@@ -18,6 +18,10 @@ def settings_of(scheme: Any = "passive", **overrides: Any) -> Settings:
     people = [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in ("a", "b")]
     keys = {key.replace("__", "."): value for key, value in overrides.items()}
     return resolve({"users": people}, {**scheme_overrides(scheme), **keys})
+
+
+def best_change(settings: Settings, now: Advice, *progress: Any) -> Change | None:
+    return next(ranked_changes(settings, now, *progress), None)
 
 
 def words(advice: Advice, topic: str) -> str:
@@ -85,6 +89,39 @@ def test_compensation_possible_or_which_impedance_would_do() -> None:
     assert far.users[0].felt_npm == pytest.approx(422.4, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("asked_npm", "felt_npm", "level"),
+    [
+        (1000.0, 770.0, "ok"), (1000.0, 769.0, "note"), (1000.0, 250.0, "note"), (1000.0, 249.0, "warning"),
+        (1000.0, 1230.0, "ok"), (1000.0, 1231.0, "note"), (1000.0, 212.0, "warning"),
+    ],
+)  # fmt: skip
+def test_a_felt_stiffness_that_a_hand_tells_apart_is_not_ok(asked_npm: float, felt_npm: float, level: str) -> None:
+    assert feel_level(felt_npm, asked_npm) == level
+
+
+@pytest.mark.parametrize(("delay_ms", "level"), [(0.0, "ok"), (7.8125, "ok"), (15.625, "note"), (23.4375, "note")])
+def test_free_motion_that_the_line_makes_heavy_is_not_ok(delay_ms: float, level: str) -> None:
+    """m + b (2 d + 1) T_n / 2 (theory section 7.1), beside the device's own 0.1 kg."""
+    advice = advise(settings_of(link__delay_ms=delay_ms))
+    [found] = {finding.level for finding in advice.findings if finding.topic == "free motion"}
+    frames = 2.0 * delay_ms / 7.8125 + 1.0
+    added_kg = advice.users[0].free_mass_kg - 0.1
+    assert added_kg == pytest.approx(0.5 * 20.0 * frames * 7.8125e-3, rel=0.15)
+    assert found == level == ("note" if added_kg > HEAVY_KG else "ok")
+
+
+def test_compensation_that_would_not_be_stable_is_not_called_possible() -> None:
+    device = "sim:phantom?hand=hold&friction_n=0"
+    people = {f"users__{number}__device": device for number in (0, 1)}
+    near, far = (advise(settings_of(link__delay_ms=20.0, coupling__stiffness_npm=K, **people)) for K in (300.0, 620.0))
+    assert "compensation is possible" in words(near, "feel")
+    assert far.users[0].compensated_npm is not None
+    assert far.limit.stiffness_npm is not None
+    assert far.users[0].compensated_npm > far.limit.stiffness_npm
+    assert "which is not stable" in words(far, "feel")
+
+
 def test_a_seat_alone_hears_the_same_words_as_its_room() -> None:
     settings = settings_of(coupling__impedance_nspm=60.0)
     room = advise(settings)
@@ -111,7 +148,8 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
     assert change is not None
     assert change.key == key
     after = advise(settings_of(scheme, **{**keys, key.replace(".", "__"): change.value}))
-    assert len(after.warnings) <= len(before.warnings)
+    assert change.after.warnings <= change.before.warnings
+    assert [finding for finding in after.findings if finding.refused] == []
 
 
 @pytest.mark.parametrize(("b", "key"), [(20.0, "coupling.impedance_nspm"), (25.6, "playout.frames")])

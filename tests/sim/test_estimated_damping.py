@@ -73,7 +73,7 @@ def test_a_slower_estimate_would_not_do() -> None:
 def alone(kind: str, **coupling: object) -> tuple[Person, SeatSettings]:
     table = {"coupling": {"kind": kind, **coupling}, "users": [{"name": "a", "device": "sim:phantom?hand=hold"}]}
     resolved = resolve(table)
-    return linear_session(resolved).people[0], seat_settings(resolved, 0)
+    return linear_session(resolved, estimated=False).people[0], seat_settings(resolved, 0)
 
 
 class Memory:
@@ -185,7 +185,7 @@ def late_session(
 ) -> LinearSession:
     users = [{"name": name, "device": "sim:phantom?hand=hold"} for name in ("a", "b")]
     table = {"coupling": {"kind": scheme, **keys}, "object": {"kind": kind}, "users": users}
-    found = linear_session(resolve(table), delay_frames=frames)
+    found = linear_session(resolve(table), delay_frames=frames, estimated=False)
     people = tuple(replace(person, latency_ticks=latency, estimated=estimated) for person in found.people)
     return replace(found, people=people)
 

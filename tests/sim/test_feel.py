@@ -128,7 +128,7 @@ def test_without_a_line_to_speak_of_it_is_direct_contact(condition: int) -> None
     rates = {"rates": {"device_hz": 20000, "network_hz": 20000}}
     keys = {"impedance_nspm": 400.0, "stiffness_npm": 800.0, "damping_nspm": 3.0}
     table = {**rates, "coupling": keys, "users": [{"name": "a"}, {"name": "b"}]}
-    which = linear_session(resolve(table))
+    which = linear_session(resolve(table), estimated=False)
     found = conditions(which, 0, np.array([0.5, 2.0, 8.0]))[condition]
     line = 0.5 * 400.0 / 20000  # the line's own mass, small
     w = 2.0 * np.pi * np.array([0.5, 2.0, 8.0])
@@ -150,7 +150,7 @@ def test_the_ideal_of_each_condition() -> None:
 
 
 def test_a_wall_has_no_conditions_with_a_free_object() -> None:
-    wall = linear_session(resolve({"object": {"kind": "wall"}}))
+    wall = linear_session(resolve({"object": {"kind": "wall"}}), estimated=False)
     assert [found.name for found in conditions(wall, 0, np.array([1.0]))] == ["no contact", "on a wall"]
 
 

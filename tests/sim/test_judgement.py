@@ -54,7 +54,7 @@ def test_all_is_well_where_every_end_said_so() -> None:
     assert tones(summary) == "good good good"
     assert summary["passive"] is True
     assert succeeded(summary)
-    assert felt(summary).sentence == "Felt as intended; 363 N/m at rest predicted, not measured."
+    assert felt(summary).sentence == "Felt as intended; 363 N/m at rest, predicted, not measured."
 
 
 @pytest.mark.parametrize(
@@ -104,6 +104,21 @@ def test_a_seat_that_nobody_took_has_nothing_to_tell() -> None:
     assert not came(summary_of(nobody))
     assert came(summary_of(person()))
     assert not succeeded(summary_of(nobody))
+
+
+@pytest.mark.parametrize(
+    ("asked_npm", "tone", "words"),
+    [
+        (None, "good", "363 N/m at rest, predicted"),
+        (471.0, "good", "363 N/m at rest, predicted"),
+        (472.0, "good", "363 N/m at rest of 472 N/m asked for, predicted"),
+        (1452.0, "good", "363 N/m at rest of 1452 N/m asked for, predicted"),
+        (1453.0, "warn", "anna feels 363 N/m at rest of 1453 N/m asked for"),
+    ],
+)
+def test_what_was_asked_for_stands_beside_what_was_felt(asked_npm: float | None, tone: str, words: str) -> None:
+    judged = felt(summary_of(msgspec.structs.replace(person(), asked_npm=asked_npm)))
+    assert (judged.tone, words in judged.sentence) == (tone, True)
 
 
 def test_an_earlier_sitting_counts() -> None:

@@ -205,7 +205,7 @@ def both(scheme: str, stiffness: float, delay: int, **coupling: Any) -> tuple[Se
     """Theory section 6's two users."""
     table: dict[str, Any] = {"coupling": coupling, "users": [{"name": "a"}, {"name": "b"}]}
     resolved = resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})  # type: ignore[arg-type]
-    return resolved, LiftedModel(linear_session(resolved, delay_frames=delay))
+    return resolved, LiftedModel(linear_session(resolved, delay_frames=delay, estimated=False))
 
 
 def largest(matrix: Array) -> float:
@@ -340,7 +340,7 @@ def test_each_way_has_its_own_delay_in_ticks() -> None:
         "playout": {"frames": 1},
         "users": [{"name": "a"}],
     }
-    session = linear_session(resolve(table))
+    session = linear_session(resolve(table), estimated=False)
     up, down = session.people[0].up, session.people[0].down
     assert (up.link_ticks, up.tick_wait_ticks, up.frame_wait_ticks, up.frames) == (9.0, 0.0, 7.0, 3)
     assert (down.tick_wait_ticks, down.frame_wait_ticks, down.frames) == (pytest.approx(0.52), 3.0, 4)
@@ -356,17 +356,17 @@ def test_whole_frames_need_no_note() -> None:
 
 def test_virtual_coupling_has_no_playout() -> None:
     table = {"coupling": {"kind": "coupling"}, "playout": {"frames": 3}, "users": [{"name": "a"}]}
-    assert linear_session(resolve(table)).people[0].up.frames == 0
+    assert linear_session(resolve(table), estimated=False).people[0].up.frames == 0
 
 
 @pytest.mark.parametrize("scheme", ["paper", "coupling"])
 def test_a_scheme_that_does_not_fit_the_object_is_refused(scheme: str) -> None:
     table = {"object": {"kind": "faces"}, "users": [{"name": "a"}]}
     with pytest.raises(ModelError, match=r'does not fit object\.kind = "faces"'):
-        linear_session(resolve(table, scheme_overrides(scheme)))  # type: ignore[arg-type]
+        linear_session(resolve(table, scheme_overrides(scheme)), estimated=False)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("frames", [-0.1, 256.1])
 def test_a_delay_out_of_bounds_is_refused(frames: float) -> None:
     with pytest.raises(ModelError, match="out of 0 to 256"):
-        linear_session(resolve({}), delay_frames=frames)
+        linear_session(resolve({}), delay_frames=frames, estimated=False)

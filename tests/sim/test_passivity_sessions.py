@@ -183,9 +183,9 @@ def test_e0_is_all_that_a_passive_session_may_have_lent_itself() -> None:
 def test_there_is_no_linear_model_of_it_and_the_error_says_what_to_do() -> None:
     settings_ = resolve({"coupling": {"kind": "tdpa"}})
     with pytest.raises(ModelError, match=r"not linear, so there is no model of it; `cogrip lab`"):
-        linear_session(settings_)
+        linear_session(settings_, estimated=False)
     with pytest.raises(ModelError, match=r"coupling\.compensate has no effect"):
-        linear_session(resolve({"coupling": {"kind": "tdpa", "compensate": True}}))
+        linear_session(resolve({"coupling": {"kind": "tdpa", "compensate": True}}), estimated=False)
 
 
 def test_settings_of_the_wave_scheme_are_refused_or_have_no_effect() -> None:

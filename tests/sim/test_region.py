@@ -56,7 +56,7 @@ def test_the_outline_lies_within_half_a_percent_of_a_dense_grids_border(
     table: dict[str, Any], scheme: str, cells: int
 ) -> None:
     """The border that a grid shows is known to half a cell: a quarter of a percent, or four tenths."""
-    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cells)
+    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cells, estimated=False)
     for region in found:
         assert region.outline.verified
         assert not region.outline.open.any()
@@ -70,7 +70,7 @@ def test_the_outline_lies_within_half_a_percent_of_a_dense_grids_border(
 
 @pytest.mark.parametrize("scheme", ["paper", "coupling"])
 def test_just_inside_is_stable_and_just_outside_is_not(scheme: str) -> None:
-    found, _ = regions(settings_of(UNALIKE, scheme), DELAYS)
+    found, _ = regions(settings_of(UNALIKE, scheme), DELAYS, estimated=False)
     for region in found:
         model = LiftedModel(region.session)
         points = region.outline.points_npm
@@ -79,13 +79,13 @@ def test_just_inside_is_stable_and_just_outside_is_not(scheme: str) -> None:
 
 
 def test_two_people_alike_have_a_region_alike() -> None:
-    found, _ = regions(settings_of(ALIKE, "paper"), (1,), to_npm=(4000.0, 4000.0))
+    found, _ = regions(settings_of(ALIKE, "paper"), (1,), to_npm=(4000.0, 4000.0), estimated=False)
     points = found[0].outline.points_npm
     np.testing.assert_allclose(points, points[::-1, ::-1], rtol=1e-6)
 
 
 def test_the_diagonal_point_is_the_largest_stable_stiffness() -> None:
-    found, _ = regions(settings_of(ALIKE, "paper"), DELAYS)
+    found, _ = regions(settings_of(ALIKE, "paper"), DELAYS, estimated=False)
     for region in found:
         points = region.outline.points_npm
         middle = points[np.abs(points[:, 0] - points[:, 1]).argmin()]
@@ -95,7 +95,7 @@ def test_the_diagonal_point_is_the_largest_stable_stiffness() -> None:
 
 
 def test_the_passive_scheme_is_stable_to_the_edge_of_the_picture() -> None:
-    found, box = regions(settings_of(UNALIKE, "passive"), DELAYS, to_npm=(1e5, 1e5), grid_cells=12)
+    found, box = regions(settings_of(UNALIKE, "passive"), DELAYS, to_npm=(1e5, 1e5), grid_cells=12, estimated=False)
     for region in found:
         assert region.outline.open.all()
         assert region.outline.verified
@@ -105,13 +105,13 @@ def test_the_passive_scheme_is_stable_to_the_edge_of_the_picture() -> None:
 
 
 def test_a_box_of_its_own_holds_every_outline() -> None:
-    found, box = regions(settings_of(UNALIKE, "paper"), DELAYS)
+    found, box = regions(settings_of(UNALIKE, "paper"), DELAYS, estimated=False)
     for region in found:
         assert (region.outline.points_npm < np.array(box)).all()
 
 
 def test_a_region_that_goes_on_beyond_the_box_is_open_there() -> None:
-    found, _ = regions(settings_of(ALIKE, "paper"), (0,), to_npm=(2500.0, 2500.0))
+    found, _ = regions(settings_of(ALIKE, "paper"), (0,), to_npm=(2500.0, 2500.0), estimated=False)
     outline = found[0].outline
     assert outline.open[0]
     assert outline.open[-1]
@@ -121,15 +121,15 @@ def test_a_region_that_goes_on_beyond_the_box_is_open_there() -> None:
 
 def test_a_third_person_keeps_their_stiffness() -> None:
     table = {"users": [{"name": "a"}, {"name": "b"}, {"name": "c", "stiffness_npm": 123.0}]}
-    session = linear_session(settings_of(table, "paper"))
+    session = linear_session(settings_of(table, "paper"), estimated=False)
     K = stiffnesses(session, np.array([[1.0, 2.0], [3.0, 4.0]]))
     assert K.tolist() == [[1.0, 2.0, 123.0], [3.0, 4.0, 123.0]]
-    found, _ = regions(settings_of(table, "paper"), (1,))
+    found, _ = regions(settings_of(table, "paper"), (1,), estimated=False)
     assert found[0].outline.verified
 
 
 def test_the_grid_has_the_first_person_across_and_the_second_one_up() -> None:
-    found, box = regions(settings_of(UNALIKE, "paper"), (1,), to_npm=(3000.0, 1500.0), grid_cells=7)
+    found, box = regions(settings_of(UNALIKE, "paper"), (1,), to_npm=(3000.0, 1500.0), grid_cells=7, estimated=False)
     k1, k2 = grid_axes(box, 7)
     grid = found[0].grid
     assert grid is not None

@@ -29,15 +29,15 @@ def case(condition: str, scheme: str, frames: int) -> tuple[Settings, float, Lin
     """Settings to measure, where the hand swings about, and the same condition of the lifted model."""
     if condition == "no contact":
         settings = base(scheme, frames, "wall")
-        return settings, -2.0 * AMPLITUDE_M, no_contact(linear_session(settings), 0)
+        return settings, -2.0 * AMPLITUDE_M, no_contact(linear_session(settings, estimated=False), 0)
     if condition == "on a wall":
         settings = base(scheme, frames, "wall")
-        return settings, 10.0 * AMPLITUDE_M, on_wall(linear_session(settings), 0)
+        return settings, 10.0 * AMPLITUDE_M, on_wall(linear_session(settings, estimated=False), 0)
     if condition == "alone":
         settings = base(scheme, frames, "cube")
-        return settings, 0.0, alone(linear_session(settings), 0)
+        return settings, 0.0, alone(linear_session(settings, estimated=False), 0)
     settings = base(scheme, frames, "cube", "ab")
-    return settings, 0.0, held(linear_session(settings), 0, 300.0, 5.0)
+    return settings, 0.0, held(linear_session(settings, estimated=False), 0, 300.0, 5.0)
 
 
 CASES = [
@@ -70,7 +70,7 @@ def test_the_model_feels_as_stiff_as_a_session(scheme: str, decimator: str, fram
             "users": [{"name": "a", "device_damping_nspm": 2.0}],
         }
     )
-    felt = slow_feel(on_wall(linear_session(settings), 0), 0).stiffness_npm
+    felt = slow_feel(on_wall(linear_session(settings, estimated=False), 0), 0).stiffness_npm
     assert static_stiffness(settings, 0) == pytest.approx(felt, rel=0.005)
 
 

@@ -20,7 +20,7 @@ def session(
 ) -> LinearSession:
     table = {"users": [{"name": f"u{number}"} for number in range(users)]}
     resolved = resolve(table, {**scheme_overrides(scheme), **(overrides or {})})
-    return linear_session(resolved, delay_frames=delay)
+    return linear_session(resolved, delay_frames=delay, estimated=False)
 
 
 def with_person(which: LinearSession, number: int, **changes: Any) -> LinearSession:

@@ -1,75 +1,178 @@
 """`cogrip advise`: what to know of a session before anyone holds a device."""
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
-from cogrip.cli.question import Devices, Overrides, Question
+from cogrip.cli.question import AS_IT_STANDS, Devices, Overrides, Question
 from cogrip.cli.settings_file import load, with_people
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import Advice, advise
-from cogrip.sim.analysis.advice_change import Change, best_change
+from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise
+from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
+from cogrip.sim.analysis.stiffest import NEARLY, Stiffest, stiffest
+from cogrip.sim.laboratory_check import Check, check, checked_change, checked_stiffest
 
 
-def advise_command(config: Path, /, *, overrides: Overrides = (), device: Devices = (), json: Json = None) -> int:
+def advise_command(
+    config: Path,
+    /,
+    *,
+    for_stiffness: bool = False,
+    laboratory: bool = True,
+    overrides: Overrides = (),
+    device: Devices = (),
+    json: Json = None,
+) -> int:
     """Say before anyone holds a device: stable or not, by what margin; passive or not; what hands feel; what would help.
 
-    Computed from the lifted model, with free hands, each device's own velocity estimate, and the link's constant
-    delays; jitter, loss, friction and encoder steps are left out. Exit code 0 whatever the advice.
+    Computed from the lifted model, with free devices, each client's own velocity estimate, and the link's constant
+    delays; then checked by sessions in virtual time, with the link's jitter and loss. Exit code 0 whatever the advice.
 
     Parameters
     ----------
     config
         Settings file.
+    for_stiffness
+        The other way round: the stiffest contact that can be felt with these devices over this link, and which b and K make it.
+    laboratory
+        Check the advice by sessions in virtual time: some seconds; `--no-laboratory` leaves the model's word for it.
     device
         Device address of the first, second ... person in place of the settings'. Repeatable.
     """
     settings = with_people(load(config, overrides), (), device)
     try:
+        if for_stiffness:
+            return _tell_stiffest(config, settings, laboratory, json)
         advice = advise(settings)
-        session = linear_session(settings, estimated=True)
-        change = _change(settings, advice)
+        session = linear_session(settings)
+        checked = _watched("running sessions in virtual time", lambda _: check(settings)) if laboratory else None
+        change = _change(settings, advice, checked)
     except (ModelError, DeviceError) as error:
         raise BadInput(f"{config}: {error}") from None
     Question.tell_rounding(session)
     if json:
-        write_json(_record(advice, session, change), json)
+        write_json(_record(advice, session, change, checked), json)
         return 0
-    console = Console(highlight=False, soft_wrap=True)
-    for finding in advice.findings:
-        console.print(f"{finding.level:8}{finding.topic:11}{finding.text}", markup=False)
+    names = [user.name for user in settings.users]
+    rows = _rows([*advice.findings, *_seen(checked)], names)
     budgets: dict[tuple[Stage, ...], list[str]] = {}
     for number, person in enumerate(session.people):
         budgets.setdefault(budget(session, number), []).append(person.name)
-    for stages, names in budgets.items():
+    for stages, alike in budgets.items():
         told = ", ".join(f"{stage.way} {stage.name} {1e3 * stage.delay_s:.1f}" for stage in stages if stage.delay_s)
-        text = f"{', '.join(names)}: {1e3 * total_s(stages):.1f} ms round: {told}"
-        console.print(f"{'':8}{'delay':11}{text}", markup=False)
+        rows.append(("", "delay", f"{', '.join(alike)}: {1e3 * total_s(stages):.1f} ms round: {told}"))
+    rows.append(
+        (
+            "",
+            "conditions",
+            f"{AS_IT_STANDS.conditions}{'; the laboratory sessions have jitter, loss and simulated hands' if checked else ''}",
+        )
+    )
+    by = " (as sessions in virtual time bear out)" if checked else " (by the model alone)"
     if change:
-        console.print(f"most helpful: --set {change.setting}: {change.effect}", markup=False)
+        last = f"most helpful{by}: --set {change.setting}: {change.effect}"
     else:
-        console.print("most helpful: nothing of what was tried would be better")
+        last = f"most helpful: nothing of what was tried would be better{by}"
+    _print(rows, last)
     return 0
 
 
-def _change(settings: Settings, advice: Advice) -> Change | None:
-    """What helps most; on a terminal, how far the search is: of many people far apart it takes a while."""
+def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Json) -> int:
+    def look(progress: Callable[[int, int], None]) -> tuple[Stiffest, Check | None] | None:
+        if laboratory:
+            return checked_stiffest(settings, progress)
+        found = stiffest(settings, progress)
+        return (found, None) if found else None
+
+    answer: tuple[Stiffest, Check | None] | None = _watched("looking for the stiffest", look)
+    if answer is None:
+        raise BadInput(f"{config}: there is no b up to what the devices carry with which this session is stable")
+    found, checked = answer
+    if json:
+        write_json({"stiffest": _stiffest_record(found, checked)}, json)
+        return 0
+    people = [user.name for user in settings.users]
+    most = found.limit.stiffness_npm
+    reasons = {
+        "stability": f"K stays {AMPLE:g} times below {most or 0.0:.4g} N/m, up to which the session is stable",
+        "the line": f"K is so large that {100.0 * NEARLY:g} % of what the line lets through is felt",
+        "sessions": "a larger K was not passive and stable in the laboratory",
+        "the device's record": "more is felt than the device's record advises with a larger K or b",
+    }
+    felt = " and ".join(dict.fromkeys(f"{user.felt_npm:.4g}" for user in found.advice.users))
+    shown = [finding for finding in found.advice.findings if finding.topic in ("device", "free motion")]
+    rows = [
+        ("", "stiffest", f"{felt} N/m felt at rest, calculated without jitter and loss"),
+        ("", "settings", " ".join(f"--set {Change.written(key, value)}" for key, value in found.overrides.items())),
+        ("", "bound", reasons[found.bounded]),
+        *_rows([*shown, *_seen(checked, {user.name: user.felt_npm for user in found.advice.users})], people),
+    ]
+    _print(rows, "")
+    return 0
+
+
+Row = tuple[str, str, str]
+
+
+def _seen(checked: Check | None, expected_npm: Mapping[str, float] | None = None) -> list[Finding]:
+    return [checked.session, *checked.felt(expected_npm)] if checked else []
+
+
+def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
+    """A row a finding; people of whom the same is to be said share one."""
+    named: dict[tuple[str, str, str], list[str]] = {}
+    for finding in findings:
+        name, _, rest = finding.text.partition(": ")
+        whose = name if name in people else ""
+        named.setdefault((finding.level, finding.topic, rest if whose else finding.text), []).append(whose)
+    return [
+        (level, topic, f"{', '.join(names)}: {text}" if any(names) else text)
+        for (level, topic, text), names in named.items()
+    ]
+
+
+def _print(rows: Iterable[Row], last: str) -> None:
+    """Level, topic and text in columns, the text wrapped within its own."""
+    console = Console(highlight=False)
+    table = Table.grid(padding=(0, 2, 0, 0))
+    tones = {"warning": "yellow", "note": "cyan", "ok": "green"}
+    for level, topic, text in rows:
+        table.add_row(Text(level, style=tones.get(level, "")), Text(topic), Text(text, overflow="fold"))
+    console.print(table)
+    if last:
+        console.print(Text(last))
+
+
+def _watched(doing: str, work: Callable[[Callable[[int, int], None]], Any]) -> Any:
+    """Do it; on a terminal, say so meanwhile."""
     errors = Console(stderr=True, highlight=False)
-    with errors.status("looking for what would help") as status:
-        return best_change(
-            settings,
-            advice,
-            lambda tried, total: status.update(f"looking for what would help: {tried} of {total} tried"),
-        )
+    with errors.status(doing) as status:
+        return work(lambda tried, total: status.update(f"{doing}: {tried} of {total} tried"))
 
 
-def _record(advice: Advice, session: LinearSession, change: Change | None) -> dict[str, Any]:
+def _change(settings: Settings, advice: Advice, checked: Check | None) -> Change | None:
+    """Find what helps most; of many people far apart it takes a while."""
+
+    def look(progress: Callable[[int, int], None]) -> Change | None:
+        if checked is None:
+            return next(ranked_changes(settings, advice, progress), None)
+        return checked_change(settings, advice, checked, progress)
+
+    found: Change | None = _watched("looking for what would help", look)
+    return found
+
+
+def _record(advice: Advice, session: LinearSession, change: Change | None, checked: Check | None) -> dict[str, Any]:
+    findings = [*advice.findings, *_seen(checked)]
     return {
         "scheme": advice.verdict.scheme,
         "stable": advice.verdict.stable,
@@ -77,11 +180,14 @@ def _record(advice: Advice, session: LinearSession, change: Change | None) -> di
         "radius_without_structural": advice.verdict.decaying,
         "largest_stable_stiffness_npm": advice.limit.stiffness_npm,
         "stiffness_npm": advice.stiffness_npm,
+        "conditions": AS_IT_STANDS.conditions,
         "users": [
             {
                 "name": user.name,
                 "asked_stiffness_npm": user.asked_npm,
                 "felt_stiffness_npm": user.felt_npm,
+                "laboratory_felt_npm": _felt_in(checked, user.name),
+                "free_mass_kg": user.free_mass_kg,
                 "compensated_stiffness_npm": user.compensated_npm,
                 "enough_impedance_nspm": user.enough_impedance_nspm,
                 "b_tc_over_m": user.b_tc_over_m,
@@ -92,9 +198,32 @@ def _record(advice: Advice, session: LinearSession, change: Change | None) -> di
             }
             for number, user in enumerate(advice.users)
         ],
-        "findings": [
-            {"topic": finding.topic, "level": finding.level, "text": finding.text} for finding in advice.findings
-        ],
-        "warnings": list(advice.warnings),
+        "findings": [{"topic": finding.topic, "level": finding.level, "text": finding.text} for finding in findings],
+        "warnings": [finding.text for finding in findings if finding.warns],
         "change": {"set": change.setting, "effect": change.effect} if change else None,
     }
+
+
+def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
+    return {
+        "set": [Change.written(key, value) for key, value in found.overrides.items()],
+        "damper_nspm": found.damper_nspm,
+        "stiffness_npm": found.stiffness_npm,
+        "felt_stiffness_npm": found.felt_npm,
+        "largest_stable_stiffness_npm": found.limit.stiffness_npm,
+        "bounded_by": found.bounded,
+        "users": [
+            {
+                "name": user.name,
+                "felt_stiffness_npm": user.felt_npm,
+                "laboratory_felt_npm": _felt_in(checked, user.name),
+                "free_mass_kg": user.free_mass_kg,
+            }
+            for user in found.advice.users
+        ],
+    }
+
+
+def _felt_in(checked: Check | None, name: str) -> list[float | None] | None:
+    """Return what was measured, a value a seed; None where nothing was."""
+    return list(checked.felt_npm[name]) if checked and name in checked.felt_npm else None

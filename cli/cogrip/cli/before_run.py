@@ -89,7 +89,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     refused = overloads(settings)
     try:
-        model = LiftedModel(linear_session(settings, estimated=True))
+        model = LiftedModel(linear_session(settings))
         states = max(part.model.states for part in modes(model))
         if states > MOST_STATES:
             raise ModelError(f"a model of {states} states takes too long here; `cogrip advise` takes its time")

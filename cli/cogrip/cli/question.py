@@ -48,9 +48,18 @@ class Question:
     estimated: Annotated[
         bool,
         Parameter(
-            help="Read the client's velocity estimate where a device gives none; else velocities are exact, as in the paper."
+            negative="--exact-velocity",
+            help="Read the client's velocity estimate where a device gives none; --exact-velocity: the idealised session, "
+            "with exact velocities, as in the paper.",
         ),
-    ] = False
+    ] = True
+
+    @property
+    def conditions(self) -> str:
+        """Say under which conditions an answer holds."""
+        velocity = "velocities as clients estimate them" if self.estimated else "idealised: exact velocities"
+        hands = "simulated hands hold on" if self.hands else "nobody holds the devices"
+        return f"{velocity}; {hands}; constant delays, lasting contact; no jitter, loss, friction or encoder steps"
 
     def settings(self, config: Path, overrides: Sequence[str]) -> Settings:
         """The file's settings as a session of the scheme; what `--set` says stands above both. Raises BadInput."""

@@ -52,10 +52,11 @@ def radius(
         }
         write_json(answer, json)
         return 0
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False)
     console.print(f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
     console.print(f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
     console.print(f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
+    console.print(f"({question.conditions})")
     return 0
 
 
@@ -86,7 +87,10 @@ def limit(
     except ValueError as error:
         raise BadInput(f"{config}: {error}") from None
     if json:
-        answer = {"largest_stable_stiffness_npm": found.stiffness_npm, "searched_to_npm": found.searched_to_npm}
+        answer = {
+            "largest_stable_stiffness_npm": found.stiffness_npm,
+            "searched_to_npm": found.searched_to_npm,
+        }
         write_json(answer, json)
         return 0
     if found.stiffness_npm is None:
@@ -97,7 +101,9 @@ def limit(
         text = f"stable up to {found.stiffness_npm:.6g} N/m"
     if found.stable_again:
         text += ", and again at some stiffness beyond"
-    Console(highlight=False, soft_wrap=True).print(f"{_SCHEMES[model.session.scheme]}: {text}")
+    console = Console(highlight=False)
+    console.print(f"{_SCHEMES[model.session.scheme]}: {text}")
+    console.print(f"({question.conditions})")
     return 0
 
 
@@ -147,13 +153,16 @@ def region(
     question.tell_rounding(*(each.session for each in found))
     try:
         paths = save_page(
-            out, region_page(found, box), region_record(found, box, settings, question.hands, question.estimated)
+            out,
+            region_page(found, box, question.conditions, question.estimated),
+            region_record(found, box, settings, question.hands, question.estimated),
         )
     except FilesInTheWayError as error:
         raise BadInput(f"--out: {error}") from None
     except OSError as error:
         raise Problem(f"--out {out}: cannot be written: {error}") from None
     console = Console(highlight=False, soft_wrap=True)
+    console.print(f"({question.conditions})")
     for each in found:
         doubt = "" if each.outline.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
         console.print(f"{frames(each.delay_frames)} each way: {extent(each.outline)}{doubt}")

@@ -19,7 +19,7 @@ from cogrip.protocol.accounts import (
 )
 from cogrip.protocol.messages import Farewell, shown
 from cogrip.protocol.power import lent_mj
-from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.protocol.settings import SeatSettings, Settings, coupling_of
 from cogrip.sim.judgement import not_predicted, passive_of
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
@@ -28,12 +28,13 @@ if TYPE_CHECKING:  # a client leaves a summary too, and has neither
 
 
 class UserRecord(msgspec.Struct, frozen=True):
-    """One user's two ends; None where an end was never heard."""
+    """One user's two ends; None where an end was never heard. asked_npm: K of the settings."""
 
     name: str
     client: ClientAccount | None
     seat: SeatAccount | None
     earlier: tuple[UserRecord, ...] = ()  # sittings of the same user before this one, oldest first
+    asked_npm: float | None = None
 
 
 def summarise(
@@ -94,6 +95,7 @@ def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
                 person.core.account(laboratory.ticks(number)),
                 laboratory.room.seat_account(number),
                 _earlier(laboratory.room, number),
+                laboratory.room.seats[number].settings.coupling.stiffness_npm,
             )
             for number, person in enumerate(laboratory.people)
         ],
@@ -112,7 +114,13 @@ def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str,
         tank_mj=lent_mj(settings.coupling, settings.playout),
         playout_frames=settings.playout.frames,
         users=[
-            UserRecord(seat.settings.user, seat.account, room.seat_account(number), _earlier(room, number))
+            UserRecord(
+                seat.settings.user,
+                seat.account,
+                room.seat_account(number),
+                _earlier(room, number),
+                seat.settings.coupling.stiffness_npm,
+            )
             for number, seat in enumerate(room.seats)
         ],
         room=room.account(),
@@ -131,7 +139,9 @@ def of_client(
         seconds=seconds,
         tank_mj=lent_mj(seat.coupling, seat.playout),
         playout_frames=seat.playout.frames,
-        users=[UserRecord(seat.user, account, farewell.seat if farewell else None)],
+        users=[
+            UserRecord(seat.user, account, farewell.seat if farewell else None, asked_npm=seat.coupling.stiffness_npm)
+        ],
         room=farewell.room if farewell else None,
         dropped=dropped,
     )
@@ -145,7 +155,11 @@ def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]
         seconds=settings.seconds,
         tank_mj=lent_mj(settings.coupling, settings.playout),
         playout_frames=settings.playout.frames,
-        users=[UserRecord(name, account, None) for name, account in accounts.items()],
+        users=[
+            UserRecord(user.name, accounts[user.name], None, asked_npm=coupling_of(settings, user).stiffness_npm)
+            for user in settings.users
+            if user.name in accounts
+        ],
         room=None,
         dropped={},
     )
@@ -154,7 +168,8 @@ def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]
 def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
     """The sittings at a seat before the last."""
     seat = room.seats[number]
-    return tuple(UserRecord(seat.name, sitting.client, sitting.seat) for sitting in seat.earlier)
+    asked_npm = seat.settings.coupling.stiffness_npm
+    return tuple(UserRecord(seat.name, sitting.client, sitting.seat, asked_npm=asked_npm) for sitting in seat.earlier)
 
 
 def _limited(room: Room) -> dict[str, int]:
@@ -182,6 +197,7 @@ def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
         "peak_force_n": client.peak_force_n if client else None,
         "peak_force_step_n": client.peak_step_n if client else None,
         "travel_m": client.travel_m if client else None,
+        "asked_stiffness_npm": user.asked_npm,
         "felt_stiffness_npm": client.felt_stiffness_npm if client else None,
         "predicted_stiffness_npm": client.predicted_stiffness_npm if client else None,
         "energy": {

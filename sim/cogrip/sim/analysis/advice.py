@@ -17,13 +17,15 @@ from cogrip.devices.for_user import make_for
 from cogrip.protocol.felt_stiffness import OutOfReachError, compensated_stiffness
 from cogrip.protocol.settings import SeatSettings, Settings, seat_settings
 from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
-from cogrip.sim.analysis.feel import on_wall, slow_feel
+from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, hoped_stable, largest_stable, verdict
+from cogrip.sim.judgement import LITTLE_FELT, STIFFNESS_JND
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
+HEAVY_KG = 0.25  # that a line adds to free motion: a mug of coffee
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
 _TOO_MUCH = {
@@ -31,6 +33,7 @@ _TOO_MUCH = {
     "coupling": "the damper that a device renders is too much for it, or acts too late over this delay",
     "paper": "the paper's server step uses a force one frame old",
 }
+Level = Literal["ok", "note", "warning"]
 _HALVINGS = 12  # of a damper, to find one with which a session is stable
 
 
@@ -40,7 +43,7 @@ class Finding:
 
     topic: str
     text: str
-    level: Literal["ok", "note", "warning"] = "ok"
+    level: Level = "ok"
     refused: bool = False
 
     @property
@@ -52,8 +55,9 @@ class Finding:
 class UserAdvice:
     """One person's numbers.
 
-    felt: on a wall, at rest; compensated: the K to render for the hand to feel what was asked, if any does; largest_impedance:
-    the b, or B of virtual coupling, that the device carries, impedance_bound which bound that is (`largest_impedance`).
+    felt: on a wall, at rest; compensated: the K to render for the hand to feel what was asked, if any does; free_mass,
+    device_mass: what free motion without contact feels like, device included, and the device alone; largest_impedance: the b,
+    or B of virtual coupling, that the device carries, impedance_bound which bound that is (`largest_impedance`).
     """
 
     name: str
@@ -61,6 +65,8 @@ class UserAdvice:
     felt_npm: float
     compensated_npm: float | None
     enough_impedance_nspm: float | None
+    free_mass_kg: float
+    device_mass_kg: float
     b_tc_over_m: float
     advised_damping_nspm: float
     largest_impedance_nspm: float
@@ -104,7 +110,7 @@ def hoped(model: LiftedModel) -> Limit:
 
 def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest) -> Advice:
     """What there is to say of a room. Raises ModelError or DeviceError where there is no model, or no such device."""
-    session = linear_session(settings, estimated=True)
+    session = linear_session(settings)
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     records = [make_for(user, settings.object.axes).capability for user in settings.users]
     sections = [_section(settings, number) for number in range(len(settings.users))]
@@ -148,7 +154,7 @@ def _advise(
     users = tuple(_user(session, number, *one) for number, one in enumerate(zip(seats, records, strict=True)))
     findings = [_stability(session, found, limit, most), *_passivity(seats)]
     for user, seat, record, section in zip(users, seats, records, sections, strict=True):
-        findings += _seat(user, seat, record, section)
+        findings += _seat(user, seat, record, section, limit)
     return Advice(found, limit, most, users, tuple(findings))
 
 
@@ -165,7 +171,7 @@ def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_n
     share = limit.stiffness_npm / stiffness_npm
     text = f"stable up to {limit.stiffness_npm:.4g} N/m, {share:.2f} times the {stiffness_npm:.4g} N/m that is rendered"
     if found.scheme == "passive":
-        text += " (what is left to be unstable is each device's own damper, of a sampled or estimated velocity)"
+        text += "; beyond it, a device's own damper is unstable on its sampled or estimated velocity"
     return Finding("stability", text, "warning" if share < AMPLE else "ok")
 
 
@@ -190,6 +196,7 @@ def _passivity(seats: Sequence[SeatSettings]) -> list[Finding]:
 def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capability) -> UserAdvice:
     person, coupling = session.people[number], seat.coupling
     felt = slow_feel(on_wall(session, number), 0).stiffness_npm
+    free_kg = person.device_mass_kg + slow_feel(no_contact(session, number), 0).inertia_kg
     compensated = enough = None
     if session.scheme == "passive" and coupling.stiffness_npm > 0.0:
         # C_line from the model itself: 1 / K_felt - 1 / K_rendered
@@ -201,8 +208,8 @@ def _user(session: LinearSession, number: int, seat: SeatSettings, record: Capab
     share = damper_of(coupling).value_nspm * seat.rates.tick_s / person.device_mass_kg
     carried = largest_impedance(record, seat.rates.tick_s)
     return UserAdvice(
-        person.name, coupling.stiffness_npm, felt, compensated, enough, share, record.damping_nspm,
-        carried.impedance_nspm, carried.bound,
+        person.name, coupling.stiffness_npm, felt, compensated, enough, free_kg, person.device_mass_kg, share,
+        record.damping_nspm, carried.impedance_nspm, carried.bound,
     )  # fmt: skip
 
 
@@ -228,7 +235,7 @@ def _calmer(session: LinearSession) -> str:
     return f"set coupling.{key} to {rounded_down(low * values[0]):g} or less"
 
 
-def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str) -> Iterator[Finding]:
+def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str, limit: Limit) -> Iterator[Finding]:
     damper, carried = damper_of(seat.coupling), largest_impedance(record, seat.rates.tick_s)
     if text := refusal(seat, record, section):
         yield Finding("device", text, "warning", refused=True)
@@ -246,14 +253,26 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
             level="warning",
         )
     if user.asked_npm:
-        yield Finding("feel", _felt_text(user, seat))
+        yield Finding("feel", _felt_text(user, seat, limit), feel_level(user.felt_npm, user.asked_npm))
+    yield _free(user)
 
 
-def _felt_text(user: UserAdvice, seat: SeatSettings) -> str:
-    text = f"{user.name}: {user.asked_npm:.4g} N/m will feel like {user.felt_npm:.4g} N/m at rest"
+def feel_level(felt_npm: float, asked_npm: float) -> Level:
+    """Return how a felt stiffness stands to the one asked for: "ok" where a hand cannot tell them apart."""
+    if abs(felt_npm / asked_npm - 1.0) <= STIFFNESS_JND:
+        return "ok"
+    return "note" if felt_npm >= LITTLE_FELT * asked_npm else "warning"
+
+
+def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
+    gaps = any(way.jitter_ms or way.loss for way in (seat.up, seat.down))
+    where = " at rest, calculated without the link's jitter and loss" if gaps else " at rest"
+    text = f"{user.name}: {user.asked_npm:.4g} N/m will feel like {user.felt_npm:.4g} N/m{where}"
     if seat.coupling.compensate:
         return text
     if user.compensated_npm is not None:
+        if limit.stiffness_npm is not None and user.compensated_npm > limit.stiffness_npm:
+            return f"{text}; compensation would render {user.compensated_npm:.4g} N/m, which is not stable"
         return f"{text}; compensation is possible (it would render {user.compensated_npm:.4g} N/m)"
     if user.enough_impedance_nspm is not None:
         return (
@@ -261,3 +280,9 @@ def _felt_text(user: UserAdvice, seat: SeatSettings) -> str:
             f"b > {user.enough_impedance_nspm:.3g} would do"
         )
     return text
+
+
+def _free(user: UserAdvice) -> Finding:
+    added_kg = user.free_mass_kg - user.device_mass_kg
+    text = f"{user.name}: will feel like {user.free_mass_kg:.2g} kg, {user.device_mass_kg:.2g} kg of it the device"
+    return Finding("free motion", text, "note" if added_kg > HEAVY_KG else "ok")

@@ -1,10 +1,11 @@
-"""The one change of settings that would help most: each candidate is put in and looked at, none is believed."""
+"""Changes of one setting that would help, by the model, the best first. `sim/laboratory_check.py` tries them in sessions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from math import inf, log
 from typing import Any
 
@@ -21,35 +22,60 @@ from cogrip.sim.analysis.stability import Limit
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """One setting that would help, and what it would do."""
+class Score:
+    """Compared in this order: fewer warnings, stable further, felt stiffness nearer to what was asked.
 
-    key: str
-    value: Any
-    effect: str
-
-    @property
-    def setting(self) -> str:
-        """As `--set` takes it."""
-        return f"{self.key}={msgspec.json.encode(self.value).decode()}"
-
-
-@dataclass(frozen=True, slots=True)
-class _Score:
-    """Compared in this order: fewer warnings, stable further, felt stiffness nearer to what was asked."""
+    warnings: those of the feel apart, which `missed` counts; reach: log of limit over stiffness, up to AMPLE; missed: the
+    largest |felt / asked - 1|, of what was asked before any change.
+    """
 
     warnings: int
-    reach: float  # log of limit over stiffness, up to AMPLE
-    missed: float  # largest |felt / asked - 1|, of what was asked before any change
+    reach: float
+    missed: float
 
     def key(self) -> tuple[float, ...]:
         return self.warnings, -round(self.reach, 6), round(self.missed, 2)
 
 
-def best_change(
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One setting that would help, and the scores before and after it."""
+
+    key: str
+    value: Any
+    before: Score
+    after: Score
+
+    @property
+    def setting(self) -> str:
+        """As `--set` takes it."""
+        return self.written(self.key, self.value)
+
+    @staticmethod
+    def written(key: str, value: Any) -> str:
+        """One override as `--set` takes it."""
+        return f"{key}={msgspec.json.encode(value).decode()}"
+
+    @property
+    def effect(self) -> str:
+        """Say what it would do, with what it takes."""
+        before, after = self.before, self.after
+        parts = []
+        if after.warnings < before.warnings:
+            parts.append(f"{before.warnings - after.warnings} of {before.warnings} warnings would go")
+        if round(after.missed, 2) < round(before.missed, 2):
+            parts.append(
+                f"felt stiffness would miss what is asked by {100.0 * after.missed:.0f} % in place of "
+                f"{100.0 * before.missed:.0f} %"
+            )
+        text = "; ".join(parts) or "it would stay stable further up"
+        return f"{text}, as long as no loop wakes late" if self.key == "playout.frames" else text
+
+
+def ranked_changes(
     settings: Settings, now: Advice, progress: Callable[[int, int], None] = lambda tried, total: None
-) -> Change | None:
-    """What helps most of all candidates; None when nothing does. Of equals the one that costs least.
+) -> Iterator[Change]:
+    """Yield the changes that help, the best first; of equals the one that costs least.
 
     Up to which stiffness a candidate is stable takes long to find where delays are long. So first everybody gets a few looks,
     which say what they can be at best; then they are looked at closely, the most hopeful first, until nobody can be better.
@@ -60,31 +86,32 @@ def best_change(
     candidates = list(_candidates(settings, now))
     table = msgspec.to_builtins(settings)
 
-    def score(number: int, search: Callable[[LiftedModel], Limit]) -> _Score:
+    def score(number: int, search: Callable[[LiftedModel], Limit]) -> Score:
         key, value = candidates[number]
         return _score(advise(resolve(table, {key: value}), search), asked)
 
-    hopes: list[tuple[tuple[float, ...], int]] = []
+    queue: list[tuple[tuple[float, ...], int, Score | None]] = []  # with a score where it was looked at closely
     for number in range(len(candidates)):
         progress(number, len(candidates))
         with suppress(SettingsError, ModelError, DeviceError):  # it cannot be set, or has no model: no candidate
-            hopes.append((score(number, hoped).key(), number))
-    best, found = (before.key(), -1), before
-    for hope in sorted(hopes):
-        if hope >= best:
-            break
-        after = score(hope[1], ample)
-        if (after.key(), hope[1]) < best:
-            best, found = (after.key(), hope[1]), after
-    return Change(*candidates[best[1]], _effect(before, found)) if best[1] >= 0 else None
+            queue.append((score(number, hoped).key(), number, None))
+    heapify(queue)
+    while queue and queue[0][0] < before.key():
+        _, number, after = heappop(queue)
+        if after is None:
+            after = score(number, ample)
+            heappush(queue, (after.key(), number, after))
+        else:
+            yield Change(*candidates[number], before, after)
 
 
-def _score(advice: Advice, asked_npm: Sequence[float]) -> _Score:
+def _score(advice: Advice, asked_npm: Sequence[float]) -> Score:
     limit, most = advice.limit.stiffness_npm, advice.stiffness_npm
     reach = inf if limit is None else log(limit / most) if limit else -inf
     pairs = zip(advice.users, asked_npm, strict=True)
     missed = max((abs(user.felt_npm / asked - 1.0) for user, asked in pairs if asked), default=0.0)
-    return _Score(len(advice.warnings), min(reach, log(AMPLE)), missed)
+    warnings = sum(finding.warns and finding.topic != "feel" for finding in advice.findings)
+    return Score(warnings, min(reach, log(AMPLE)), missed)
 
 
 def _candidates(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
@@ -107,14 +134,3 @@ def _candidates(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
     if frames and frames != "auto":
         # the slack against jitter, which the model does not know: for what nothing else does
         yield "playout.frames", frames - 1
-
-
-def _effect(before: _Score, after: _Score) -> str:
-    parts = []
-    if after.warnings < before.warnings:
-        parts.append(f"{before.warnings - after.warnings} of {before.warnings} warnings would go")
-    if round(after.missed, 2) < round(before.missed, 2):
-        parts.append(
-            f"felt stiffness would miss what is asked by {100.0 * after.missed:.0f} % in place of {100.0 * before.missed:.0f} %"
-        )
-    return "; ".join(parts) or "it would stay stable further up"

@@ -111,13 +111,13 @@ def scheme_overrides(scheme: Scheme) -> dict[str, str]:
 
 
 def linear_session(
-    settings: Settings, *, delay_frames: float | None = None, hands: bool = False, estimated: bool = False
+    settings: Settings, *, delay_frames: float | None = None, hands: bool = False, estimated: bool = True
 ) -> LinearSession:
     """The linear part of `settings`.
 
     delay_frames: this delay each way [network frames] for everyone, in place of link and playout
     hands: the simulated hands hold on with their K_h, B_h (default: free devices, as in P and theory section 6)
-    estimated: devices that give no velocity use the client's estimate (default: exact velocity, as there)
+    estimated: devices that give no velocity use the client's estimate; False: exact velocities, idealised as in P
     Raises ModelError for a scheme that does not fit the object; DeviceError for a device that cannot be had.
     """
     people = []

@@ -29,6 +29,7 @@ from cogrip.sim.analysis.state_space import Array
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
+LEAST_NPM = 1.0  # a region that ends below it is no region
 ASIDE = 1e-3  # how far beside the border it is verified, as a share of s
 _AXIS = (
     1e-4  # a ray along an axis keeps this much of the other stiffness: at 0 that spring's stretch would be a freedom
@@ -62,8 +63,15 @@ class Outline:
     unstable_probes: int
 
     @property
+    def nowhere(self) -> bool:
+        """True where no stiffness that counts is stable: what is traced then is the origin."""
+        return bool((self.points_npm.max(axis=1) < LEAST_NPM).all())
+
+    @property
     def verified(self) -> bool:
-        """Stable just inside and unstable just outside, everywhere."""
+        """Stable just inside and unstable just outside, everywhere; unstable alone where it is stable nowhere."""
+        if self.nowhere:
+            return bool((self.outside > 1.0).all())
         inside, outside = bool((self.inside < 1.0).all()), bool((self.outside[~self.open] > 1.0).all())
         return inside and outside and self.unstable_probes == 0
 

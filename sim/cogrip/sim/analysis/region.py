@@ -36,7 +36,7 @@ def regions(
     to_npm: tuple[float, float] | None = None,
     grid_cells: int = 0,
     hands: bool = False,
-    estimated: bool = False,
+    estimated: bool = True,
 ) -> tuple[list[Region], tuple[float, float]]:
     """Outlines for users 0 and 1 at each delay, and the box [N/m] they were traced in (`to_npm`, or one that holds them all).
 

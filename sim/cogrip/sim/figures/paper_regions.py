@@ -38,12 +38,14 @@ def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: floa
 
 def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
     """One scheme's region at the four delays, for a light device and for theory section 6's, on the same axes."""
-    side = max(regions(paper_settings(scheme, device), DELAYS_FRAMES)[1][0] for device in SHOWN_DEVICES_KG)
+    side = max(
+        regions(paper_settings(scheme, device), DELAYS_FRAMES, estimated=False)[1][0] for device in SHOWN_DEVICES_KG
+    )
     sheet = Sheet(1, len(SHOWN_DEVICES_KG), row_in=4.2)
     rows: list[list[Any]] = []
     told = []
     for panel, device in zip(sheet.panels[0], SHOWN_DEVICES_KG, strict=True):
-        found, box = regions(paper_settings(scheme, device), DELAYS_FRAMES, to_npm=(side, side))
+        found, box = regions(paper_settings(scheme, device), DELAYS_FRAMES, to_npm=(side, side), estimated=False)
         draw_regions(panel, found, box)
         title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
         rows += [[device, *row] for row in region_rows(found, box)]
@@ -59,9 +61,9 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
 
 def side_by_side() -> Page:
     """The three schemes on the same axes."""
-    box = max(regions(paper_settings(scheme), DELAYS_FRAMES)[1] for scheme in ("paper", "coupling"))
+    box = max(regions(paper_settings(scheme), DELAYS_FRAMES, estimated=False)[1] for scheme in ("paper", "coupling"))
     order: tuple[Scheme, ...] = ("coupling", "paper", "passive")
-    found = {scheme: regions(paper_settings(scheme), DELAYS_FRAMES, to_npm=box)[0] for scheme in order}
+    found = {scheme: regions(paper_settings(scheme), DELAYS_FRAMES, to_npm=box, estimated=False)[0] for scheme in order}
     sheet = Sheet(1, len(order), row_in=3.4)
     rows: list[list[Any]] = []
     for panel, scheme in zip(sheet.panels[0], order, strict=True):
@@ -111,7 +113,7 @@ def masses() -> Page:
 
 
 def _limit(scheme: Scheme, device_kg: float, object_kg: float, delay_frames: float) -> float:
-    session = linear_session(paper_settings(scheme, device_kg, object_kg), delay_frames=delay_frames)
+    session = linear_session(paper_settings(scheme, device_kg, object_kg), delay_frames=delay_frames, estimated=False)
     return largest_stable(LiftedModel(session), relative=1e-4).stiffness_npm or float("nan")
 
 

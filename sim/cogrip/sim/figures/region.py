@@ -22,17 +22,20 @@ _PANEL_IN = 4.6
 COLUMNS = ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius_inside", "radius_outside")
 
 
-def region_page(regions: Sequence[Region], box_npm: tuple[float, float]) -> Page:
-    """One panel with every delay's outline; the region is the side of the origin."""
+def region_page(
+    regions: Sequence[Region], box_npm: tuple[float, float], conditions: str, estimated: bool = True
+) -> Page:
+    """One panel with every delay's outline; the region is the side of the origin. conditions: under which it holds."""
     sheet = Sheet(1, 1, row_in=_PANEL_IN)
     session = regions[0].session
     draw_regions(sheet.panels[0, 0], regions, box_npm)
     names = [label(person.name) for person in session.people[:2]]
-    title(sheet.panels[0, 0], f"Stable region, {SCHEME_NAMES[session.scheme]}")
+    idealised = "" if estimated else ", idealised: exact velocities"
+    title(sheet.panels[0, 0], f"Stable region, {SCHEME_NAMES[session.scheme]}{idealised}")
     figure = sheet.finish(
         f"stiffness of {names[0]} (kN/m)", [f"stiffness of {names[1]} (kN/m)"], legend_of(regions), columns=2
     )
-    return Page("region", "Stable region", caption_of(regions), figure, region_table(regions, box_npm))
+    return Page("region", "Stable region", caption_of(regions, conditions), figure, region_table(regions, box_npm))
 
 
 def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, float]) -> None:
@@ -83,12 +86,14 @@ def extent(outline: Outline) -> str:
     """How far a region goes, in words."""
     if outline.open.all():
         return "stable everywhere here"
+    if outline.nowhere:
+        return "stable at no stiffness"
     equal = outline.points_npm[np.abs(np.subtract(*outline.points_npm.T)).argmin()]
     beyond = "over " if outline.open[np.abs(np.subtract(*outline.points_npm.T)).argmin()] else ""
     return f"to {beyond}{equal.min():.4g} N/m if both are alike"
 
 
-def caption_of(regions: Sequence[Region]) -> str:
+def caption_of(regions: Sequence[Region], conditions: str) -> str:
     session = regions[0].session
     people = "; ".join(
         f"{person.name}: device {person.device_mass_kg:g} kg, b = {person.impedance_nspm:g} Ns/m, "
@@ -97,7 +102,7 @@ def caption_of(regions: Sequence[Region]) -> str:
     )
     thing = "a fixed wall" if session.fixed else f"object {session.object_mass_kg:g} kg"
     return (
-        "Stiffnesses below and to the left of a line are stable at that line's delay, those beyond it are not; "
+        f"Stiffnesses below and to the left of a line are stable at that line's delay, those beyond it are not ({conditions}); "
         f"{thing}; {people}. Each line was traced by the crossing of an eigenvalue through the unit circle and verified "
         "on both sides."
     )

@@ -135,7 +135,7 @@ def _run(name: str, td_ms: float, settings: Settings) -> Contact:
         )
 
     laboratory.run(watch)
-    predicted = slow_feel(on_wall(linear_session(settings), 0), 0).stiffness_npm
+    predicted = slow_feel(on_wall(linear_session(settings, estimated=False), 0), 0).stiffness_npm
     return Contact(name, td_ms, settings, np.array(rows), predicted)
 
 

@@ -1,0 +1,206 @@
+"""Advice held against sessions in virtual time before it is given: what the linear model leaves out is in them.
+
+session   the settings as they stand, with their own hands and devices: passive and stable?
+felt      a static load on the same link (`methods/felt.py`), once a seed: what is felt at rest, jitter and loss included
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from math import ceil
+from typing import Literal
+
+from msgspec import to_builtins
+from msgspec.structs import replace
+
+from cogrip.devices.for_user import make_for
+from cogrip.devices.registry import is_real
+from cogrip.protocol.settings import Settings, User, resolve
+from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level
+from cogrip.sim.analysis.advice_change import Change, ranked_changes
+from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
+from cogrip.sim.judgement import Tone, passive, stable
+from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.methods.felt import measure_felt
+from cogrip.sim.summary import of_laboratory
+
+Values = tuple[float | None, ...]
+"""Felt stiffness [N/m], one a seed; None where nothing came to rest."""
+LINES = 6  # of a network that draws its fates: as many people times seeds; one that does not is the same every time
+MOST_SEEDS = 3
+SESSION_S = 6.0
+EASED = (0.7, 0.7, 0.7)  # of K, one after the other, where a session is not stable
+MOST_CHANGES = 4  # that are tried in the laboratory before none is given
+WAYS: tuple[Literal["up", "down"], ...] = ("up", "down")
+_LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
+_TONES: tuple[Tone, ...] = tuple(_LEVELS)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Sessions of some settings.
+
+    passive, stable: how the session was judged; said: the sentences of those that are not good
+    felt_npm: of each person with a spring, in the order of the settings: a value a seed, None where nothing came to rest;
+    empty where no balanced load can be put on (one person alone at a free object)
+    stand_ins: people whose hardware a simulated device stood in for
+    """
+
+    passive: Tone
+    stable: Tone
+    said: tuple[str, ...]
+    felt_npm: dict[str, Values]
+    asked_npm: dict[str, float]
+    seconds: float
+    stand_ins: tuple[str, ...]
+
+    def missed(self, asked_npm: dict[str, float]) -> float | None:
+        """Return the largest |mean felt / asked - 1| of anybody; None where nobody's was measured, 1 where nothing rests."""
+        shares = [
+            1.0 if None in values else abs(sum(value or 0.0 for value in values) / len(values) / asked_npm[name] - 1.0)
+            for name, values in self.felt_npm.items()
+            if asked_npm.get(name)
+        ]
+        return max(shares, default=None)
+
+    @property
+    def session(self) -> Finding:
+        """How the session was judged."""
+        worst = max(self.passive, self.stable, key=_TONES.index)
+        people = (
+            f" ({', '.join(self.stand_ins)}: a simulated device stood in for the hardware)" if self.stand_ins else ""
+        )
+        text = f"a session of {self.seconds:g} s with these settings{people}: "
+        text += "passive and stable" if worst == "good" else " ".join(self.said)
+        return Finding("laboratory", text, _LEVELS[worst])
+
+    def felt(self, expected_npm: Mapping[str, float] | None = None) -> tuple[Finding, ...]:
+        """Say what stiffness was felt; people of the same numbers in one sentence.
+
+        expected_npm: by name, what it is held against; else what the settings ask for.
+        """
+        expected = expected_npm or self.asked_npm
+        alike: dict[tuple[float, float, Values], list[str]] = {}
+        for name, values in self.felt_npm.items():
+            alike.setdefault((self.asked_npm[name], expected[name], values), []).append(name)
+        return tuple(
+            Finding(
+                "laboratory", f"{', '.join(names)}: a spring of {asked:.4g} N/m {words(values)}", _level(values, one)
+            )
+            for (asked, one, values), names in alike.items()
+        )
+
+
+def words(values: Values) -> str:
+    """Say what was felt, over the seeds."""
+    where = f"in {len(values)} sessions over this link" if len(values) > 1 else "over this link"
+    told = [value for value in values if value is not None]
+    if len(told) < len(values):
+        return f"never came to rest under a constant load {where}"
+    low, high = (f"{float(f'{value:.3g}'):g}" for value in (min(told), max(told)))
+    return f"felt like {low if low == high else f'{low} to {high}'} N/m at rest {where}"
+
+
+def _level(values: Values, expected_npm: float) -> Level:
+    told = [value for value in values if value is not None]
+    return feel_level(sum(told) / len(told), expected_npm) if len(told) == len(values) else "warning"
+
+
+def check(settings: Settings) -> Check:
+    """Run the sessions. Raises DeviceError for a device that cannot be had."""
+    stand_ins = tuple(user.name for user in settings.users if is_real(user.device))
+    settings = replace(settings, users=tuple(_stand_in(settings, user) for user in settings.users))
+    seconds = min(SESSION_S, settings.seconds)
+    laboratory = Laboratory(replace(settings, seconds=seconds))
+    laboratory.run()
+    summary = of_laboratory(laboratory)
+    judged = passive(summary), stable(summary)
+    felt: dict[str, list[float | None]] = {}
+    asked: dict[str, float] = {}
+    seeds = min(MOST_SEEDS, ceil(LINES / len(settings.users))) if _draws(settings) else 1
+    for seed in range(seeds):
+        for person in measure_felt(replace(settings, seed=settings.seed + seed)):
+            felt.setdefault(person.person, []).append(person.felt_npm)
+            asked[person.person] = person.asked_npm
+    return Check(
+        judged[0].tone, judged[1].tone, tuple(each.sentence for each in judged if each.tone != "good"),
+        {name: tuple(values) for name, values in felt.items()}, asked, seconds, stand_ins,
+    )  # fmt: skip
+
+
+def _draws(settings: Settings) -> bool:
+    """Return whether the link draws its delays or losses by chance."""
+    link = settings.link
+    ways = [link.direction(way) for way in WAYS]
+    return any(way.jitter_ms or way.loss or way.duplicate or way.reorder for way in ways) or any(
+        map(link.trace_of, WAYS)
+    )
+
+
+def _stand_in(settings: Settings, user: User) -> User:
+    """A simulated device with the mass, resolution, friction and force of a hardware's record; others as they are."""
+    if not is_real(user.device):
+        return user
+    record = make_for(user, settings.object.axes).capability
+    device = (
+        f"sim:phantom?resolution_m={record.resolution_m!r}&peak_force_n={record.peak_force_n!r}"
+        f"&mass_kg={record.apparent_mass_kg!r}&damping_nspm={record.own_damping_nspm!r}&friction_n={record.own_friction_n!r}"
+    )
+    return replace(user, device=device)
+
+
+def checked_change(
+    settings: Settings,
+    now: Advice,
+    checked: Check,
+    progress: Callable[[int, int], None] = lambda tried, total: None,
+) -> Change | None:
+    """Return the change that helps most by the model among those that sessions bear out; None for none.
+
+    Borne out: judged no worse than before, and the felt stiffness as measured nearer to what was asked; where the change is
+    for fewer warnings, or for a further reach, no further from it. Its scores hold the measured feel.
+    """
+    table = to_builtins(settings)
+    asked = {user.name: user.asked_npm for user in now.users}
+    before = checked.missed(asked)
+    for change in islice(ranked_changes(settings, now, progress), MOST_CHANGES):
+        after = check(resolve(table, {change.key: change.value}))
+        worse = any(
+            _TONES.index(new) > _TONES.index(old)
+            for new, old in ((after.passive, checked.passive), (after.stable, checked.stable))
+        )
+        missed = after.missed(asked)
+        if worse:
+            continue
+        if before is None or missed is None:
+            return change
+        only_feel = change.after.key()[:2] == change.before.key()[:2]
+        if round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
+            return dataclasses.replace(
+                change,
+                before=dataclasses.replace(change.before, missed=before),
+                after=dataclasses.replace(change.after, missed=missed),
+            )
+    return None
+
+
+def checked_stiffest(
+    settings: Settings, progress: Callable[[int, int], None] = lambda tried, total: None
+) -> tuple[Stiffest, Check] | None:
+    """Return the stiffest felt session that is passive and stable in the laboratory, too; None where the model finds none.
+
+    K comes down until a session is judged no worse than warned of; the check of the softest that was tried says if none was.
+    """
+    found = stiffest(settings, progress)
+    if found is None:
+        return None
+    checked = check(found.settings)
+    for share in EASED:
+        if "bad" not in (checked.passive, checked.stable):
+            break
+        found = eased(found, share)
+        checked = check(found.settings)
+    return found, checked

@@ -1,0 +1,191 @@
+"""Advice against sessions: what is told of a link with jitter and loss, and which change is given."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim import laboratory_check
+from cogrip.sim.analysis.advice import advise
+from cogrip.sim.analysis.advice_change import Change, Score
+from cogrip.sim.analysis.stiffest import SHARES, stiffest
+from cogrip.sim.laboratory_check import Check, check, checked_change, checked_stiffest, words
+
+WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0}
+
+
+def settings_of(overrides: dict[str, Any], **people: Any) -> Settings:
+    users = [{"name": "anna", "hand": "reach"} | people, {"name": "ben", "hand": "hold"} | people]
+    return resolve({"seconds": 3.0, "users": users}, overrides)
+
+
+@pytest.fixture(scope="module")
+def wifi() -> tuple[Settings, Check]:
+    settings = settings_of(WIFI)
+    return settings, check(settings)
+
+
+def test_on_a_link_without_chance_the_laboratory_feels_what_is_calculated() -> None:
+    settings = settings_of({"link.delay_ms": 20.0})
+    found = check(settings)
+    for user in advise(settings).users:
+        assert found.felt_npm[user.name] == pytest.approx((user.felt_npm,), rel=0.01)
+    assert (found.passive, found.stable, found.session.level) == ("good", "good", "ok")
+
+
+def test_jitter_and_loss_are_in_what_is_told(wifi: tuple[Settings, Check]) -> None:
+    settings, found = wifi
+    [first, *_] = advise(settings).users
+    assert all(len(values) == laboratory_check.MOST_SEEDS for values in found.felt_npm.values())
+    assert all(
+        value is not None and value < 0.8 * first.felt_npm for values in found.felt_npm.values() for value in values
+    )
+    assert {finding.level for finding in found.felt()} <= {"note", "warning"}
+    assert "calculated without the link's jitter and loss" in advise(settings).findings[3].text
+
+
+def test_a_change_that_only_the_model_likes_is_not_given(
+    wifi: tuple[Settings, Check], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No playout on `wifi` makes the line short and its frames late: the model sees the first, a session both."""
+    settings, found = wifi
+    now = advise(settings)
+
+    def offered(key: str, value: Any) -> Any:
+        def changes(*_: Any) -> Iterator[Change]:
+            after = advise(resolve({"users": [{"name": "anna"}, {"name": "ben"}]}, {**WIFI, key: value}))
+            missed = [max(1.0 - user.felt_npm / 500.0 for user in one.users) for one in (now, after)]
+            assert missed[1] < missed[0]
+            yield Change(key, value, Score(0, 1.0, missed[0]), Score(0, 1.0, missed[1]))
+
+        return changes
+
+    monkeypatch.setattr(laboratory_check, "ranked_changes", offered("playout.frames", 0))
+    assert checked_change(settings, now, found) is None
+    monkeypatch.setattr(laboratory_check, "ranked_changes", offered("coupling.impedance_nspm", 25.6))
+    given = checked_change(settings, now, found)
+    assert given is not None
+    assert given.after.missed < given.before.missed
+    assert given.before.missed == found.missed({"anna": 500.0, "ben": 500.0})
+
+
+def test_what_is_given_on_wifi_is_borne_out(wifi: tuple[Settings, Check]) -> None:
+    settings, found = wifi
+    asked = {"anna": 500.0, "ben": 500.0}
+    given = checked_change(settings, advise(settings), found)
+    assert given is not None
+    assert given.key != "playout.frames"
+    after = check(settings_of({**WIFI, given.key: given.value}))
+    assert after.missed(asked) == pytest.approx(given.after.missed, abs=1e-12)
+    assert given.after.missed < 0.97 * given.before.missed
+    assert f"{100 * given.after.missed:.0f} %" in given.effect
+
+
+def test_a_session_that_swings_is_told() -> None:
+    found = check(settings_of({"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0}))
+    assert found.stable == "bad"
+    assert found.session.level == "warning"
+    assert "Not stable" in found.session.text or "Diverged" in found.session.text
+
+
+def test_hardware_has_a_stand_in_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_of({"coupling.impedance_nspm": 5.0})
+    real = settings_of({"coupling.impedance_nspm": 5.0}, device="serial:/dev/null?variant=vintage")
+    monkeypatch.setattr(laboratory_check, "make_for", lambda user, axes: laboratory_check_device(settings, axes))
+    found = check(real)
+    assert found.stand_ins == ("anna", "ben")
+    assert "a simulated device stood in for the hardware" in found.session.text
+
+
+def laboratory_check_device(settings: Settings, axes: int) -> Any:
+    from cogrip.devices.for_user import make_for
+
+    return make_for(settings.users[0], axes)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ((363.4,), "felt like 363 N/m at rest over this link"),
+        ((999.9, 1000.1), "felt like 1000 N/m at rest in 2 sessions over this link"),
+        ((52.44, 71.0, 60.0), "felt like 52.4 to 71 N/m at rest in 3 sessions over this link"),
+        ((52.4, None, 60.0), "never came to rest under a constant load in 3 sessions over this link"),
+    ],
+)
+def test_words_of_what_was_felt(values: tuple[float | None, ...], expected: str) -> None:
+    assert words(values) == expected
+
+
+def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) -> None:
+    _, found = wifi
+    assert replace(found, felt_npm={}).missed({"anna": 500.0}) is None
+    assert replace(found, felt_npm={"anna": (None,)}).missed({"anna": 500.0}) == 1.0
+    assert replace(found, felt_npm={"anna": (400.0, 200.0)}).missed({"anna": 500.0}) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "people"),
+    [
+        ({"link.delay_ms": 20.0}, {}),
+        ({"link.delay_ms": 60.0}, {"device_mass_kg": 0.05}),
+        ({"link.delay_ms": 5.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
+        ({"coupling.kind": "coupling", "link.delay_ms": 5.0}, {}),
+        ({"users.0.stiffness_npm": 50.0, "coupling.compensate": True, "coupling.stiffness_npm": 100.0}, {}),
+    ],
+)
+def test_the_stiffest_is_stable_felt_in_a_session_and_better_than_its_neighbours(
+    overrides: dict[str, Any], people: dict[str, Any]
+) -> None:
+    settings = settings_of(overrides, **people)
+    found = stiffest(settings)
+    assert found is not None
+    assert found.advice.warnings == () or all("N/m will feel like" in text for text in found.advice.warnings)
+    there = settings_of({**overrides, **found.overrides}, **people)
+    assert there == found.settings
+    felt = check(there)
+    assert felt.stable == "good"
+    for values in felt.felt_npm.values():
+        # the load is on ideal devices, whose samples are not late
+        assert values == pytest.approx((found.felt_npm,), rel=0.05 if people.get("device") else 0.02)
+    key = next(iter(found.overrides))
+    for share in (0.5, 0.8, 0.95):
+        for stretch in (0.5, 0.9):
+            other = {
+                **found.overrides,
+                key: found.damper_nspm * share,
+                "coupling.stiffness_npm": found.stiffness_npm * stretch,
+            }
+            other |= {name: other["coupling.stiffness_npm"] for name in other if name.endswith("0.stiffness_npm")}
+            users = advise(settings_of({**overrides, **other}, **people)).users
+            assert min(user.felt_npm for user in users) <= found.felt_npm
+
+
+def test_no_b_that_is_stable_is_none() -> None:
+    looked: list[int] = []
+    settings = settings_of({"coupling.server_step": "paper", "link.delay_ms": 20.0})
+    assert stiffest(settings, lambda tried, total: looked.append(tried)) is None
+    assert looked == list(range(len(SHARES)))
+
+
+def test_a_stiffest_that_sessions_do_not_bear_out_comes_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_of({"link.delay_ms": 20.0})
+    first = stiffest(settings)
+    assert first is not None
+    seen: list[float] = []
+
+    def judged(tried: Settings) -> Check:
+        spring_npm = tried.coupling.stiffness_npm
+        seen.append(spring_npm)
+        return replace(good, stable="good" if spring_npm < 0.6 * first.stiffness_npm else "bad")
+
+    good = check(settings)
+    monkeypatch.setattr(laboratory_check, "check", judged)
+    answer = checked_stiffest(settings)
+    assert answer is not None
+    found, checked = answer
+    assert seen == pytest.approx([first.stiffness_npm * share for share in (1.0, 0.7, 0.49)], rel=0.02)
+    assert (found.bounded, checked.stable, found.stiffness_npm) == ("sessions", "good", seen[-1])
+    assert found.felt_npm < first.felt_npm
+    assert settings_of({"link.delay_ms": 20.0, **found.overrides}) == found.settings
