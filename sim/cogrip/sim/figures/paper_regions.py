@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -24,6 +25,7 @@ OBJECT_KG = 0.2
 SHOWN_DEVICES_KG = (0.045, 0.1)
 DEVICE_MASSES_KG = (0.045, 0.1, 0.3, 1.0)
 OBJECT_MASSES_KG = tuple(np.geomspace(0.1, 1.0, 21).tolist())
+_SHORT: dict[Scheme, str] = {"coupling": "virtual coupling", "paper": "the paper's scheme", "passive": "cogrip"}
 MASS_DELAYS_FRAMES = (0.0, 1.0, 4.0)
 
 
@@ -52,7 +54,8 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
         told.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
     figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"], _delays_legend(), columns=4)
     caption = (
-        f"{heading}. Stable below and to the left of a line; b = 20, B = 10 Ns/m, no device damping, object {OBJECT_KG:g} kg "
+        f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 Ns/m, "
+        f"no device damping, object {OBJECT_KG:g} kg "
         "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
         f"{'; '.join(told)}. Every line is traced and verified on both sides."
     )
@@ -60,28 +63,47 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
 
 
 def side_by_side() -> Page:
-    """The three schemes on the same axes."""
+    """The three schemes on the same axes: velocities as clients estimate them above, exact ones, as in P, below."""
     box = max(regions(paper_settings(scheme), DELAYS_FRAMES, estimated=False)[1] for scheme in ("paper", "coupling"))
     order: tuple[Scheme, ...] = ("coupling", "paper", "passive")
-    found = {scheme: regions(paper_settings(scheme), DELAYS_FRAMES, to_npm=box, estimated=False)[0] for scheme in order}
-    sheet = Sheet(1, len(order), row_in=3.4)
+    sheet = Sheet(2, len(order), row_in=3.4)
     rows: list[list[Any]] = []
-    for panel, scheme in zip(sheet.panels[0], order, strict=True):
-        draw_regions(panel, found[scheme], box)
-        title(panel, SCHEME_NAMES[scheme])
-        rows += [[scheme, *row] for row in region_rows(found[scheme], box)]
-    figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"], _delays_legend(), columns=4)
-    told = "; ".join(
-        f"{frames(region.delay_frames)}: {_alike(coupled):.0f} N/m coupled, {_alike(region):.0f} N/m in P's scheme"
-        for coupled, region in zip(found["coupling"], found["paper"], strict=True)
-    )
+    told: dict[bool, str] = {}
+    for line, estimated in zip(sheet.panels, (True, False), strict=True):
+        found = {scheme: _side(scheme, estimated, box) for scheme in order}
+        for panel, scheme in zip(line, order, strict=True):
+            draw_regions(panel, found[scheme], box)
+            title(panel, f"{_SHORT[scheme]}, {'estimated velocity' if estimated else 'idealised'}")
+            rows += [[scheme, estimated, *row] for row in region_rows(found[scheme], box)]
+        told[estimated] = "; ".join(
+            f"{SCHEME_NAMES[scheme]} {', '.join(_words(region) for region in found[scheme])}" for scheme in order
+        )
+    figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"] * 2, _delays_legend(), columns=4)
     caption = (
-        f"The same two users, devices of {DEVICE_KG:g} kg, object of {OBJECT_KG:g} kg, on the same axes; largest stable "
-        f"stiffness of two alike: {told}. P's claim of a larger region holds with delay; without delay virtual coupling has "
-        "the larger one. cogrip's server step, which solves the ports within the step, has no border at all."
+        f"The same two users, devices of {DEVICE_KG:g} kg, object of {OBJECT_KG:g} kg, on the same axes. Above, devices give "
+        "positions alone and clients estimate velocities, as they do at a real arm; below, the idealised session of P, with "
+        "exact velocities. Largest stable stiffness of two alike at 0, 1, 2, 4 frames each way [N/m], estimated: "
+        f"{told[True]}; idealised: {told[False]}. With exact velocities P's claim of a larger region holds with delay; "
+        "without delay virtual coupling has the larger one. cogrip's server step, which solves the ports within the step, has "
+        "no border of its own: "
+        "what is left above is each device's sampled damper."
     )
-    columns = ("scheme", *COLUMNS)
+    columns = ("scheme", "estimated", *COLUMNS)
     return Page("regions", "Virtual coupling, the paper's waves, and ours", caption, figure, Table(columns, rows))
+
+
+def _side(scheme: Scheme, estimated: bool, box_npm: tuple[float, float]) -> list[Region]:
+    settings = paper_settings(scheme)
+    if estimated:  # P's devices but for their velocities: without friction, to be linear
+        device = f"sim:phantom?mass_kg={DEVICE_KG!r}&friction_n=0"
+        users = tuple(msgspec.structs.replace(user, device=device) for user in settings.users)
+        settings = msgspec.structs.replace(settings, users=users)
+    return regions(settings, DELAYS_FRAMES, to_npm=box_npm, estimated=estimated)[0]
+
+
+def _words(region: Region) -> str:
+    limit = largest_stable(LiftedModel(region.session), relative=1e-4).stiffness_npm
+    return "any" if limit is None else "none" if limit == 0.0 else f"{limit:.0f}"
 
 
 def masses() -> Page:
@@ -106,7 +128,7 @@ def masses() -> Page:
         "P prints no masses: its appendix is missing. The largest stable stiffness of two users alike, over the masses that "
         "devices and objects like P's have. Where a curve ends on the left the scheme is stable at no stiffness. With light "
         "devices (0.045 kg, about a Phantom Omni's) P's region hardly changes with delay, as P says; with heavier ones it "
-        "shrinks. cogrip's passive scheme has no limit at any of these masses, with exact velocities."
+        "shrinks. Idealised as in P: exact velocities, with which cogrip's passive scheme has no limit at any of these masses."
     )
     columns = ("scheme", "delay_frames", "device_mass_kg", "object_mass_kg", "largest_stable_stiffness_npm")
     return Page("masses", "How the picture depends on masses", caption, figure, Table(columns, rows))
