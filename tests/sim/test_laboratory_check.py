@@ -120,7 +120,9 @@ def test_words_of_what_was_felt(values: tuple[float | None, ...], expected: str)
 
 def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) -> None:
     _, found = wifi
-    assert replace(found, felt_npm={}).missed({"anna": 500.0}) is None
+    alone = replace(found, felt_npm={})
+    assert alone.missed({"anna": 500.0}) is None
+    assert "was not measured" in alone.felt()[0].text
     assert replace(found, felt_npm={"anna": (None,)}).missed({"anna": 500.0}) == 1.0
     assert replace(found, felt_npm={"anna": (400.0, 200.0)}).missed({"anna": 500.0}) == pytest.approx(0.4)
 

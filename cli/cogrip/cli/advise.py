@@ -14,7 +14,7 @@ from cogrip.cli.question import AS_IT_STANDS, Devices, Overrides, Question
 from cogrip.cli.settings_file import load, with_people
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise
+from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, plain
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
@@ -103,12 +103,12 @@ def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Jso
     people = [user.name for user in settings.users]
     most = found.limit.stiffness_npm
     reasons = {
-        "stability": f"K stays {AMPLE:g} times below {most or 0.0:.4g} N/m, up to which the session is stable",
+        "stability": f"K stays {AMPLE:g} times below {plain(most or 0.0)} N/m, up to which the session is stable",
         "the line": f"K is so large that {100.0 * NEARLY:g} % of what the line lets through is felt",
         "sessions": "a larger K was not passive and stable in the laboratory",
         "the device's record": "more is felt than the device's record advises with a larger K or b",
     }
-    felt = " and ".join(dict.fromkeys(f"{user.felt_npm:.4g}" for user in found.advice.users))
+    felt = " and ".join(dict.fromkeys(plain(user.felt_npm) for user in found.advice.users))
     shown = [finding for finding in found.advice.findings if finding.topic in ("device", "free motion")]
     rows = [
         ("", "stiffest", f"{felt} N/m felt at rest, calculated without jitter and loss"),

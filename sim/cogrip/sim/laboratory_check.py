@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from cogrip.devices.for_user import make_for
 from cogrip.devices.registry import is_real
 from cogrip.protocol.settings import Settings, User, resolve
-from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level
+from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.judgement import Tone, passive, stable
@@ -82,13 +82,16 @@ class Check:
 
         expected_npm: by name, what it is held against; else what the settings ask for.
         """
+        if not self.felt_npm:
+            text = "the felt stiffness was not measured: nothing holds against one person's load at a free object"
+            return (Finding("laboratory", text, "note"),)
         expected = expected_npm or self.asked_npm
         alike: dict[tuple[float, float, Values], list[str]] = {}
         for name, values in self.felt_npm.items():
             alike.setdefault((self.asked_npm[name], expected[name], values), []).append(name)
         return tuple(
             Finding(
-                "laboratory", f"{', '.join(names)}: a spring of {asked:.4g} N/m {words(values)}", _level(values, one)
+                "laboratory", f"{', '.join(names)}: a spring of {plain(asked)} N/m {words(values)}", _level(values, one)
             )
             for (asked, one, values), names in alike.items()
         )
@@ -100,7 +103,7 @@ def words(values: Values) -> str:
     told = [value for value in values if value is not None]
     if len(told) < len(values):
         return f"never came to rest under a constant load {where}"
-    low, high = (f"{float(f'{value:.3g}'):g}" for value in (min(told), max(told)))
+    low, high = (plain(value, 3) for value in (min(told), max(told)))
     return f"felt like {low if low == high else f'{low} to {high}'} N/m at rest {where}"
 
 

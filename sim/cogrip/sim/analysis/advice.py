@@ -91,6 +91,11 @@ class Advice:
         return tuple(finding.text for finding in self.findings if finding.refused)
 
 
+def plain(value: float, digits: int = 4) -> str:
+    """A number rounded to so many digits, written without an exponent below a million."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
 def largest(model: LiftedModel) -> Limit:
     """Up to which stiffness a session is stable."""
     return largest_stable(model, relative=_NEAR, beyond=False)
@@ -163,13 +168,13 @@ def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_n
         text = f"NOT stable at any stiffness: {_TOO_MUCH[session.scheme]}; {_calmer(session)}"
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
-        reach = "" if limit.stiffness_npm is None else f"; it is up to {limit.stiffness_npm:.4g} N/m"
-        text = f"NOT stable: spectral radius {found.decaying:.6g} at {stiffness_npm:.4g} N/m{reach}"
+        reach = "" if limit.stiffness_npm is None else f"; it is up to {plain(limit.stiffness_npm)} N/m"
+        text = f"NOT stable: spectral radius {found.decaying:.6g} at {plain(stiffness_npm)} N/m{reach}"
         return Finding("stability", text, "warning")
     if limit.stiffness_npm is None:
         return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")
     share = limit.stiffness_npm / stiffness_npm
-    text = f"stable up to {limit.stiffness_npm:.4g} N/m, {share:.2f} times the {stiffness_npm:.4g} N/m that is rendered"
+    text = f"stable up to {plain(limit.stiffness_npm)} N/m, {share:.2f} times the {plain(stiffness_npm)} N/m that is rendered"
     if found.scheme == "passive":
         text += "; beyond it, a device's own damper is unstable on its sampled or estimated velocity"
     return Finding("stability", text, "warning" if share < AMPLE else "ok")
@@ -248,8 +253,8 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
     if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
         yield Finding(
             "device",
-            f"{user.name}: a felt {user.felt_npm:.4g} N/m is more than the {record.stiffness_npm:.4g} N/m that the record "
-            f"of device {record.family}:{record.model} advises; set coupling.stiffness_npm lower",
+            f"{user.name}: a felt {plain(user.felt_npm)} N/m is more than the {plain(record.stiffness_npm)} N/m that the "
+            f"record of device {record.family}:{record.model} advises; set coupling.stiffness_npm lower",
             level="warning",
         )
     if user.asked_npm:
@@ -267,13 +272,13 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
     gaps = any(way.jitter_ms or way.loss for way in (seat.up, seat.down))
     where = " at rest, calculated without the link's jitter and loss" if gaps else " at rest"
-    text = f"{user.name}: {user.asked_npm:.4g} N/m will feel like {user.felt_npm:.4g} N/m{where}"
+    text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
     if seat.coupling.compensate:
         return text
     if user.compensated_npm is not None:
         if limit.stiffness_npm is not None and user.compensated_npm > limit.stiffness_npm:
-            return f"{text}; compensation would render {user.compensated_npm:.4g} N/m, which is not stable"
-        return f"{text}; compensation is possible (it would render {user.compensated_npm:.4g} N/m)"
+            return f"{text}; compensation would render {plain(user.compensated_npm)} N/m, which is not stable"
+        return f"{text}; compensation is possible (it would render {plain(user.compensated_npm)} N/m)"
     if user.enough_impedance_nspm is not None:
         return (
             f"{text}; compensation is out of reach at b = {seat.coupling.impedance_nspm:g} Ns/m, "
