@@ -48,7 +48,7 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
         title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
         rows += [[device, *row] for row in region_rows(found, box)]
         told.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
-    figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"], _delays_legend(), columns=4)
+    figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
     caption = (
         f"{heading}. Stable below and to the left of a line; b = 20, B = 10 Ns/m, no device damping, object {OBJECT_KG:g} kg "
         "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
@@ -68,7 +68,7 @@ def side_by_side() -> Page:
         draw_regions(panel, found[scheme], box)
         title(panel, SCHEME_NAMES[scheme])
         rows += [[scheme, *row] for row in region_rows(found[scheme], box)]
-    figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"], _delays_legend(), columns=4)
+    figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
     told = "; ".join(
         f"{frames(region.delay_frames)}: {_alike(coupled):.0f} N/m coupled, {_alike(region):.0f} N/m in P's scheme"
         for coupled, region in zip(found["coupling"], found["paper"], strict=True)
@@ -98,8 +98,8 @@ def masses() -> Page:
             title(panel, f"{SCHEME_NAMES[scheme]}, {frames(delay)} each way")
             _logarithmic(panel)
     legend = [(f"device {device:g} kg", line_style(number)) for number, device in enumerate(DEVICE_MASSES_KG)]
-    labels: Sequence[str] = ["largest stable\n$K_1 = K_2$ (N/m)"] * len(MASS_DELAYS_FRAMES)
-    figure = sheet.finish("object (kg)", labels, legend, columns=4)
+    labels: Sequence[str] = ["largest stable\n$K_1 = K_2$ [N/m]"] * len(MASS_DELAYS_FRAMES)
+    figure = sheet.finish("mass of the object [kg]", labels, legend, columns=4)
     caption = (
         "P prints no masses: its appendix is missing. The largest stable stiffness of two users alike, over the masses that "
         "devices and objects like P's have. Where a curve ends on the left the scheme is stable at no stiffness. With light "
