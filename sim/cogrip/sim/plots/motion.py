@@ -80,7 +80,8 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
     for axis, line in lines:
         for panel, window in zip(sheet.panels[axis], windows.values(), strict=True):
             draw(panel, line.time, line.values, window=window, **line.style)
-    if any([_bar_not_live(run, panel) for panel in sheet.panels[:, 0]]):
+    barred = [_bar_not_live(run, panel) for panel in sheet.panels[:, 0]]
+    if any(barred):
         legend = [*legend, ("bar at the foot: force held back", {"facecolor": FAINT, "lw": 0})]
     for panel, (heading, window) in zip(sheet.panels[0], windows.items(), strict=True):
         panel.set_xlim(*window)
