@@ -200,7 +200,7 @@ img { display: block; width: 100%; height: auto; border-radius: 8px; background:
 @media (prefers-color-scheme: dark) { img { filter: brightness(.92); } }
 @media print { @page { margin: 12mm; } body { margin: 0; padding: 0; max-width: none; font-size: 11px; }
   .columns { display: block; } .wide { overflow: visible; } table { font-size: 9px; max-width: 100%; }
-  th, td { padding-right: .5rem; } tbody th { min-width: 13em; } .dense tbody th { min-width: 7em; } .dense table { font-size: 7px; }
+  th, td { padding-right: .5rem; } tbody th { width: 24%; } .dense tbody th { width: 12%; } .dense table { font-size: 7px; }
   tbody th:first-child { position: static; }
   tr, figure { break-inside: avoid; } h2 { break-after: avoid; } }
 """
