@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.colors import to_hex
 
 from cogrip.protocol.settings import resolve
 from cogrip.sim.compared_report import compare, is_comparison, write_comparison
@@ -28,6 +30,7 @@ from cogrip.sim.comparison import (
 )
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.plots import compared as plots
+from cogrip.sim.plots.style import colour, shade
 from cogrip.sim.report import write_report
 from cogrip.sim.traces import Run, load_run
 
@@ -173,6 +176,19 @@ def test_exactly_what_was_changed_differs(changes: set[str]) -> None:
     rows = {row.key: row.values for row in settings_differences([before, after])}
     assert set(rows) == changes
     assert all(rows[key][1] == KEYS[key] for key in changes)
+
+
+def test_settings_are_rounded_for_people_and_say_whose_they_are(runs: dict[str, Run]) -> None:
+    """JSON stays exact; a page has six digits. What a user does not set is as in the section that has it."""
+    first = runs["first"]
+    users = [{"name": "anna", "stiffness_npm": None, "force_n": None}]
+    other = [{"name": "anna", "stiffness_npm": 250.0, "force_n": 1.5}]
+    exact = replace(first, settings={**first.settings, "seconds": 10.585902250499885, "users": users})
+    page = text_of(compare([exact, replace(first, settings={**first.settings, "users": other})], ["a", "b"]))
+    assert "10.5859 1.0" in page
+    assert "10.585902" not in page
+    assert "users.0.stiffness_npm as in [coupling] 250.0" in page
+    assert "users.0.force_n not set 1.5" in page
 
 
 def test_a_person_more_is_a_difference(runs: dict[str, Run]) -> None:
@@ -360,17 +376,21 @@ def test_a_long_run_is_drawn_in_detail_too(tmp_path: Path) -> None:
 
 
 def test_curves_are_those_of_the_recordings(runs: dict[str, Run]) -> None:
-    """A colour a run; a row a person, then the object."""
+    """A row a person in their colour, then the object; the first run is broad and pale, the last fine and full."""
     pair = [runs["first"], runs["soft"]]
     positions, forces, _ = (plot.draw() for plot in plots.compared_plots(pair, ["a", "b"], ["anna", "ben"]))
     assert [len(panel.lines) for panel in positions.axes] == [2, 2, 2]
     for panel, name in zip(forces.axes, ("anna", "ben"), strict=True):
-        assert panel.get_ylabel() == f"{name} [N]"
+        assert panel.get_ylabel() == f"{name}: force [N]"
         for line, run in zip(panel.lines, pair, strict=True):
             values = run.clients[name].columns["force_n.0"]
             assert line.get_ydata()[-1] == values[-1]
             assert np.max(np.abs(line.get_ydata())) == np.max(np.abs(values))
-    assert len({line.get_color() for line in forces.axes[0].lines}) == 2
+    for number, panel in enumerate(forces.axes):
+        first, last = panel.lines
+        assert to_hex(last.get_color()) == to_hex(colour(number))
+        assert to_hex(first.get_color()) == to_hex(shade(colour(number), 0.45))
+        assert first.get_linewidth() > last.get_linewidth()
 
 
 @pytest.mark.parametrize("name", ["first", "spring"])

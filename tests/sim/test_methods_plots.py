@@ -49,9 +49,11 @@ def test_everybody_is_named_or_said_to_be_left_out(people: int, named: int) -> N
     figure = draw(asked, results_of(asked, trace=[trace(1.0, people)] * 2))["traces"]
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts[:named] == [f"p{number}" for number in range(named)]
-    assert texts[named:] == ([f"and {people - named} more, in the same colours again"] if people > named else [])
-    colours = {line.get_color() for line in figure.legends[0].get_lines()[:named]}
-    assert len(colours) == named
+    more = [f"and {people - named} more, in the same colours again"] if people > named else []
+    assert texts[named:] == [*more, "band: from the least to the largest", "diverged"]
+    looks = {(line.get_color(), line.get_marker()) for line in figure.legends[0].get_lines()[:named]}
+    assert len(looks) == named
+    assert len({look for look, _ in looks}) == named
 
 
 def test_a_row_is_as_high_as_its_stable_sessions_need() -> None:

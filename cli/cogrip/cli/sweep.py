@@ -53,7 +53,7 @@ def sweep(
         A setting and its values: key=first:last:count, key=first:last:countlog, or key=value,value. Repeatable.
     measure
         What to read of each cell: a path into summary.json (users.0.peak_force_n, users.*.peak_force_n), or a number
-        of the lifted model (lifted.spectral_radius, lifted.stable, lifted.largest_stable_stiffness_npm,
+        of the lifted model (lifted.radius_without_structural, lifted.stable, lifted.largest_stable_stiffness_npm,
         lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable.
     out
         The sweep's folder; else sweeps/<name>-<digest of what is asked>.

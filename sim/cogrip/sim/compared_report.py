@@ -45,10 +45,10 @@ def compare(runs: Sequence[Run], labels: Sequence[str]) -> str:
     """The page. Differences are against the first run. Raises ComparisonError for runs that cannot be compared."""
     from matplotlib.colors import to_hex
 
-    from cogrip.sim.plots.style import colour
+    from cogrip.sim.plots.compared import tints
 
     names = check_comparable(runs, labels)
-    marks = [f'<span style="color:{to_hex(colour(number))}">■</span>' for number in range(len(runs))]
+    marks = [f'<span class=run style="color:{to_hex(tint)}">■</span>' for tint in tints(len(runs))]
     heading = f"{len(runs)} runs compared"
     parts = [
         f"<h1>{heading}</h1>",
@@ -89,15 +89,15 @@ def _settings_table(runs: Sequence[Run], labels: Sequence[str]) -> str:
         return f"<p>The settings of {escape(', '.join(unknown))} are not known.</p>"
     rows = [
         f"<tr><th>{escape(row.key)}</th>"
-        + "".join(_setting(value, changed=value != row.values[0]) for value in row.values)
+        + "".join(_setting(row.key, value, changed=value != row.values[0]) for value in row.values)
         + "</tr>"
         for row in settings_differences([run.settings for run in runs])
     ]
     return table(["", *labels], rows) if rows else "<p>None.</p>"
 
 
-def _setting(value: Any, *, changed: bool) -> str:
-    return f"<td class='text{' changed' if changed else ''}'>{escape(plain(value))}</td>"
+def _setting(key: str, value: Any, *, changed: bool) -> str:
+    return f"<td class='text{' changed' if changed else ''}'>{escape(plain(value, key.rpartition('.')[2]))}</td>"
 
 
 def _numbers_table(rows: Sequence[Difference], labels: Sequence[str]) -> str:

@@ -105,8 +105,10 @@ def name_of_run(run: Run) -> str:
 def about(run: Run, first: str) -> str:
     """A line on what was run, `first` at its head."""
     seconds, seed = run.summary.get("seconds"), run.summary.get("seed", run.settings.get("seed"))
-    words = (first, f"{number(seconds)} s", f"{len(run.names)} people", f"seed {number(seed, digits=0)}")
-    return f"<p class=about>{escape(' · '.join(words))}</p>"
+    people = "1 person" if len(run.names) == 1 else f"{len(run.names)} people"
+    words = (first, f"{number(seconds)} s", people, f"seed {number(seed, digits=0)}")
+    by = "; ".join(run.versions) or "a version that no recording tells"
+    return f"<p class=about>{escape(' · '.join(words))}<br>{escape(f'Run by {by}')}</p>"
 
 
 def verdict_of(run: Run) -> str:
@@ -178,19 +180,27 @@ ul.notes { margin-top: .8rem; border-left: 4px solid var(--warn); overflow-wrap:
 .mark { flex: 0 0 1em; font-weight: 700; text-align: center; }
 .good .mark { color: var(--good); } .warn .mark { color: var(--warn); } .bad .mark { color: var(--bad); }
 .bad { font-weight: 600; }
-.wide { overflow-x: auto; }
+.wide { overflow-x: auto; max-width: 100%; }
 table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; white-space: nowrap; }
-td { text-align: right; } td.text { white-space: normal; min-width: 8rem; max-width: 16rem; overflow-wrap: anywhere; }
+th, td { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
+td { text-align: right; } td.text { min-width: 8rem; max-width: 16rem; overflow-wrap: anywhere; }
 th { font-weight: 400; } thead th { font-weight: 600; border-bottom: 1px solid var(--rule); text-align: right; }
+thead th { overflow-wrap: break-word; max-width: 14rem; vertical-align: bottom; }
 thead th:first-child { text-align: left; }
+.dense table { font-size: .76rem; } .dense th, .dense td { padding-right: .6rem; } .dense td.text { min-width: 6rem; }
 tbody th:first-child { position: sticky; left: 0; background: var(--paper); }
 tr.group th { padding-top: .7rem; font-weight: 600; }
 tbody tr:not(.group):hover > * { background: var(--card); }
 td.changed { font-weight: 600; }
+.run { padding: 0 .12em; border-radius: 3px; background: #ffffff; }
+@media (max-width: 1000px) { body { margin: 1.2rem auto; } table { font-size: .82rem; } th, td { padding-right: .6rem; } }
 .columns { display: flex; flex-wrap: wrap; gap: .5rem 4rem; } section { min-width: 0; }
 figure { margin: 0; } figcaption { margin-bottom: .6rem; max-width: 46rem; }
 img { display: block; width: 100%; height: auto; border-radius: 8px; background: #ffffff; }
 @media (prefers-color-scheme: dark) { img { filter: brightness(.92); } }
-@media print { body { margin: 0; max-width: none; } figure { break-inside: avoid; } }
+@media print { @page { margin: 12mm; } body { margin: 0; padding: 0; max-width: none; font-size: 11px; }
+  .columns { display: block; } .wide { overflow: visible; } table { font-size: 9px; max-width: 100%; }
+  th, td { padding-right: .5rem; } tbody th { width: 24%; } .dense tbody th { width: 12%; } .dense table { font-size: 7px; }
+  tbody th:first-child { position: static; }
+  tr, figure { break-inside: avoid; } h2 { break-after: avoid; } }
 """

@@ -61,6 +61,16 @@ def _stiffness(key: str, missing: str) -> Show:
     return lambda user: missing if user.get(key) is None and user.get("state") else number(user.get(key), digits=0)
 
 
+def _place(key: str) -> Show:
+    """Where it was at the last tick, by when whoever is not live has let go."""
+
+    def show(user: dict[str, Any]) -> str:
+        where = _pick(key, scale=1e3)(user)
+        return where if where == UNKNOWN or user.get("state") in (None, "live") else f"{where} (let go)"
+
+    return show
+
+
 def _yes(key: str) -> Show:
     return lambda user: {True: "yes", False: "no"}.get(user.get(key), UNKNOWN)  # type: ignore[arg-type]
 
@@ -81,10 +91,10 @@ def _percentile(which: str, key: str) -> Show:
 # (heading of a group, its rows: what, unit, how to show it)
 _ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
     (
-        "At the end",
+        "At the last tick",
         (
-            ("hand", "mm", _pick("position_m", scale=1e3)),
-            ("proxy", "mm", _pick("proxy_m", scale=1e3)),
+            ("hand", "mm", _place("position_m")),
+            ("proxy", "mm", _place("proxy_m")),
             ("force", "N", _pick("force_n", digits=2)),
             ("state", "", _text("state")),
             ("reason", "", _text("reason")),
@@ -235,7 +245,13 @@ def _setting(key: str, value: Any, before: Any) -> str:
     return f"<tr><th>{escape(str(key))}</th><td{mark}>{escape(plain(value))}</td></tr>"
 
 
-_WHOSE = {"device_hz": "[rates]'s", "power_w": "[admission]'s"}
+_WHOSE = {
+    "device_hz": "as in [rates]", "power_w": "as in [admission]",
+    **dict.fromkeys(
+        ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate"), "as in [coupling]"
+    ),
+}  # fmt: skip
+_SHORT = 8  # letters of a number that stands as it is
 
 
 def _users(users: Sequence[dict[str, Any]]) -> str:
@@ -253,13 +269,17 @@ def _users(users: Sequence[dict[str, Any]]) -> str:
 
 
 def plain(value: Any, key: str = "") -> str:
-    """A setting as it would be written; where a user has no value of their own, whose it is."""
+    """A setting as it would be written, long fractions rounded; where a user has no value of their own, whose it is."""
     if value is None:
-        return _WHOSE.get(key, "[coupling]'s")
+        return _WHOSE.get(key, "not set")
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, float):
+        return text if len(text := str(value)) <= _SHORT else f"{value:.6g}"
     if isinstance(value, dict):
         return ", ".join(f"{key} = {plain(inner)}" for key, inner in value.items()) or "as above"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(plain(inner) for inner in value)}]"
     return str(value)
 
 

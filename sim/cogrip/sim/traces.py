@@ -128,7 +128,10 @@ def _spread(table: dict[str, Any], name: str, rows: Sequence[Sequence[float | No
 
 @dataclass(frozen=True)
 class Run:
-    """One run folder. Seat n of the room is names[n]; `clients` has those whose recording is there; `notes` say what is not."""
+    """One run folder. Seat n of the room is names[n]; `clients` has those whose recording is there; `notes` say what is not.
+
+    versions: of the software that ran it, as its recordings have them; several with whose they are.
+    """
 
     folder: Path
     summary: dict[str, Any]
@@ -137,6 +140,7 @@ class Run:
     clients: dict[str, Trace]
     room: Trace | None
     notes: tuple[str, ...]
+    versions: tuple[str, ...] = ()
 
 
 def load_run(folder: Path) -> Run:
@@ -145,6 +149,7 @@ def load_run(folder: Path) -> Run:
     summary, settings = (_read_json(folder / name, notes) for name in (SUMMARY, SETTINGS))
     clients: dict[str, Trace] = {}
     room: Trace | None = None
+    versions: tuple[str, ...] = ()
     try:
         records = open_run(folder)
     except (FileNotFoundError, RecordingError) as error:
@@ -155,6 +160,7 @@ def load_run(folder: Path) -> Run:
         notes.append(f"{error}.")
     else:
         notes += records.notes
+        versions = _versions(records)
         for name, end in records.clients.items():
             trace = _try(tick_trace, end, notes)
             if trace is not None:
@@ -169,7 +175,7 @@ def load_run(folder: Path) -> Run:
         for name in names
         if name not in clients and not (folder / client_recording(name)).exists()
     ]
-    return Run(folder, summary, settings, names, clients, room, tuple(notes))
+    return Run(folder, summary, settings, names, clients, room, tuple(notes), versions)
 
 
 def _try(read: Callable[[End], Trace], end: End, notes: list[str]) -> Trace | None:
@@ -184,6 +190,17 @@ def _try(read: Callable[[End], Trace], end: End, notes: list[str]) -> Trace | No
         notes.append(f"{end.path.name} holds no ticks.")
         return None
     return trace
+
+
+def _versions(records: RunRecords) -> tuple[str, ...]:
+    """What ran each end; who ran it is named where that is not the same for all."""
+    ends = {"server": records.server, **records.clients}
+    found: dict[str, list[str]] = {}
+    for who, end in ends.items():
+        if end is not None:
+            told = end.recording.header.versions.told
+            found.setdefault(told, []).append(who)
+    return tuple(found) if len(found) < 2 else tuple(f"{', '.join(who)}: {told}" for told, who in found.items())
 
 
 def _room(records: RunRecords) -> str:

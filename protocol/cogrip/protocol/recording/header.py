@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cogrip.protocol.messages import PROTOCOL_VERSION
+from cogrip.protocol.messages import PROTOCOL_VERSION, shown
 from cogrip.protocol.rates import Hz
 from cogrip.protocol.version import VERSION
 
@@ -26,6 +26,11 @@ class Versions(msgspec.Struct, frozen=True):
     python: str
     numpy: str
     machine: str
+
+    @property
+    def told(self) -> str:
+        """For people; the text may be anybody's."""
+        return shown(f"cogrip {self.cogrip}, Python {self.python}, numpy {self.numpy}, {self.machine}")
 
     def differences(self, other: "Versions") -> list[str]:
         """`name: this -> other` for all that differs."""

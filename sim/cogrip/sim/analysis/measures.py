@@ -24,7 +24,8 @@ def _slow(settings: Settings) -> Slow:
 
 LIFTED: dict[str, Callable[[Settings], Value]] = {
     "lifted.spectral_radius": lambda settings: verdict(_model(settings)).spectral_radius,
-    "lifted.decaying_radius": lambda settings: verdict(_model(settings)).decaying,
+    "lifted.radius_without_structural": lambda settings: verdict(_model(settings)).decaying,
+    "lifted.decaying_radius": lambda settings: verdict(_model(settings)).decaying,  # its former name
     "lifted.stable": lambda settings: verdict(_model(settings)).stable,
     "lifted.largest_stable_stiffness_npm": lambda settings: largest_stable(_model(settings)).stiffness_npm,
     "lifted.felt_stiffness_npm": lambda settings: _slow(settings).stiffness_npm,

@@ -19,7 +19,7 @@ from cogrip.sim.analysis.decimation_passivity import (
     worst_input,
 )
 from cogrip.sim.figures.page import Page, Table
-from cogrip.sim.plots.style import ALARM, DASHED, Sheet, colour, title
+from cogrip.sim.plots.style import ALARM, DOTTED, LINES, Sheet, colour
 
 RATES = Rates(1024, 128)
 SWEEP_S = 8.0
@@ -55,7 +55,7 @@ def decimator_page() -> Page:
     for number, case in enumerate(CASES):
         which: Filter = filter_of(case.kind, RATES, case.cutoff_rad_s)
         most, _ = largest_gain(which, M)
-        style = {"color": colour(number), "lw": 1.6}
+        style = {"color": colour(number), "lw": 1.6, "ls": LINES[number]}
         legend.append((f"{case.name}: largest S {most:.4g}", style))
         gains = aliased_gain(which, M, angle)
         gain_panel.plot(hz, gains, **style)
@@ -70,18 +70,18 @@ def decimator_page() -> Page:
             panel.plot(time, 100.0 * share, **style)
             rows += [[case.name, name, x, y] for x, y in zip(time.tolist(), (100.0 * share).tolist(), strict=True)]
     gain_panel.set_yscale("log")
-    gain_panel.axhline(1.0, color=ALARM, lw=1.0, linestyle=DASHED)
-    title(gain_panel, "S: energy out over in, at worst")
-    for panel, text in (
-        (swept_panel, "kept back of a swept sine (%)"),
-        (worst_panel, "kept back of each one's worst (%)"),
-    ):
-        panel.axhline(0.0, color=ALARM, lw=1.0, linestyle=DASHED)
+    gain_panel.axhline(1.0, color=ALARM, lw=1.0, linestyle=DOTTED, zorder=3)
+    for panel in (swept_panel, worst_panel):
+        panel.axhline(0.0, color=ALARM, lw=1.0, linestyle=DOTTED, zorder=3)
         panel.set_yscale("symlog", linthresh=1.0)
-        panel.set_yticks([-100, -10, -1, 0, 1, 10, 100], ["-100", "-10", "-1", "0", "1", "10", "100"])
-        title(panel, text)
-    figure = sheet.finish("time (s)", [""], legend, columns=2)
-    gain_panel.set_xlabel("frequency after decimation (Hz)", fontsize=10)
+        panel.set_yticks([-1000, -100, -10, -1, 0, 1, 10, 100], ["−1000", "−100", "−10", "−1", "0", "1", "10", "100"])
+        panel.set_ylim(-1300.0, 160.0)
+    legend.append(("bound of passivity", {"color": ALARM, "lw": 1.0, "ls": DOTTED}))
+    figure = sheet.finish(
+        ["frequency after decimation [Hz]", "time [s]", "time [s]"],
+        ["S, largest energy out over in [1]", "kept back of a swept sine [%]", "kept back of each one's worst [%]"],
+        legend,
+    )
     caption = (
         "From M = 8 fast waves to one. A decimator is passive for every signal if and only if S never exceeds 1: "
         "the mean of a frame alone is. "

@@ -52,7 +52,7 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
         title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
         rows += [[device, *row] for row in region_rows(found, box)]
         told.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
-    figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"], _delays_legend(), columns=4)
+    figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
     caption = (
         f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 Ns/m, "
         f"no device damping, object {OBJECT_KG:g} kg "
@@ -78,7 +78,7 @@ def side_by_side() -> Page:
         told[estimated] = "; ".join(
             f"{SCHEME_NAMES[scheme]} {', '.join(_words(region) for region in found[scheme])}" for scheme in order
         )
-    figure = sheet.finish("$K_1$ (kN/m)", ["$K_2$ (kN/m)"] * 2, _delays_legend(), columns=4)
+    figure = sheet.finish("$K_1$ [kN/m]", ["$K_2$ [kN/m]"] * 2, _delays_legend(), columns=4)
     caption = (
         f"The same two users, devices of {DEVICE_KG:g} kg, object of {OBJECT_KG:g} kg, on the same axes. Above, devices give "
         "positions alone and clients estimate velocities, as they do at a real arm; below, the idealised session of P, with "
@@ -122,8 +122,8 @@ def masses() -> Page:
             title(panel, f"{SCHEME_NAMES[scheme]}, {frames(delay)} each way")
             _logarithmic(panel)
     legend = [(f"device {device:g} kg", line_style(number)) for number, device in enumerate(DEVICE_MASSES_KG)]
-    labels: Sequence[str] = ["largest stable\n$K_1 = K_2$ (N/m)"] * len(MASS_DELAYS_FRAMES)
-    figure = sheet.finish("object (kg)", labels, legend, columns=4)
+    labels: Sequence[str] = ["largest stable\n$K_1 = K_2$ [N/m]"] * len(MASS_DELAYS_FRAMES)
+    figure = sheet.finish("mass of the object [kg]", labels, legend, columns=4)
     caption = (
         "P prints no masses: its appendix is missing. The largest stable stiffness of two users alike, over the masses that "
         "devices and objects like P's have. Where a curve ends on the left the scheme is stable at no stiffness. With light "

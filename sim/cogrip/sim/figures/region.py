@@ -14,9 +14,8 @@ from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.outline import Outline
 from cogrip.sim.analysis.region import Region, grid_axes
 from cogrip.sim.figures.page import Page, Table
-from cogrip.sim.plots.style import DASHED, DOTTED, INK, Legend, Sheet, Style, colour, label, title
+from cogrip.sim.plots.style import INK, LINES, Legend, Sheet, Style, colour, label, title
 
-_LINES: tuple[Any, ...] = ("-", DASHED, (0, (6, 1.5, 1, 1.5)), DOTTED)
 SCHEME_NAMES = {"paper": "the paper's scheme", "coupling": "virtual coupling", "passive": "cogrip's passive scheme"}
 _PANEL_IN = 4.6
 COLUMNS = ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius_inside", "radius_outside")
@@ -33,7 +32,7 @@ def region_page(
     idealised = "" if estimated else ", idealised: exact velocities"
     title(sheet.panels[0, 0], f"Stable region, {SCHEME_NAMES[session.scheme]}{idealised}")
     figure = sheet.finish(
-        f"stiffness of {names[0]} (kN/m)", [f"stiffness of {names[1]} (kN/m)"], legend_of(regions), columns=2
+        f"stiffness of {names[0]} [kN/m]", [f"stiffness of {names[1]} [kN/m]"], legend_of(regions), columns=2
     )
     return Page("region", "Stable region", caption_of(regions, conditions), figure, region_table(regions, box_npm))
 
@@ -61,7 +60,7 @@ def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, f
 
 def line_style(number: int) -> Style:
     """Of line number n: colour and dashes, as some are told apart by one alone."""
-    return {"color": colour(number), "lw": 1.8, "linestyle": _LINES[number % len(_LINES)]}
+    return {"color": colour(number), "lw": 1.8, "linestyle": LINES[number % len(LINES)]}
 
 
 def legend_of(regions: Sequence[Region]) -> Legend:

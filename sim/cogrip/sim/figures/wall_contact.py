@@ -5,6 +5,7 @@ hand, proxy and force over time, and how stiff it feels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any
@@ -18,7 +19,7 @@ from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.sim.analysis.state_space import Array
 from cogrip.sim.figures.page import Page, Table
 from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.plots.style import DASHED, INK, Sheet, colour, title
+from cogrip.sim.plots.style import DASHED, INK, Sheet, Style, draw, person_style, title
 
 TD_MS = (10.0, 20.0)
 FORCE_N = 1.0
@@ -73,26 +74,27 @@ def wall_page() -> Page:
     found = contacts()
     sheet = Sheet(2, len(TD_MS), row_in=2.7)
     rows: list[list[Any]] = []
-    names = zip(*(_of(found, td_ms) for td_ms in TD_MS), strict=True)
-    legend: list[tuple[str, dict[str, Any]]] = [
-        (" / ".join(dict.fromkeys(contact.name for contact in each)), {"color": colour(number), "lw": 1.8})
-        for number, each in enumerate(names)
+    ways = zip(*(_of(found, td_ms) for td_ms in TD_MS), strict=True)
+    legend: list[tuple[str, Style]] = [
+        (_named(each), {**person_style(number), "lw": 1.4}) for number, each in enumerate(ways)
     ]
-    legend.append(("dashed: the proxy at the wall", {"color": INK, "lw": 1.2, "linestyle": DASHED}))
+    legend.append(("hand, and the force on it", {"color": INK, "lw": 1.4}))
+    legend.append(("proxy at the wall", {"color": INK, "lw": 1.2, "linestyle": DASHED}))
     for column, td_ms in enumerate(TD_MS):
         above, below = sheet.panels[:, column]
         for number, contact in enumerate(_of(found, td_ms)):
             time, hand, proxy, force = contact.series.T
             shown = time <= SHOWN_S
-            above.plot(time[shown], 1e3 * hand[shown], color=colour(number), lw=1.8)
-            above.plot(time[shown], 1e3 * proxy[shown], color=colour(number), lw=1.2, linestyle=DASHED)
-            below.plot(time[shown], force[shown], color=colour(number), lw=1.8)
+            style: Style = {**person_style(number), "zorder": 3.0 - 0.1 * number}  # what swings most is drawn first
+            draw(above, time[shown], 1e3 * hand[shown], **style, lw=1.4)
+            draw(above, time[shown], 1e3 * proxy[shown], **{**style, "marker": ""}, lw=1.2, ls=DASHED)
+            draw(below, time[shown], force[shown], **style, lw=1.0)
             rows += [
                 [contact.name, td_ms, *point, contact.measured_npm, contact.predicted_npm]
                 for point in contact.series[::8].tolist()
             ]
         title(above, f"$T_d$ = {td_ms:g} ms each way")
-    figure = sheet.finish("time (s)", ["hand and proxy (mm)", "force (N)"], legend, columns=2)
+    figure = sheet.finish("time [s]", ["hand and proxy [mm]", "force [N]"], legend, columns=3)
     told = "; ".join(
         f"{contact.name} at {contact.td_ms:g} ms: {contact.measured_npm:.0f} N/m measured, "
         f"{contact.predicted_npm:.0f} predicted"
@@ -113,6 +115,15 @@ def wall_page() -> Page:
         "predicted_stiffness_npm",
     )
     return Page("fig5", "Fig. 5: a wall touched through the line", caption, figure, Table(columns, rows))
+
+
+def _named(contacts: Sequence[Contact]) -> str:
+    """Name one way of holding on, with the impedance at each delay where that differs."""
+    names = dict.fromkeys(contact.name for contact in contacts)
+    if len(names) == 1:
+        return next(iter(names))
+    values = " and ".join(f"{contact.settings.coupling.impedance_nspm:g}" for contact in contacts)
+    return f"{contacts[0].name.partition(',')[0]}, b = {values} Ns/m (left and right)"
 
 
 def _of(found: list[Contact], td_ms: float) -> list[Contact]:

@@ -71,7 +71,7 @@ def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
         _verdict(summary),
         notes_list(_notes(summary)),
         "<h2>Table</h2>",
-        f"<div style='zoom:.82'>{_table(summary)}</div>",
+        f"<div class=dense>{_table(summary)}</div>",
         f"<p class=about>{escape(note(summary))}</p>",
         *map(figure, pictures),
         "<h2>Measures</h2>",
@@ -145,7 +145,7 @@ def _measures() -> str:
         ["", "unit", "what"],
         [
             f"<tr><th>{escape(measure.heading)}</th><td>{escape(measure.unit)}</td>"
-            f"<td style='text-align:left;white-space:normal'>{escape(measure.what)}</td></tr>"
+            f"<td style='text-align:left'>{escape(measure.what)}</td></tr>"
             for measure in MEASURES.values()
         ],
     )
@@ -155,7 +155,7 @@ def _methods(summary: Mapping[str, Any]) -> str:
     return table(
         ["", "settings"],
         [
-            f"<tr><th>{escape(METHODS[name].title)}</th><td style='text-align:left;white-space:normal'>"
+            f"<tr><th>{escape(METHODS[name].title)}</th><td style='text-align:left'>"
             f"{escape(', '.join(f'{key} = {plain(value)}' for key, value in overrides.items()))}</td></tr>"
             for name, overrides in summary["asked"]["methods"].items()
         ],

@@ -16,17 +16,37 @@ from cogrip.sim.methods.method import METHODS
 from cogrip.sim.methods.question import Comparison
 from cogrip.sim.methods.table import feels, first_seeds
 from cogrip.sim.methods.table import unstable as unstable_row
-from cogrip.sim.plots.style import ALARM, COLOURS, DOTTED, FAINT, INK, NotDrawnError, Sheet, Style, colour, label, title
+from cogrip.sim.plots.style import (
+    ALARM,
+    COLOURS,
+    DOTTED,
+    FAINT,
+    INK,
+    NotDrawnError,
+    Sheet,
+    Style,
+    colour,
+    draw_spread,
+    label,
+    person_style,
+    title,
+)
 from cogrip.sim.summary_values import is_number
 from cogrip.sim.sweep.cell import Result
 
 _MARKS = "osD^v"
+_STRETCHES = 80  # of a session, a trace shows the least, the middle and the largest of each
 _WIDTH = 0.8  # of the room of a network that its methods take
 _LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # of values that spread more than this a logarithmic axis is drawn
 _DIVERGED: Style = {}
 _OSCILLATES: Style = {"alpha": 0.45, "hatch": "///", "edgecolor": "white", "lw": 0}
 _ACTIVE: Style = {"alpha": 0.25}
+_MEDIAN: Style = {"color": INK, "lw": 1.6}
+_HOLLOW: Style = {"color": INK, "marker": "o", "mfc": "none", "ms": 5, "lw": 0}
+_BAND: Style = {"facecolor": FAINT, "alpha": 0.35, "lw": 0}
 _NONE: Style = {"marker": "x", "color": FAINT, "ms": 5, "lw": 0}
+_LOOKS = (("band: from the least to the largest", _BAND), ("diverged", {"color": ALARM, "lw": 1.0, "ls": DOTTED}))
+_MARKED = (("hollow: unstable session", _HOLLOW), ("median", _MEDIAN))
 _MARGIN = 1.2  # above the largest force of a row's stable sessions
 
 
@@ -97,9 +117,10 @@ def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[
         _Entry(
             "traces",
             "Forces over time",
-            f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour a "
-            "person. What ends early, at the dotted line, has diverged. A row is as high as its stable sessions need: others "
-            "are cut off, and say how far they go.",
+            f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour "
+            "and a mark a person, the line the middle of a short stretch, the band from its least to its largest: a broad "
+            "band is a force that oscillates. What ends early, at the dotted line, has diverged. A row is as high as its "
+            "stable sessions need: others are cut off, and say how far they go.",
             partial(_traces, rows),
         ),
         _Entry(
@@ -186,14 +207,18 @@ def _stability(rows: Rows) -> Figure:
             if row["runs"] and not foot:
                 shares.plot(place, 0.0, **style_of(number), ms=5, clip_on=False, zorder=3)
     shares.set_ylim(0.0, 104.0)
-    title(
-        shares,
-        "full: diverged; hatched: oscillates between hands at rest; pale: active while they move; mark: stable",
-    )
     _scatter(rows, energy, "created_mj")
     for panel in (shares, energy):
         _across(panel, asked.networks)
-    return sheet.finish("network", ["unstable sessions [%]", "energy created [mJ]"], _legend(rows))
+    legend = [
+        *_legend(rows),
+        ("diverged", {"facecolor": INK, "lw": 0}),
+        ("oscillates between hands at rest", {"facecolor": INK, **_OSCILLATES}),
+        ("active while they move", {"facecolor": INK, **_ACTIVE}),
+        ("mark on the axis: stable", {"lw": 0}),
+        *_MARKED,
+    ]
+    return sheet.finish("network", ["unstable sessions [%]", "energy created [mJ]"], legend)
 
 
 def _traces(rows: Rows) -> Figure:
@@ -215,7 +240,7 @@ def _traces(rows: Rows) -> Figure:
         raise NotDrawnError("no forces were kept")
     for method, panel in zip(asked.methods, sheet.panels[0], strict=True):
         title(panel, METHODS[method].title)
-    return sheet.finish("time [s]", [f"{network}\n[N]" for network in asked.networks], _people(asked))
+    return sheet.finish("time [s]", [f"{network}\nforce [N]" for network in asked.networks], [*_people(asked), *_LOOKS])
 
 
 def _height(rows: Rows, network: str, traces: Mapping[str, tuple[float, list[list[float]]]]) -> float:
@@ -230,8 +255,10 @@ def _largest(forces: list[list[float]]) -> float:
 
 def _trace(panel: Axes, seconds: float, forces: list[list[float]], whole_s: float, height: float) -> None:
     """One session's forces; what it was cut off at, and when it ended if that was early."""
+    stretches = max(2, round(_STRETCHES * seconds / whole_s))
     for person, values in enumerate(forces):
-        panel.plot(np.linspace(0.0, seconds, len(values)), values, color=colour(person), lw=0.7, alpha=0.8)
+        times, style = np.linspace(0.0, seconds, len(values)), {**person_style(person), "lw": 1.0, "ms": 3.0}
+        draw_spread(panel, times, np.array(values, dtype=float), style, stretches, pale=0.3)
     words = []
     if seconds < whole_s:
         panel.axvline(seconds, color=ALARM, lw=1.0, ls=DOTTED)
@@ -249,7 +276,7 @@ def _people(asked: Comparison) -> list[tuple[str, Style]]:
     """Everybody, as far as colours go; of the others, how many they are."""
     names = [str(user["name"]) for user in asked.base["users"]]
     legend: list[tuple[str, Style]] = [
-        (label(name), {"color": colour(number), "lw": 1.5}) for number, name in enumerate(names[:COLOURS])
+        (label(name), {**person_style(number), "lw": 1.5}) for number, name in enumerate(names[:COLOURS])
     ]
     if len(names) > COLOURS:
         legend.append((f"and {len(names) - COLOURS} more, in the same colours again", {"lw": 0}))
@@ -265,7 +292,7 @@ def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
         _scatter(rows, panel, measure)
         _across(panel, rows.asked.networks)
     labels = [f"{MEASURES[measure].heading} [{MEASURES[measure].unit}]" for measure in drawn]
-    return sheet.finish("network", labels, _legend(rows))
+    return sheet.finish("network", labels, [*_legend(rows), *_MARKED])
 
 
 def _any(rows: Rows, measure: str) -> bool:
@@ -289,7 +316,7 @@ def _scatter(rows: Rows, panel: Axes, measure: str) -> None:
             panel.plot(places[~bad], values[~bad], **look, mew=0)
             panel.plot(places[bad], values[bad], **look, mfc="none", mew=0.9)
             middle, place = float(np.median(values)), _place(rows, network, number)
-            panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], color=INK, lw=1.6, zorder=3)
+            panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], **_MEDIAN, zorder=3)
 
 
 def _spread(count: int, room: float) -> NDArray[np.float64]:
@@ -355,7 +382,8 @@ def _felt(rows: Rows) -> Figure:
             )  # fmt: skip
     panel.set_ylim(bottom=0.5 * floor if floor else -0.1 * panel.get_ylim()[1])  # room for crosses and numbers
     _across(panel, asked.networks)
-    return sheet.finish("network", ["felt stiffness / K asked for [%]"], _legend(rows))
+    legend = [*_legend(rows), ("unstable, or not measured", _NONE), ("number: the lowest mark's [N/m]", {"lw": 0})]
+    return sheet.finish("network", ["felt stiffness / K asked for [%]"], legend)
 
 
 def _felt_shares(row: Mapping[str, Any]) -> list[tuple[float, float] | None]:

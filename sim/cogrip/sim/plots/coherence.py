@@ -7,11 +7,24 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cogrip.sim.plots.spectra import coherence_of, correlations, frequencies, power_density
-from cogrip.sim.plots.style import AXIS_NAMES, FAINT, INK, Array, NotDrawnError, Sheet, Style, colour, label
+from cogrip.sim.plots.style import (
+    AXIS_NAMES,
+    FAINT,
+    INK,
+    LINES,
+    Array,
+    NotDrawnError,
+    Sheet,
+    Style,
+    draw,
+    label,
+    person_style,
+)
 from cogrip.sim.summary_values import number as plain
 from cogrip.sim.traces import MOST_PEOPLE, Run
 
 _MOST_PAIRS = 6
+_HALF = 3  # of them are drawn dark
 _HIGHEST_HZ = 20.0  # hands move below 10 Hz; what lies above is the devices
 _SEGMENT_S = 2.0
 _LEAST_S = 1.0
@@ -19,7 +32,6 @@ _LEAST_SEGMENTS = 4
 _FURTHEST_LAG_S = 1.0
 _STILL_MPS = 1e-6
 _BETTER = 0.01  # a lag that gains less is not worth telling
-_DASHES = ("-", (0, (5, 2)), (0, (1, 1)))
 
 
 class Movement(NamedTuple):
@@ -78,7 +90,7 @@ def coherence(run: Run) -> Figure:
     shown = (frequency > 0.0) & (frequency <= _HIGHEST_HZ)
     for index, (first, second) in enumerate(pairs[:_MOST_PAIRS]):
         level = coherence_of(values[first], values[second], segment)
-        style: Style = {"color": INK if index < len(_DASHES) else FAINT, "ls": _DASHES[index % len(_DASHES)], "lw": 1.8}
+        style: Style = {"color": INK if index < _HALF else FAINT, "ls": LINES[index % _HALF], "lw": 1.8}
         shared.plot(frequency[shown], level[shown], **style)
         r, best, lag_s = correlation(values[first], values[second], rate_hz)
         names = [run.names[moved.numbers[each]] for each in (first, second)]
@@ -93,9 +105,10 @@ def coherence(run: Run) -> Figure:
     legend.append(("one in twenty by chance", {"color": FAINT, "ls": (0, (6, 3))}))
     for number, row in zip(moved.numbers, values, strict=True):
         density = power_density(row, rate_hz, segment)
-        power.semilogy(frequency[shown], density[shown] * 1e6, color=colour(number), lw=1.5)
-        legend.append((label(run.names[number]), {"color": colour(number), "lw": 2.5}))
+        power.set_yscale("log")
+        draw(power, frequency[shown], density[shown] * 1e6, **person_style(number), lw=1.5)
+        legend.append((label(run.names[number]), {**person_style(number), "lw": 2.0}))
     shared.set_ylim(0.0, 1.03)
     shared.set_xlim(0.0, _HIGHEST_HZ)
     axis = AXIS_NAMES[moved.axis]
-    return sheet.finish("frequency [Hz]", ["coherence", f"power along {axis} [(mm/s)²/Hz]"], legend)
+    return sheet.finish("frequency [Hz]", ["coherence [1]", f"power along {axis} [(mm/s)²/Hz]"], legend)

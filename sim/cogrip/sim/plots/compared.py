@@ -1,8 +1,11 @@
-"""Curves of several runs over each other: a colour a run, a row a person; the earlier run is the broader line."""
+"""Curves of several runs over each other: a row a person, in that person's colour.
+
+The first run is the broad pale line, the last the fine dark one, those between are dashed.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +15,8 @@ from cogrip.sim.plots.style import (
     ALARM,
     AXIS_NAMES,
     DASHED,
+    INK,
+    LINES,
     Array,
     Legend,
     NotDrawnError,
@@ -20,6 +25,7 @@ from cogrip.sim.plots.style import (
     colour,
     draw,
     label,
+    shade,
     title,
 )  # fmt: skip
 from cogrip.sim.summary_values import dig, is_number
@@ -28,7 +34,8 @@ from cogrip.sim.traces import Run
 MOST_ROWS = 6  # people that are drawn
 _LONG_RUN_S = 30.0  # of a longer one a detail is drawn as well
 _DETAIL_S = 5.0
-_BROADEST, _FINEST = 2.3, 1.0  # line widths of the first run and of the last
+_BROADEST, _FINEST = 3.0, 1.0  # line widths of the first run and of the last
+_PALEST = 0.45  # share of the colour in the first run's line
 _LEAST_MARGIN_J = 1e-5  # least height of the margins' axis: below it lies rounding
 _LARGE_J = 5.0
 _FORBIDDEN: Style = {"color": ALARM, "alpha": 0.13, "lw": 0}
@@ -44,19 +51,26 @@ class Plot(NamedTuple):
 
 
 class Side(NamedTuple):
-    """One run, with what to call it and its lines' looks."""
+    """One run, with what to call it and its lines' looks; `share` of a person's colour is in them."""
 
     run: Run
     label: str
     style: Style
+    share: float = 1.0
+    dashes: Any = "-"
+
+    def tinted(self, tint: Any) -> Style:
+        return {**self.style, "color": shade(tint, self.share), "ls": self.dashes}
 
 
 def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[str]) -> Iterator[Plot]:
     """Positions, forces and energy of the people who are named, of whom the first few are drawn."""
-    widths = np.linspace(_BROADEST, _FINEST, len(runs))
+    widths = np.linspace(_BROADEST, _FINEST, len(runs)).tolist()
     sides = [
-        Side(run, name, {"color": colour(number), "lw": width})
-        for number, (run, name, width) in enumerate(zip(runs, labels, widths.tolist(), strict=True))
+        Side(run, name, {"color": tint, "lw": width}, share, LINES[max(0, number - 1) % len(LINES)])
+        for number, (run, name, width, share, tint) in enumerate(
+            zip(runs, labels, widths, shares(len(runs)), tints(len(runs)), strict=True)
+        )
     ]
     names = names[:MOST_ROWS]
     window = _detail(sides)
@@ -79,17 +93,28 @@ def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[s
     )
 
 
+def shares(runs: int) -> list[float]:
+    """Return how much of a person's colour the lines of each run have."""
+    found: list[float] = np.linspace(_PALEST, 1.0, runs).tolist()
+    return found
+
+
+def tints(runs: int) -> list[tuple[float, float, float]]:
+    """Return what stands for each run in legends: a grey, as colours are of people."""
+    return [shade(INK, share) for share in shares(runs)]
+
+
 def positions(sides: Sequence[Side], names: Sequence[str], window: Window | None = None) -> Figure:
     """Hands, then the object, a row each, a column an axis [mm]."""
     rows = [(name, [_hand(side, name, "position_m", 1e3) for side in sides]) for name in names]
     rows.append(("object", [_object(side) for side in sides]))
-    return _against_time(sides, rows, "mm", window)
+    return _against_time(sides, rows, "position [mm]", window)
 
 
 def forces(sides: Sequence[Side], names: Sequence[str], window: Window | None = None) -> Figure:
     """Force on each hand, a row a person, a column an axis [N]."""
     return _against_time(
-        sides, [(name, [_hand(side, name, "force_n", 1.0) for side in sides]) for name in names], "N", window
+        sides, [(name, [_hand(side, name, "force_n", 1.0) for side in sides]) for name in names], "force [N]", window
     )
 
 
@@ -137,20 +162,26 @@ def _object(side: Side) -> list[tuple[int, Line]]:
 
 
 def _against_time(
-    sides: Sequence[Side], rows: Sequence[tuple[str, list[list[tuple[int, Line]]]]], unit: str, window: Window | None
+    sides: Sequence[Side],
+    rows: Sequence[tuple[str, list[list[tuple[int, Line]]]]],
+    quantity: str,
+    window: Window | None,
 ) -> Figure:
     axes = 1 + max((axis for _, each in rows for lines in each for axis, _ in lines), default=-1)
     if not axes:
         raise NotDrawnError("no recording is here")
     sheet = Sheet(len(rows), axes, row_in=3.0 if len(rows) == 1 else 1.9)
-    for (_, each), panels in zip(rows, sheet.panels, strict=True):
+    seats = {name: number for number, name in enumerate(sides[0].run.names)}
+    for (name, each), panels in zip(rows, sheet.panels, strict=True):
+        tint = colour(seats[name]) if name in seats else INK
         for side, lines in zip(sides, each, strict=True):
             for axis, line in lines:
-                draw(panels[axis], line.time, line.values, window=window, **side.style)
+                draw(panels[axis], line.time, line.values, window=window, **side.tinted(tint))
     for panel, name in zip(sheet.panels[0], AXIS_NAMES, strict=False):
         panel.set_xlim(*(window or _extent(sides)))
         title(panel, name if axes > 1 else "")
-    return sheet.finish("time [s]", [f"{label(name)} [{unit}]" for name, _ in rows], _legend(sides))
+    legend = [(_escaped(side.label), {**side.tinted(INK), "lw": 1.0 + side.style["lw"]}) for side in sides]
+    return sheet.finish("time [s]", [f"{label(name)}: {quantity}" for name, _ in rows], legend)
 
 
 def _book(run: Run, name: str) -> list[Line]:

@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cogrip.sim.plots.style import DASHED, Array, Legend, NotDrawnError, Style, colour, label
+from cogrip.sim.plots.style import DASHED, Array, Legend, NotDrawnError, Style, label, person_style
 from cogrip.sim.traces import MOST_PEOPLE, Run
 
 Window = tuple[float, float]
+PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # the object's end
 _SHORTEST_S = 1e-3  # an axis needs some length
 
 
@@ -51,7 +52,7 @@ def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int
         if trace is None:
             continue
         for axis, values in enumerate(trace.vector(name).T):
-            yield axis, Line(trace.time_s, values * scale, {"color": colour(number), "lw": 1.3, **style})
+            yield axis, Line(trace.time_s, values * scale, {**person_style(number), "lw": 1.2, **style})
 
 
 def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
@@ -61,7 +62,7 @@ def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
         if vectors is None or run.room is None:
             continue
         for axis, values in enumerate(vectors.T):
-            yield axis, Line(run.room.time_s, values * scale, {"color": colour(number), "lw": 1.3, "ls": DASHED})
+            yield axis, Line(run.room.time_s, values * scale, {**person_style(number), **PROXY})
 
 
 def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Line]]:
@@ -74,4 +75,4 @@ def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Li
 
 
 def people_legend(run: Run, *others: tuple[str, Style]) -> Legend:
-    return [*((label(name), {"color": colour(number), "lw": 2.5}) for number, name in shown(run)), *others]
+    return [*((label(name), {**person_style(number), "lw": 2.0}) for number, name in shown(run)), *others]

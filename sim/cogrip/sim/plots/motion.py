@@ -80,8 +80,9 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
     for axis, line in lines:
         for panel, window in zip(sheet.panels[axis], windows.values(), strict=True):
             draw(panel, line.time, line.values, window=window, **line.style)
-    for panel in sheet.panels[:, 0]:
-        _bar_not_live(run, panel)
+    barred = [_bar_not_live(run, panel) for panel in sheet.panels[:, 0]]
+    if any(barred):
+        legend = [*legend, ("bar at the foot: force held back", {"facecolor": FAINT, "lw": 0})]
     for panel, (heading, window) in zip(sheet.panels[0], windows.items(), strict=True):
         panel.set_xlim(*window)
         title(panel, heading)
@@ -89,11 +90,12 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
 
 
 def _labels(rows: int, quantity: str, unit: str) -> list[str]:
-    return [f"{name} [{unit}]" for name in AXIS_NAMES[:rows]] if rows > 1 else [f"{quantity} [{unit}]"]
+    return [f"{quantity} {name} [{unit}]" for name in AXIS_NAMES[:rows]] if rows > 1 else [f"{quantity} [{unit}]"]
 
 
-def _bar_not_live(run: Run, panel: Axes) -> None:
-    """At the foot, in the person's colour, while their force was not let through."""
+def _bar_not_live(run: Run, panel: Axes) -> bool:
+    """Draw at the foot, in the person's colour, while their force was not let through. Return whether there is any."""
+    found = False
     for number, name in shown(run):
         trace = run.clients.get(name)
         if trace is None:
@@ -104,7 +106,9 @@ def _bar_not_live(run: Run, panel: Axes) -> None:
             (trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)
         ]
         if spans:
+            found = True
             foot = (0.03 * number, 0.024)
             panel.broken_barh(
                 spans, foot, transform=panel.get_xaxis_transform(), facecolor=colour(number), edgecolor="none"
             )
+    return found

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -18,6 +19,8 @@ Legend = Sequence[tuple[str, Style]]
 
 # Okabe and Ito's palette, told apart with any colour vision; yellow is too pale for a line on white.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_MARKERS = "osD^vPX"  # one more than the palette has: no two people share colour and marker
+_MARKED = 10  # markers on a line
 COLOURS = 3 * len(_PALETTE)  # that `colour` has
 INK = "#1f2328"  # the object, the server, text
 FAINT = "#8b949e"
@@ -26,9 +29,9 @@ AXIS_NAMES = "xyz"
 WIDTH_IN = 10.0
 DPI = 130  # 1300 px: sharp when shown 1000 px wide
 DASHED, DOTTED = (0, (4, 1.5)), (0, (1, 1))
+LINES: tuple[Any, ...] = ("-", DASHED, (0, (6, 1.5, 1, 1.5)), DOTTED, (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)))
 _BUCKETS = 900  # of a minimum and a maximum each: finer than a pixel
 _STRETCHES = 150
-_LETTERS_ACROSS = 118  # of legend text at this width
 
 
 class NotDrawnError(Exception):
@@ -44,6 +47,17 @@ def colour(person: int) -> str | tuple[float, float, float]:
     if person < 2 * len(_PALETTE):
         return 0.55 * red, 0.55 * green, 0.55 * blue
     return 0.45 + 0.55 * red, 0.45 + 0.55 * green, 0.45 + 0.55 * blue
+
+
+def person_style(person: int) -> Style:
+    """Person number n's colour and marker, which tells people apart in grey print."""
+    return {"color": colour(person), "marker": _MARKERS[person % len(_MARKERS)], "ms": 4.0}
+
+
+def shade(tint: Any, share: float) -> tuple[float, float, float]:
+    """Mix `share` of a colour with white."""
+    red, green, blue = (1.0 - share * (1.0 - part) for part in to_rgb(tint))
+    return red, green, blue
 
 
 def label(text: str) -> str:
@@ -67,33 +81,35 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def draw(panel: Axes, time: Array, values: Array, *, window: tuple[float, float] | None = None, **style: Any) -> None:
-    """A line of at most a few points a pixel; `window` cuts it in time first."""
+    """A line of at most a few points a pixel, with a few of its markers if it has any; `window` cuts it in time first."""
     if window is not None:
         first, last = np.searchsorted(time, window)
         time, values = time[first:last], values[first:last]
-    panel.plot(*envelope(time, values), **style)
+    times, values = envelope(time, values)
+    panel.plot(times, values, **style, markevery=_marked(len(times), style.get("marker")))
 
 
-def _legend_columns(texts: Sequence[str]) -> int:
-    """As many as fit across, filled column by column as matplotlib does."""
-    for columns in range(len(texts), 1, -1):
-        parts = np.array_split(np.array(texts), columns)
-        if sum(max(len(text) for text in part) + 8 for part in parts) <= _LETTERS_ACROSS:
-            return columns
-    return 1
+def _marked(points: int, marker: str | None) -> tuple[int, int] | None:
+    """(first, step) of the points that get a marker: markers of different people stand at different times."""
+    if not marker or marker not in _MARKERS:
+        return None
+    step = max(1, points // _MARKED)
+    return step * (2 * _MARKERS.index(marker) + 1) // (2 * len(_MARKERS)), step
 
 
-def draw_spread(panel: Axes, time: Array, values: Array, tint: Any) -> None:
+def draw_spread(
+    panel: Axes, time: Array, values: Array, style: Style, stretches: int = _STRETCHES, pale: float = 0.18
+) -> None:
     """What scatters: the median of every stretch of time, on a pale band from its least to its largest."""
     known = np.isfinite(values)
     time, values = time[known], values[known]
-    parts = np.array_split(np.arange(len(time)), min(_STRETCHES, len(time)) or 1)
+    parts = np.array_split(np.arange(len(time)), min(stretches, len(time)) or 1)
     if not len(time):
         return
     middle = np.array([time[part].mean() for part in parts])
     bands = np.array([np.percentile(values[part], (0.0, 50.0, 100.0)) for part in parts])
-    panel.fill_between(middle, bands[:, 0], bands[:, 2], color=tint, alpha=0.18, lw=0)
-    panel.plot(middle, bands[:, 1], color=tint, lw=1.5)
+    panel.fill_between(middle, bands[:, 0], bands[:, 2], color=style["color"], alpha=pale, lw=0)
+    draw(panel, middle, bands[:, 1], **{"lw": 1.5, **style})
 
 
 class Sheet:
@@ -123,36 +139,55 @@ class Sheet:
             panel.ticklabel_format(axis="y", scilimits=(-4, 5), useOffset=False)
             panel.locator_params(axis="y", nbins=8 if row_in > 2.0 else 6)
 
-    def finish(self, x_label: str, y_labels: Sequence[str], legend: Legend = (), columns: int = 0) -> Figure:
-        """Labels on the outer panels, the legend above, margins in inches. `y_labels`: one a row, for the first column.
+    def finish(
+        self, x_label: str | Sequence[str], y_labels: Sequence[str], legend: Legend = (), columns: int = 0
+    ) -> Figure:
+        """Labels on the outer panels, the legend above, margins in inches.
 
-        The legend is filled column by column; `columns` = 0: as many as fit.
+        x_label: one for all columns, or one a column. y_labels: one a row, for the first column, or one a panel where each
+        has its own scale. The legend is filled column by column; `columns` = 0: as many as fit.
         """
-        for panel in self.panels[-1]:
-            panel.set_xlabel(x_label, fontsize=10, color=INK)
-        for panel, text in zip(self.panels[:, 0], y_labels, strict=True):
+        x_labels = [x_label] * self.panels.shape[1] if isinstance(x_label, str) else x_label
+        for panel, text in zip(self.panels[-1], x_labels, strict=True):
+            panel.set_xlabel(text, fontsize=10, color=INK)
+        each = len(y_labels) > self._rows
+        for panel, text in zip(self.panels.flat if each else self.panels[:, 0], y_labels, strict=True):
             panel.set_ylabel(text, fontsize=10, color=INK)
         above = 0.1
         if any(panel.get_title(loc="left") for panel in self.panels[0]):
             above += 0.22
         if legend:
-            columns = columns or _legend_columns([text for text, _ in legend])
-            above += 0.2 * -(-len(legend) // columns) + 0.08
-            self.figure.legend(
-                [Line2D([], [], **style) for _, style in legend], [text for text, _ in legend], loc="upper left",
-                bbox_to_anchor=(0.065, 1.0), ncols=columns, frameon=False, fontsize=10, handlelength=2.0,
-                borderaxespad=0.2, columnspacing=1.6, labelspacing=0.35, labelcolor=INK,
-            )  # fmt: skip
+            above += self._legend(legend, columns) + 0.08
         gap = 0.42 if any(panel.get_title(loc="left") for panel in self.panels[1:].flat) else 0.18
         below = 0.5
         height = self._rows * self._row_in + above + below + gap * (self._rows - 1)
         self.figure.set_size_inches(WIDTH_IN, height)
         self.figure.subplots_adjust(
-            left=0.075, right=0.985, top=1 - above / height, bottom=below / height,
-            hspace=gap / self._row_in, wspace=0.2 if self._own_y else 0.12,
+            left=0.075, right=0.98, top=1 - above / height, bottom=below / height,
+            hspace=gap / self._row_in, wspace=0.3 if each else 0.2 if self._own_y else 0.12,
         )  # fmt: skip
         self.figure.align_ylabels()
         return self.figure
+
+    def _legend(self, legend: Legend, columns: int) -> float:
+        """Place it in at most `columns`, fewer where they would be wider than the figure. Return its height [in]."""
+        handles = [_handle(style) for _, style in legend]
+        for count in range(columns or len(legend), 0, -1):
+            found = self.figure.legend(
+                handles, [text for text, _ in legend], loc="upper left", bbox_to_anchor=(0.065, 1.0), ncols=count,
+                frameon=False, fontsize=10, handlelength=2.4, borderaxespad=0.2, columnspacing=1.6, labelspacing=0.35,
+                labelcolor=INK,
+            )  # fmt: skip
+            box = found.get_window_extent()
+            if box.x1 <= self.figure.bbox.x1 or count == 1:
+                break
+            found.remove()
+        return 0.2 * -(-len(legend) // count)
+
+
+def _handle(style: Style) -> Line2D | Patch:
+    """What a legend shows: an area where the style is one, else a line."""
+    return Patch(**style) if "facecolor" in style else Line2D([], [], **style)
 
 
 def title(panel: Axes, text: str, tint: Any = INK) -> None:

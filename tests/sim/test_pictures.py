@@ -1,0 +1,260 @@
+"""What every picture and page keeps to, so that it can stand in a paper: units, legends, colours, nothing cut off."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+
+from cogrip.protocol.recording.header import versions_here
+from cogrip.protocol.settings import resolve
+from cogrip.protocol.version import VERSION
+from cogrip.sim.analysis.linear_session import linear_session
+from cogrip.sim.analysis.measures import LIFTED
+from cogrip.sim.analysis.region import regions
+from cogrip.sim.compared_report import compare
+from cogrip.sim.figures.decimators import decimator_page
+from cogrip.sim.figures.feel import feel_page
+from cogrip.sim.figures.page import Page
+from cogrip.sim.figures.paper_regions import paper_settings
+from cogrip.sim.figures.region import region_page
+from cogrip.sim.figures.wall_contact import wall_page
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.plots.compared import compared_plots
+from cogrip.sim.plots.registry import PLOTS
+from cogrip.sim.plots.style import COLOURS, NotDrawnError, colour, person_style
+from cogrip.sim.report import render
+from cogrip.sim.sweep.cell import Result
+from cogrip.sim.sweep.grid import Grid, parse_axis
+from cogrip.sim.sweep.picture import draw_measure
+from cogrip.sim.traces import Run, load_run
+
+from tests.sim.reported_runs import Page as Tags
+
+NAMED = re.compile(r"\S.* \[\S.*\]", re.DOTALL)
+CROWDS = (1, 2, 5, 8)
+BESIDE_IN = 0.01
+RADIUS = "lifted.radius_without_structural"
+
+
+@pytest.fixture(scope="module")
+def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Run]:
+    """Runs of so many people; of two of them along three axes."""
+    found = {}
+    for people in CROWDS:
+        folder = tmp_path_factory.mktemp(f"people-{people}")
+        users = [{"name": f"p{number}", "hand": "reach" if number % 2 else "sine"} for number in range(people)]
+        table = {"name": "crowd", "seconds": 1.5, "object": {"axes": 3 if people == 2 else 1}, "users": users}
+        run_laboratory(resolve(table), folder)
+        found[people] = load_run(folder)
+    return found
+
+
+def plots_of(run: Run) -> Iterator[tuple[str, Figure]]:
+    for plot in PLOTS:
+        try:
+            yield plot.name, plot.draw(run)
+        except NotDrawnError:
+            continue
+
+
+def check(figure: Figure) -> None:
+    """Labels name a quantity and its unit; every text is inside the figure; the legend lies on no panel's text."""
+    figure.canvas.draw()
+    for panel in figure.axes:
+        if not panel.get_visible():
+            continue
+        for text in (panel.get_xlabel(), panel.get_ylabel()):
+            assert not text or NAMED.fullmatch(text), text
+        assert all("(N" not in each and "(s)" not in each for each in (panel.get_xlabel(), panel.get_ylabel()))
+    drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert drawn.x0 >= -BESIDE_IN
+    assert drawn.y0 >= -BESIDE_IN
+    assert drawn.x1 <= width + BESIDE_IN
+    assert drawn.y1 <= height + BESIDE_IN
+    for legend in figure.legends:
+        area = legend.get_window_extent()
+        for panel in figure.axes:
+            if panel.get_visible():
+                assert not area.overlaps(panel.get_tightbbox()), panel.get_title(loc="left")
+
+
+def tints(figure: Figure) -> dict[str, tuple[str, str]]:
+    """Colour and marker of each person in a legend."""
+    (legend,) = figure.legends
+    lines = dict(zip((text.get_text() for text in legend.get_texts()), legend.legend_handles, strict=True))
+    return {
+        name: (to_hex(line.get_color()), str(line.get_marker()))  # type: ignore[union-attr]
+        for name, line in lines.items()
+        if re.fullmatch(r"p\d+", name)
+    }
+
+
+@pytest.mark.parametrize("people", CROWDS)
+def test_every_plot_of_a_run_could_stand_in_a_paper(crowds: dict[int, Run], people: int) -> None:
+    drawn = dict(plots_of(crowds[people]))
+    assert {"positions", "forces", "waves", "link"} <= set(drawn)
+    for name, figure in drawn.items():
+        if name != "energy":
+            check(figure)
+
+
+@pytest.mark.parametrize("people", CROWDS)
+def test_a_person_has_one_colour_and_one_marker_everywhere(crowds: dict[int, Run], people: int) -> None:
+    run = crowds[people]
+    looks = [tints(figure) for name, figure in plots_of(run) if name in ("positions", "forces", "waves", "link")]
+    wanted = {
+        f"p{number}": (to_hex(colour(number)), person_style(number)["marker"]) for number in range(min(people, COLOURS))
+    }
+    assert looks == [wanted] * 4
+    compared = next(iter(compared_plots([run, run], ["a", "b"], list(run.names)))).draw()
+    rows = np.array(compared.axes).reshape(-1, 3 if people == 2 else 1)[:-1]
+    for number, row in enumerate(rows):
+        for panel in row:
+            assert to_hex(panel.lines[-1].get_color()) == to_hex(colour(number))
+    check(compared)
+
+
+def test_people_are_told_apart_in_grey_print() -> None:
+    looks = [(to_rgb(style["color"]), style["marker"]) for style in map(person_style, range(COLOURS))]
+    assert len(set(looks)) == COLOURS
+    assert len({marker for _, marker in looks[:6]}) == 6
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        wall_page,
+        decimator_page,
+        lambda: feel_page(linear_session(paper_settings("paper")), 1),
+        lambda: region_page(*regions(paper_settings("paper"), (0.0, 1.0))),
+    ],
+    ids=["fig5", "decimators", "feel", "region"],
+)
+def test_every_figure_could_stand_in_a_paper(make: Any) -> None:
+    page: Page = make()
+    check(page.figure)
+
+
+def test_the_legend_of_the_wall_names_every_line() -> None:
+    texts = [text.get_text() for text in wall_page().figure.legends[0].get_texts()]
+    assert texts == [
+        "the paper's scheme", "ours, b = 20 Ns/m", "compensated, b = 20 and 30 Ns/m (left and right)",
+        "hand, and the force on it", "proxy at the wall",
+    ]  # fmt: skip
+
+
+def grid_of(*vary: str) -> Grid:
+    users = [{"name": "anna"}, {"name": "ben"}]
+    return Grid({"users": users}, [parse_axis(text) for text in vary])
+
+
+def results(grid: Grid, measure: str, value: Any) -> dict[int, Result]:
+    return {cell: Result(cell, {measure: value(cell)}) for cell in grid}
+
+
+def meshes(figure: Figure) -> list[QuadMesh]:
+    return [
+        each for panel in figure.axes for each in panel.collections if isinstance(each, QuadMesh) and panel.get_xlabel()
+    ]
+
+
+@pytest.mark.parametrize("order", ["100:4000:5", "4000,100,2000"])
+def test_a_heat_map_ends_where_the_cells_end(order: str) -> None:
+    grid = grid_of("users.0.stiffness_npm=200:20000:4log", f"users.1.stiffness_npm={order}")
+    figure = draw_measure(
+        grid, results(grid, RADIUS, lambda cell: 0.9 + 0.001 * grid.values(cell)["users.1.stiffness_npm"]), RADIUS
+    )
+    check(figure)
+    (mesh,) = meshes(figure)
+    panel = mesh.axes
+    assert panel is not None
+    assert panel.get_xlim() == pytest.approx((100.0, 4000.0))
+    assert panel.get_ylim() == pytest.approx((200.0, 20000.0))
+    corners = mesh.get_coordinates().reshape(-1, 2)
+    assert corners.min(axis=0).tolist() == pytest.approx([100.0, 200.0])
+    assert corners.max(axis=0).tolist() == pytest.approx([4000.0, 20000.0])
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("ben: stiffness [N/m]", "anna: stiffness [N/m]")
+    values = np.ma.getdata(mesh.get_array())
+    assert np.all(np.diff(values.reshape(4, -1), axis=1) > 0.0)  # in whatever order they were asked for
+    assert figure.axes[-1].get_ylabel() == "radius without structural eigenvalues [1]"
+
+
+def test_what_was_not_computed_is_hatched_and_counted() -> None:
+    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
+    found = results(grid, RADIUS, float)
+    del found[0], found[5]
+    found[7] = Result(7, {}, "diverged")
+    found[9] = Result(9, {RADIUS: None})
+    figure = draw_measure(grid, found, RADIUS)
+    check(figure)
+    (mesh,) = meshes(figure)
+    assert sorted(np.flatnonzero(np.ma.getmaskarray(mesh.get_array()).ravel())) == [0, 5, 7, 9]
+    assert mesh.axes is not None
+    assert mesh.axes.patch.get_hatch()
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["of 12 cells: 2 not computed, 1 failed, 1 without a number"]
+
+
+@pytest.mark.parametrize(("value", "said"), [(1.0, "1"), (True, "yes")])
+def test_a_flat_map_says_its_value_in_place_of_a_scale(value: Any, said: str) -> None:
+    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
+    figure = draw_measure(grid, results(grid, "passive", lambda _: value), "passive")
+    check(figure)
+    assert len(figure.axes) == 1  # no colour bar
+    (text,) = (text.get_text() for text in figure.legends[0].get_texts())
+    assert text.endswith(f"constant: {said} in all 12 cells computed")
+
+
+def test_the_radius_without_structural_is_what_advise_tells() -> None:
+    settings = resolve({"users": [{"name": "a"}, {"name": "b"}]})
+    radius = LIFTED[RADIUS](settings)
+    assert radius == LIFTED["lifted.decaying_radius"](settings)
+    assert isinstance(radius, float)
+    assert radius < 1.0 == LIFTED["lifted.spectral_radius"](settings)
+
+
+def test_every_table_can_be_scrolled_and_wraps(crowds: dict[int, Run]) -> None:
+    run = crowds[5]
+    for page in (render(run, []), compare([run] * 3, ["a", "b", "a name-that-is-long" * 5])):
+        assert page.count("<table>") == page.count("<div class=wide><table>") > 0
+        assert ".wide { overflow-x: auto" in page
+        assert "nowrap" not in page
+        assert "table" in {tag for tag, _ in Tags(page).tags}
+
+
+def test_a_report_names_the_version_that_ran_the_run(crowds: dict[int, Run]) -> None:
+    run, here = crowds[2], versions_here()
+    assert run.versions == (f"cogrip {VERSION}, Python {here.python}, numpy {here.numpy}, {here.machine}",)
+    assert f"Run by cogrip {VERSION}, Python {here.python}, " in render(run, [])
+    old = replace(run, versions=("server, anna: cogrip 0.0.1, Python 3.9", "ben: cogrip 0.0.2, Python 3.10"))
+    assert "Run by server, anna: cogrip 0.0.1, Python 3.9; ben: cogrip 0.0.2, Python 3.10" in render(old, [])
+    assert "Run by a version that no recording tells" in render(replace(run, versions=()), [])
+
+
+@pytest.mark.parametrize(("state", "said"), [("live", "12.0"), ("idle", "12.0 (let go)")])
+def test_where_a_hand_was_after_it_let_go_is_named_so(crowds: dict[int, Run], state: str, said: str) -> None:
+    summary = json.loads(json.dumps(crowds[1].summary))
+    summary["users"][0] |= {"position_m": [0.012], "state": state}
+    assert f"<td>{said}</td>" in render(replace(crowds[1], summary=summary), [])
+
+
+def test_skipped_ticks_are_a_count(crowds: dict[int, Run], tmp_path: Path) -> None:
+    run = crowds[2]
+    told = {"late_us": 3.0, "work_us": 5.0, "skipped": 28.0}
+    clients: dict[str, Any] = {
+        name: replace(trace, columns={key: np.full(trace.rows, value) for key, value in told.items()})
+        for name, trace in run.clients.items()
+    }
+    figure = next(plot for plot in PLOTS if plot.name == "loops").draw(replace(run, clients=clients))
+    check(figure)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    rows = run.clients["p0"].rows
+    assert texts[0] == f"p0: 28 of {28 + rows} ticks skipped"
