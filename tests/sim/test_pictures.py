@@ -134,7 +134,7 @@ def test_people_are_told_apart_in_grey_print() -> None:
         wall_page,
         decimator_page,
         lambda: feel_page(linear_session(paper_settings("paper")), 1),
-        lambda: region_page(*regions(paper_settings("paper"), (0.0, 1.0))),
+        lambda: region_page(*regions(paper_settings("paper"), (0.0, 1.0)), "constant delays"),
     ],
     ids=["fig5", "decimators", "feel", "region"],
 )
