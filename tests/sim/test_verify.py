@@ -210,7 +210,7 @@ def as_before(kind: str, message: Message) -> bytes:
     """A message as an earlier cogrip wrote it: fields at their defaults left out."""
     table = json.loads(message.payload)
     defaults = {field.name: field.default for field in msgspec.structs.fields(KINDS[kind])}
-    return json.dumps({key: value for key, value in table.items() if value != defaults[key]}).encode()
+    return msgspec.json.encode({key: value for key, value in table.items() if value != defaults[key]})
 
 
 def test_files_that_leave_out_defaults_play_again_and_what_differs_in_them_is_found(
@@ -223,7 +223,7 @@ def test_files_that_leave_out_defaults_play_again_and_what_differs_in_them_is_fo
 
     def one_lost(kind: str, message: Message) -> bytes:
         table = json.loads(as_before(kind, message))
-        return json.dumps(table | ({"lost": 77} if table.get("tick") == 100 else {})).encode()
+        return msgspec.json.encode(table | ({"lost": 77} if table.get("tick") == 100 else {}))
 
     rewrite(tmp_path / "client-anna.mcap", one_lost)
     found = verify(open_recording(tmp_path / "client-anna.mcap")).difference

@@ -26,7 +26,7 @@ def advise_command(config: Path, /, *, overrides: Overrides = (), device: Device
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     device
         Device address of the first, second ... person in place of the settings'. Repeatable.
     """
