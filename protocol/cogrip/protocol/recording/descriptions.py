@@ -38,6 +38,8 @@ DESCRIPTIONS = {
     "state": "state of the client's safety: live, degraded, fault ...",
     "skipped": "ticks or steps that the loop skipped, so far",
     "given_mps": "velocity that the device gave, where it is not velocity_mps",
+    "reserve_j": "energy reserve of the line down, as of this frame; null: no waves",
+    "device_reserve_j": "energy that the device port may still give",
     "unfit": "position and velocity of a sample with a number that is not finite, as text",
     "age_ticks": "age of the sample",
     "up_ms": "delay of the path up, one way; null: not known",
@@ -52,6 +54,8 @@ DESCRIPTIONS = {
     "proxy_m": "position of the person's proxy at the object",
     "up_margin_j": "least energy margin of the line up, so far",
     "line_margin_j": "least of the energy in at the client's port less the energy out at the server's, so far",
+    "up_reserve_j": "energy reserve of the line up, as of this frame",
+    "line_reserve_j": "energy in at the client's port less the energy out at the server's, as of this frame",
     "up_used_j": "energy that came out of the line up, so far",
     "down_made_j": "energy that went into the line down, so far",
     # the others
