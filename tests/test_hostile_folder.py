@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.settings_file import shipped
+from cogrip.cli.shipped_settings import shipped
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
@@ -67,7 +67,7 @@ def ran_in(folder: Path, *arguments: object, code: str = SCRIPT, module: str = "
 @pytest.mark.skipif(sys.platform == "win32", reason="metrics are not served on Windows")
 def test_a_server_with_its_metrics_and_its_recording(folder: Path, tmp_path: Path) -> None:
     said = ran_in(
-        folder, "serve", shipped("demo.toml"), "--port", 0, "--seconds", 0.5, "--metrics", 0, "--runs", tmp_path / "runs",
+        folder, "serve", shipped("demo"), "--port", 0, "--seconds", 0.5, "--metrics", 0, "--runs", tmp_path / "runs",
     )  # fmt: skip
     assert "metrics: http://127.0.0.1:" in said
     assert len(list((tmp_path / "runs").glob("*/server.mcap"))) == 1
@@ -80,14 +80,14 @@ def test_clients_that_a_command_starts_and_their_recordings(folder: Path, tmp_pa
 
 def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
     said = ran_in(
-        folder, "sweep", shipped("demo.toml"), "--vary", "seed=1:2:2", "--set", "seconds=0.2", "--measure", "passive",
+        folder, "sweep", shipped("demo"), "--vary", "seed=1:2:2", "--set", "seconds=0.2", "--measure", "passive",
         "--out", tmp_path / "out", "--jobs", 2, "--json", "-",
     )  # fmt: skip
     assert json.loads(said)["computed"] == 2
 
 
 def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
-    ran_in(folder, "lab", shipped("demo.toml"), "--set", "seconds=0.5", "--runs", tmp_path / "runs")
+    ran_in(folder, "lab", shipped("demo"), "--set", "seconds=0.5", "--runs", tmp_path / "runs")
     (run,) = (tmp_path / "runs").iterdir()
     at_once = "import os, cogrip.cli.replay\ncogrip.cli.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
     assert "bit by bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)

@@ -106,3 +106,13 @@ def test_lock_holds_every_dependency_by_hash_and_no_address() -> None:
     groups = PROJECT["dependency-groups"]
     wanted = requirement_names(PROJECT["project"]["dependencies"] + groups["build"] + groups["dev"])
     assert wanted <= pinned
+
+
+def test_lock_installs_a_package_only_where_the_project_asks_for_it() -> None:
+    """`dev.py setup` failed on Python 3.13: a package that refuses it stood in the lock without a marker."""
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    extras = [each for extra in PROJECT["project"]["optional-dependencies"].values() for each in extra if ";" in each]
+    assert {re.split(r"[^\w-]", each, maxsplit=1)[0] for each in extras} >= {"ray", "forcedimension-core"}
+    for each in extras:
+        name, version = re.split(r"[^\w-]", each, maxsplit=1)[0], each.rpartition("'")[0].rpartition("'")[2]
+        assert re.search(rf"^{name}==\S+ ; .*python_full_version < '{version}'.* \\$", lock, re.MULTILINE), each

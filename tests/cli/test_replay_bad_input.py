@@ -120,3 +120,19 @@ def test_joining_takes_the_axes_that_were_recorded(
     monkeypatch.setattr(join, "LiveClient", client)
     assert cogrip("join", "127.0.0.1:1", "--device", device, *more)[0] == 2
     assert asked == [(axes, axes)]
+
+
+def test_a_run_of_one_person_names_them_and_what_to_write(run, cogrip):
+    (run / "client-ben.mcap").unlink()
+    (run / "server.mcap").unlink()
+    for device in ("replay:run#user=1", "replay:run#user=ben"):
+        code, _, problem = cogrip("join", "127.0.0.1:9", "--device", device)
+        assert code == 2
+        assert "there is: 0 (anna); write #user=anna" in problem
+    code, _, problem = cogrip("join", "127.0.0.1:9", "--device", "replay:run/nobody#user=1")
+    assert (code, "there is no such run" in problem) == (2, True)
+
+
+def test_the_person_that_is_nearly_named_is_offered(run, cogrip):
+    code, _, problem = cogrip("join", "127.0.0.1:9", "--device", "replay:run#user=bem")
+    assert (code, "there is: 0 (anna), 1 (ben); write #user=ben" in problem) == (2, True)

@@ -261,7 +261,7 @@ def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path,
         head, *rows = csv.reader(file)
     assert head[:2] == ["time_s", "tick"]
     recorded = open_run(folder).clients["anna"].columns("tick", "position_m")
-    assert [float(row[head.index("position_m.0")]) for row in rows] == recorded["position_m"][:, 0].tolist()
+    assert [float(row[head.index("position_m_x")]) for row in rows] == recorded["position_m"][:, 0].tolist()
     assert [float(row[0]) for row in rows] == recorded["time_s"].tolist()
     assert main(["export", str(folder / "client-ben.mcap"), "--to", "csv", "--out", str(tmp_path / "a" / "b")]) == 0
     there = {path.name for path in (tmp_path / "a" / "b").iterdir()}

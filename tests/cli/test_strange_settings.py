@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.settings_file import shipped
+from cogrip.cli.shipped_settings import shipped
 
 from tests.cli.spoiled_runs import Cogrip
 
@@ -36,10 +36,10 @@ def test_settings_that_are_nested_too_deep(
 
 @pytest.mark.parametrize("value", ["[" * DEEP + "]" * DEEP, "{a=" * DEEP + "1" + "}" * DEEP])
 def test_values_of_flags_that_are_nested_too_deep(cogrip: Cogrip, value: str) -> None:
-    code, _, problems = cogrip("lab", shipped("demo.toml"), "--set", f"seed={value}")
+    code, _, problems = cogrip("lab", shipped("demo"), "--set", f"seed={value}")
     assert code == 2
     assert "cogrip: --set seed: the value is nested too deep" in problems
-    code, _, problems = cogrip("sweep", shipped("demo.toml"), "--vary", f"seed={value}")
+    code, _, problems = cogrip("sweep", shipped("demo"), "--vary", f"seed={value}")
     assert code == 2
     assert "nested too deep" in problems
 

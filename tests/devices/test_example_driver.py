@@ -1,6 +1,8 @@
 """The driver that docs/devices.md teaches with is one that works, and another package's family is found and tried like ours."""
 
 import importlib.util
+import textwrap
+import tomllib
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -8,6 +10,7 @@ from types import ModuleType
 
 import pytest
 
+from cogrip.cli.main import main
 from cogrip.devices import DeviceError, make, registry
 from cogrip.devices.conformance import CHECKS, Subject
 
@@ -69,3 +72,36 @@ def test_it_cannot_replace_one_of_ours() -> None:
 def test_it_is_as_short_as_the_docs_say() -> None:
     code = [line for line in EXAMPLE.read_text().split("class EmulatedWheel")[0].splitlines() if line.strip()]
     assert len(code) <= 100
+
+
+@pytest.mark.usefixtures("installed")
+def test_its_stand_in_is_held_in_virtual_time_and_its_hardware_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The way of docs/devices.md: `lab` said of the stand-in that it is hardware."""
+    lab = [
+        "lab",
+        "demo",
+        "--set",
+        "coupling.impedance_nspm=5",
+        "--set",
+        "seconds=0.3",
+        "--json",
+        str(tmp_path / "out.json"),
+    ]
+    assert main([*lab, "--device", "wheel:emulated"]) == 0
+    assert main([*lab, "--device", "wheel:/dev/ttyACM0"]) == 2
+    assert "is hardware, and virtual time would not wait for it" in capsys.readouterr().err
+    assert main(["demo", "--allow-unstable", "--device", "wheel:emulated"]) == 2
+    assert [registry.is_real(address) for address in ("wheel:emulated", "wheel:emulated?x=1", "wheel:x", "wheel:")] == [
+        False, False, True, True,
+    ]  # fmt: skip
+    assert main(["devices", "conform", "wheel:emulated"]) == 0, "nobody is asked to press Enter"
+
+
+def test_the_docs_give_its_whole_package() -> None:
+    page = (EXAMPLE.parents[1] / "devices.md").read_text(encoding="utf-8")
+    block = page.partition("pyproject.toml` that\n")[2].partition("```\n")[2].partition("```")[0]
+    project = tomllib.loads(textwrap.dedent(block))
+    assert project["project"]["entry-points"][registry.GROUP] == {"wheel": "wheel_driver:family"}
+    assert project["project"].keys() >= {"name", "version"}

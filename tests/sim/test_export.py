@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 import struct
 import sys
 import tracemalloc
@@ -16,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.recorded import client_topics
+from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.records import KINDS, Datagram, Record, SeatStep, Step, Tick, kind_of
+from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
@@ -86,7 +88,7 @@ def flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
     """(column, value) of a record's field, written down independently of the code under test."""
     if isinstance(value, tuple):
         for number, one in enumerate(value):
-            yield f"{prefix}.{number}", one
+            yield f"{prefix}_{'xyz'[number]}", one
     else:
         yield prefix, value
 
@@ -126,7 +128,7 @@ def test_every_number_of_a_step_reads_back_under_its_persons_name(folder: Path, 
     columns = read_csv(tmp_path / "server.step.csv")
     for number, (time_s, step) in enumerate(run.steps()):
         assert same(columns["time_s"][number], time_s)
-        assert same(columns["object_m.1"][number], step.object_m[1])
+        assert same(columns["object_m_y"][number], step.object_m[1])
         for seat in step.seats:
             for name in SeatStep.__struct_fields__:
                 for column, one in flat(f"{seat.user}.{name}", getattr(seat, name)) if name != "user" else ():
@@ -155,7 +157,7 @@ def test_datagrams_only_when_asked_for_and_whole(folder: Path, tmp_path: Path) -
 )
 def test_addresses_are_written_as_one_types_them(address: str, text: str | None) -> None:
     datagram = Datagram(b"\x01\xff", address)
-    assert shape_of(datagram).values(datagram) == [text, "01ff"]
+    assert shape_of(datagram).rows(datagram) == [[text, "01ff"]]
 
 
 A_SEAT = SeatStep("anna", True, (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0, 0)
@@ -163,19 +165,104 @@ A_STEP = Step(step=1, object_m=(0.0,), object_mps=(0.0,), seats=(A_SEAT,))
 SAMPLES: dict[str, Record] = {"Tick": a_tick(axes=3), "Step": A_STEP}
 
 
-@pytest.mark.parametrize("record", sorted(set(KINDS.values()) - {Datagram}, key=lambda each: each.__name__))
+@pytest.mark.parametrize("record", sorted(set(KINDS.values()) - {Datagram, Ledger}, key=lambda each: each.__name__))
 def test_no_field_of_a_record_is_forgotten(record: type[Record]) -> None:
     """A field that is added to a record has a column without anybody thinking of it; `unfit` stands in the sample's."""
     sample = SAMPLES.get(record.__name__)
     if sample is None:
         kinds: dict[Any, Any] = {int: 1, str: "x", float: 1.0}
-        sample = record(*(kinds.get(field.type, 1.0) for field in msgspec.structs.fields(record)))
+        fields = msgspec.structs.fields(record)
+        sample = record(**{each.name: "" if each.name == "ticks" else kinds.get(each.type, 1.0) for each in fields})
     shape = shape_of(sample)
-    bare = {part for column in shape.columns for part in column.name.split(".")}
+    bare = {column.name.rpartition(".")[2] for column in shape.columns}
+    bare |= {name.removesuffix("_x") for name in bare} | {name.partition("_")[0] for name in bare}
     assert set(record.__struct_fields__) - {"unfit", "seats"} <= bare
     if record is Step:
-        assert set(SeatStep.__struct_fields__) - {"user"} | {"anna"} <= bare
-    assert len(shape.values(sample)) == len(shape.columns)
+        assert set(SeatStep.__struct_fields__) - {"user"} <= bare
+        assert {column.name.partition(".")[0] for column in shape.columns if "." in column.name} == {"anna"}
+    (row,) = shape.rows(sample)
+    assert len(row) == len(shape.columns)
+
+
+def test_accounts_are_spread_over_columns(folder: Path, tmp_path: Path) -> None:
+    """Every number of the accounts, as the summary has it, under a name with its unit; a row for each seat of a server."""
+    run = open_run(folder)
+    export(run, "csv", tmp_path)
+    summary = json.loads((folder / "summary.json").read_text())
+    for user, file in zip(summary["users"], ("client-anna", "client-ben+r"), strict=True):
+        (account,) = read_csv_rows(tmp_path / f"{file}.account.csv")
+        assert float(account["peak_force_n"]) == user["peak_force_n"]
+        assert [float(account[f"position_m_{axis}"]) for axis in "xy"] == user["position_m"]
+        assert int(account["link_down_lost"]) == user["link"]["down"]["lost"]
+        assert float(account["rtt_ms_p50"]) >= 20.0
+        assert float(account["device_port_leak_j"]) >= 0.0
+    seats = read_csv_rows(tmp_path / "server.account.csv")
+    assert [(seat["room"], seat["user"]) for seat in seats] == [("short", "anna"), ("short", "ben r")]
+    for user, seat in zip(summary["users"], seats, strict=True):
+        assert int(seat["link_up_lost"]) == user["link"]["up"]["lost"]
+        assert [float(seat[f"room_position_m_{axis}"]) for axis in "xy"] == summary["object"]["position_m"]
+        assert "room_ticks_late_us_p99" in seat
+
+
+def read_csv_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+WORDS = {
+    "state", "verb", "reason", "text", "room", "user", "ticket", "grant", "limited_reasons", "room_dropped_reasons",
+}  # fmt: skip
+
+
+def test_every_table_is_plain_numbers_but_for_columns_of_words(folder: Path, tmp_path: Path) -> None:
+    """No list, no object, no flag as a word in any cell: whatever reads a CSV file takes the columns for numbers."""
+    for path, _ in export(open_run(folder), "csv", tmp_path):
+        for name, cells in read_csv(path).items():
+            if name not in WORDS:
+                assert all(cell == "" or math.isfinite(float(cell)) for cell in cells), (path.name, name)
+            if name != "grant":
+                assert not any(cell.startswith(("[", "{")) for cell in cells), (path.name, name)
+
+
+def test_the_docs_tell_of_every_column(folder: Path, tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    export(open_run(folder), "csv", tmp_path)
+    for kind in ("client-anna.tick", "server.step", "client-anna.account", "server.account"):
+        for name in read_csv(tmp_path / f"{kind}.csv"):
+            bare = re.sub(r"_(x|y|p50|p99|p999|max)$", "", name.rpartition(".")[2])
+            told = {bare, name, bare.replace("link_up_", "link_down_"), f"{bare}_p50"}
+            assert any(f"`{each}`" in page for each in told), name
+    for record in (Tick, Step, SeatStep):
+        for name in set(record.__struct_fields__) - {"seats", "user"}:
+            line = f"| `{name}` | {unit_of(name)} | {DESCRIPTIONS[name]} |"
+            assert line in page, f"docs/recordings.md, Exported tables, needs the line {line}"
+
+
+def ledger_file(path: Path, account: str) -> Path:
+    write_recording(
+        path, header("anna", client_topics("anna")), [("tick", 0.0, a_tick()), ("account", 0.0, Ledger(account))]
+    )
+    return path
+
+
+def test_an_account_that_is_shorter_or_has_nulls_has_empty_cells(tmp_path: Path) -> None:
+    """One of an earlier cogrip, or of a session that diverged."""
+    export(open_run(ledger_file(tmp_path / "client-anna.mcap", "[[null],[0.5],null,0.25]")), "csv", tmp_path)
+    (account,) = read_csv_rows(tmp_path / "client-anna.account.csv")
+    assert [account[name] for name in ("position_m_x", "force_n_x", "peak_force_n", "travel_m")] == [
+        "",
+        "0.5",
+        "",
+        "0.25",
+    ]
+    assert set(list(account.values())[5:]) == {""}
+
+
+@pytest.mark.parametrize("account", ["", "7", "[]", "[7]", "{}", '{"room":"a","seats":[1]}'])
+def test_an_account_that_is_none_is_refused_by_name(account: str, tmp_path: Path) -> None:
+    path = ledger_file(tmp_path / "client-anna.mcap", account)
+    with pytest.raises(ExportError, match=r"client-anna\.account\.csv: a message is not what its topic says"):
+        export(open_run(path), "csv", tmp_path / "out")
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -222,7 +309,7 @@ def test_any_ticks_come_back_from_csv(data: st.DataObject, axes: int, tmp_path_f
             given_mps = tuple(map(float, tick.unfit[1])) if tick.unfit[1] else None
         for name, row in (("position_m", position), ("given_mps", given_mps), ("force_n", tick.force_n)):
             for axis in range(axes):
-                assert same(columns[f"{name}.{axis}"][number], row[axis] if row else None)
+                assert same(columns[f"{name}_{'xyz'[axis]}"][number], row[axis] if row else None)
         for name in ("tick", "work_j", "margin_j", "rtt_ms", "state", "late_us"):
             assert same(columns[name][number], getattr(tick, name))
 
@@ -242,7 +329,7 @@ def test_parquet_holds_what_csv_holds(folder: Path, tmp_path: Path, monkeypatch:
             assert all(map(same, texts, values)), (path.name, name)
     ticks_file = parquet.ParquetFile(tmp_path / "client-anna.tick.parquet")
     assert ticks_file.num_row_groups > 1
-    assert str(ticks_file.schema_arrow.field("position_m.0").type) == "double"
+    assert str(ticks_file.schema_arrow.field("position_m_x").type) == "double"
     assert str(ticks_file.schema_arrow.field("tick").type) == "int64"
     assert str(ticks_file.schema_arrow.field("state").type) == "string"
 

@@ -1,6 +1,7 @@
 """Verification of whole runs: bit by bit for every shipped session over bad links, and nothing altered goes unnoticed."""
 
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,15 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.header import Header
 from cogrip.protocol.recording.reader import Damage, Message, Recording, RecordingError, open_recording
-from cogrip.protocol.recording.records import Datagram, Tick, kind_of
+from cogrip.protocol.recording.records import KINDS, Datagram, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.replay.verify import Verdict, verify
 from cogrip.sim.run_folder import client_recording
+
+from tests.recording_files import rewrite
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.toml"))
 FEW = [  # compare.toml is so stiff that the paper's step leaves the room before the end, as it is meant to
@@ -201,6 +204,31 @@ def test_one_digit_of_a_force_is_found(anna: Recorded, data: st.DataObject) -> N
     assert (float(found.recorded), float(found.replayed)) == (float(other), float(text))
     assert verdict.messages == at
     assert not verdict.exact
+
+
+def as_before(kind: str, message: Message) -> bytes:
+    """A message as an earlier cogrip wrote it: fields at their defaults left out."""
+    table = json.loads(message.payload)
+    defaults = {field.name: field.default for field in msgspec.structs.fields(KINDS[kind])}
+    return msgspec.json.encode({key: value for key, value in table.items() if value != defaults[key]})
+
+
+def test_files_that_leave_out_defaults_play_again_and_what_differs_in_them_is_found(
+    folder: Path, tmp_path: Path
+) -> None:
+    for name in ("client-anna.mcap", "server.mcap"):
+        shutil.copy(folder / name, tmp_path)
+        rewrite(tmp_path / name, as_before)
+        assert verify(open_recording(tmp_path / name)).exact, name
+
+    def one_lost(kind: str, message: Message) -> bytes:
+        table = json.loads(as_before(kind, message))
+        return msgspec.json.encode(table | ({"lost": 77} if table.get("tick") == 100 else {}))
+
+    rewrite(tmp_path / "client-anna.mcap", one_lost)
+    found = verify(open_recording(tmp_path / "client-anna.mcap")).difference
+    assert found is not None
+    assert (found.topic, found.field, found.recorded) == ("/anna/tick", "lost", "77")
 
 
 @given(data=st.data())

@@ -40,7 +40,7 @@ def advise_command(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     for_stiffness
         The other way round: the stiffest contact that can be felt with these devices over this link, and which b and K make it.
     laboratory

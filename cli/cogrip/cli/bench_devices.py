@@ -17,7 +17,8 @@ from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.settings_file import load, shipped
+from cogrip.cli.settings_file import load
+from cogrip.cli.shipped_settings import shipped
 from cogrip.protocol.settings import Settings
 from cogrip.sim.run_folder import SUMMARY, write_settings
 
@@ -78,8 +79,8 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
         raise BadInput(f"--seconds {seconds:g} is outside 3 to 3600")
     console = Console(highlight=False, stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    cube = load(shipped("demo.toml"))
-    wall = load(shipped("demo.toml"), ["object.kind=wall"])
+    cube = load(shipped("demo"))
+    wall = load(shipped("demo"), ["object.kind=wall"])
     found: list[Person] = []
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         for name, settings, hands, length_s in (("cube", cube, PULL, seconds), ("wall", wall, PRESS, WALL_S)):

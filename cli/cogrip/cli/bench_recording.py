@@ -19,7 +19,8 @@ from rich.console import Console
 
 from cogrip.cli.hours_written import HoursWritten, write_hours
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.cli.settings_file import load, shipped
+from cogrip.cli.settings_file import load
+from cogrip.cli.shipped_settings import shipped
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings
@@ -74,7 +75,7 @@ def bench_recording(*, blocks: int = 16, seconds: float = 5.0, people: int = 2, 
     if blocks < 4 or blocks % 4 or seconds < 1.0 or not 1 <= people <= 3:
         raise BadInput("bench recording needs 4, 8, 12 ... blocks of at least 1 s, and 1 to 3 people")
     console = Console(highlight=False)
-    settings = load(shipped("three-users.toml"))
+    settings = load(shipped("three-users"))
     console.print(f"{blocks} sessions of {seconds:g} s, {people} of {len(settings.users)} seats, 3 axes")
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         folder = Path(base)
@@ -205,7 +206,7 @@ def _hours(base: Path, name: str, console: Console) -> bool:
 def _long(base: Path, console: Console) -> list[bool]:
     """Half an hour of three people: made by the laboratory, then read in several ways, each in a process of its own."""
     folder = base / "long"
-    write_settings(folder, msgspec.structs.replace(load(shipped("three-users.toml")), seconds=LONG_S))
+    write_settings(folder, msgspec.structs.replace(load(shipped("three-users")), seconds=LONG_S))
     made = _in_child("record", folder)
     paths = sorted(folder.glob("*.mcap"))
     size = sum(path.stat().st_size for path in paths)

@@ -21,7 +21,8 @@ from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.process_memory import Growth, family_of, memory_kb
-from cogrip.cli.settings_file import load, shipped
+from cogrip.cli.settings_file import load
+from cogrip.cli.shipped_settings import shipped
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.link_profile import Link
@@ -57,7 +58,7 @@ def bench_soak(
     minutes
         How long.
     config
-        Settings file; configs/three-users.toml if not given. Its [link] is left out: the relay is the network.
+        Settings file, or a name (`cogrip configs`); three-users if not given. Its [link] is left out: the relay is the network.
     profile
         What the relay does to each direction.
     overrides
@@ -69,7 +70,7 @@ def bench_soak(
         raise BadInput("bench soak reads /proc, which only Linux has")
     if not 0.05 <= minutes <= 24 * 60:
         raise BadInput(f"--minutes {minutes:g}: from 0.05 to 1440")
-    settings = load(config or shipped("three-users.toml"), overrides)
+    settings = load(config or shipped("three-users"), overrides)
     settings = msgspec.structs.replace(settings, link=Link(), seconds=minutes * 60.0)
     console = Console(highlight=False, soft_wrap=True)
     folder = new_run_folder(runs, f"soak-{settings.name}")

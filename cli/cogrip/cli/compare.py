@@ -57,7 +57,7 @@ def compare_methods(
     Parameters
     ----------
     config
-        Settings file; configs/compare.toml is made for this.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`); compare is made for this.
     profiles
         Networks, with commas between: names of link.profile, or `own` for [link] as the settings have it.
     methods

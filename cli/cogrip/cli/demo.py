@@ -15,7 +15,8 @@ from cogrip.cli.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.children import end_all, listening_port, start_child
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
-from cogrip.cli.settings_file import load, shipped, try_hands, with_people
+from cogrip.cli.settings_file import load, try_hands, with_people
+from cogrip.cli.shipped_settings import shipped
 from cogrip.cli.summary_table import terminal_summary
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
@@ -45,7 +46,7 @@ def demo(
     Parameters
     ----------
     config
-        Settings file; configs/demo.toml if not given.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`); demo if not given.
     overrides
         Override a setting: section.key=value. Repeatable.
     hands
@@ -57,7 +58,7 @@ def demo(
     runs
         Folder in which the run's own folder is made.
     """
-    path = config or shipped("demo.toml")
+    path = config or shipped("demo")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
     settings = with_people(settings, hands, device)

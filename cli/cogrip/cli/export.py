@@ -15,8 +15,9 @@ from cogrip.sim.traces import losses
 def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool = False) -> int:
     """Write a run's recordings as tables: a file for each end and kind of message, such as client-anna.tick.csv.
 
-    `time_s` stands first, in seconds of the run; vectors are spread over columns (position_m.0); what is not known is empty. A
-    number in a CSV file reads back as the very same bits. Nothing is overwritten.
+    `time_s` stands first, in seconds of the run; vectors are spread over columns (position_m_x), accounts too
+    (link_up_lost, ticks_late_us_p99); what is not known is empty. A number in a CSV file reads back as the very same bits.
+    Nothing is overwritten.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def feel(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     user
         Whose hand: the user's number.
     delay_frames

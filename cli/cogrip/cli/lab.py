@@ -35,7 +35,7 @@ def lab(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     overrides
         Override a setting: section.key=value. Repeatable; a user's are users.0.key.
     hands

@@ -41,6 +41,7 @@ COMMANDS = {
         "cogrip.cli.compare:compare",
         "Compare methods of sharing an object under the same hands, on networks as they are: one table; resumable.",
     ),
+    "configs": ("cogrip.cli.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
     "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
     "devices": ("cogrip.cli.devices:devices", "Devices: list, find, calibrate, check, emulate."),
     "token": ("cogrip.cli.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),

@@ -64,7 +64,7 @@ def relay(
     Parameters
     ----------
     config
-        Settings file; its [link] and seed are taken.
+        Settings file, or a name (`cogrip configs`); its [link] and seed are taken.
     to
         The server: HOST:PORT, or HOST for the usual port.
     listen

@@ -78,7 +78,8 @@ def serve(
     Parameters
     ----------
     config
-        Settings files, one for each room; a room is called by its `name`.
+        Settings files, or names of those that come with cogrip (`cogrip configs`), one for each room; a room is called by
+        its `name`.
     host
         Address to listen on.
     port
@@ -222,7 +223,9 @@ def _conclude(
 
 def _rooms(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:
     if not config:
-        raise BadInput("serve: name at least one settings file, such as configs/demo.toml")
+        raise BadInput(
+            "serve: name at least one settings file, or one that comes with cogrip (`cogrip configs`), such as demo"
+        )
     if not 0 <= port <= 65535:
         raise BadInput(f"--port {port} is outside 0 to 65535")
     rooms = [load_settings(path, overrides) for path in config]

@@ -1,16 +1,17 @@
-"""Reading a settings file (TOML, or the JSON that a run folder keeps) with its `--set` overrides."""
+"""Reading settings, by file or by name (TOML, or the JSON that a run folder keeps) with its `--set` overrides."""
 
 import difflib
 import json
 import tomllib
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from rich.console import Console
 
 from cogrip.cli.problem import BadInput
+from cogrip.cli.shipped_settings import SUFFIX, is_name, no_such_settings, shipped, shipped_names
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
@@ -21,15 +22,17 @@ NESTED = "is nested too deep for settings, which have three levels; take the bra
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
-    """Raises BadInput, naming the file, for anything wrong in it."""
+    """Settings of a file, or of a bare name such as `demo` those that come with cogrip (README, Use).
+
+    A file of exactly that name comes first; a folder does not count. Raises BadInput, naming the file, for anything wrong
+    in it.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
-        table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        file = _file_of(path)
+        text = file.read_text(encoding="utf-8")
+        table = json.loads(text) if file.suffix == ".json" else tomllib.loads(text)
     except FileNotFoundError:
-        near = [str(found) for found in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        close = difflib.get_close_matches(str(path), near, n=1)
-        cure = f"did you mean {close[0]}?" if close else "give the path of a settings file, such as configs/demo.toml"
-        raise BadInput(f"{path}: there is no such file; {cure}") from None
+        raise BadInput(f"{path}: there is no such file; {_cure(path)}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
@@ -37,8 +40,10 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     except RecursionError:
         raise BadInput(f"{path}: {NESTED}") from None
     if not isinstance(table, dict):
-        raise BadInput(f"{path}: holds no table of settings; give a settings file, such as configs/demo.toml")
-    _place_traces(table, path.parent)
+        raise BadInput(
+            f"{path}: holds no table of settings; give a settings file, or a name of `cogrip configs`, such as demo"
+        )
+    _place_traces(table, file.parent)
     try:
         settings = resolve(table, _overrides(overrides))
     except RecursionError:
@@ -47,6 +52,32 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
         raise BadInput(f"{path}: {error}") from None
     _try_traces(settings, f"{path}: ")
     return settings
+
+
+def _file_of(path: Path) -> Path:
+    """The file that `path` means: the one of that name, else for a bare name the one that comes with cogrip."""
+    if not is_name(path) or path.is_file() or path.name not in shipped_names():
+        return path
+    file, here = shipped(path.name), path.with_suffix(SUFFIX)
+    if here.is_file() and not here.samefile(file):
+        errors = Console(stderr=True, highlight=False, soft_wrap=True)
+        errors.print(f"note: {path} is the one that comes with cogrip; write {here} for the file in this folder")
+    return file
+
+
+def _cure(path: Path) -> str:
+    """What to give in place of a file that does not exist."""
+    if is_name(path):
+        return no_such_settings(path.name)
+    ours = {str(path.with_name(f"{name}{SUFFIX}")): f"{name}, which comes with cogrip" for name in shipped_names()}
+    here = {str(found): str(found) for found in path.parent.glob(f"*{SUFFIX}")}
+    known = ours | here
+    close = difflib.get_close_matches(str(path), known, n=1)
+    return (
+        f"did you mean {known[close[0]]}?"
+        if close
+        else "give the path of a settings file, or a name of `cogrip configs`"
+    )
 
 
 def from_flags(overrides: Sequence[str]) -> Settings:
@@ -122,12 +153,6 @@ def with_people(settings: Settings, hands: Sequence[str], devices: Sequence[str]
         for number, value in enumerate(values):
             users[number] = msgspec.structs.replace(users[number], **{key: value})
     return msgspec.structs.replace(settings, users=tuple(users))
-
-
-def shipped(name: str) -> Path:
-    """The settings file `name` of those that come with cogrip: from the checkout, or from the installed package."""
-    checkout = Path(__file__).resolve().parents[3] / "configs" / name
-    return checkout if checkout.exists() else Path(str(files("cogrip.cli") / "configs" / name))
 
 
 def override(text: str) -> tuple[str, Any]:

@@ -37,7 +37,7 @@ def radius(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     delay_frames
         Delay each way in network frames, in place of the file's link and playout.
     """
@@ -77,7 +77,7 @@ def limit(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     delay_frames
         Delay each way in network frames, in place of the file's link and playout.
     """
@@ -127,7 +127,7 @@ def region(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     out
         Folder for region.png, .svg, .csv and .json. An answer to another question there is never overwritten.
     delays_frames

@@ -48,7 +48,7 @@ def sweep(
     Parameters
     ----------
     config
-        Settings file.
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     vary
         A setting and its values: key=first:last:count, key=first:last:countlog, or key=value,value. Repeatable.
     measure

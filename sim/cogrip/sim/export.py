@@ -18,7 +18,8 @@ from cogrip.protocol.recording.folder import RECOVERED
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.server.recorded import step_topic
-from cogrip.sim.flat_records import NUMBER, Column, Row, Shape, shape_of
+from cogrip.sim.flat_accounts import NUMBER, Column, Row, Shape
+from cogrip.sim.flat_records import shape_of
 from cogrip.sim.records import End, RunRecords
 
 Format = Literal["csv", "parquet"]
@@ -159,9 +160,9 @@ def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: 
 class _Topic:
     """The messages of one topic on their way into a table, which is made with the first of them."""
 
-    def __init__(self, kind: str, path: Path, make: Make, begun: list[Path]) -> None:
+    def __init__(self, kind: str, start: str, path: Path, make: Make, begun: list[Path]) -> None:
         self._decode = msgspec.json.Decoder(KINDS[kind]).decode
-        self._make, self._begun = make, begun
+        self._start, self._make, self._begun = start, make, begun
         self._shape: Shape | None = None
         self._table: Table | None = None
         self.path = path
@@ -170,18 +171,19 @@ class _Topic:
     def write(self, messages: list[Message], offset_s: float) -> None:
         try:
             records = [self._decode(message.payload) for message in messages]
-        except msgspec.MsgspecError as error:
+            shape = self._shape = self._shape or shape_of(records[0], self._start)
+            rows = [
+                [message.time_ns * 1e-9 + offset_s, *row]
+                for message, record in zip(messages, records, strict=True)
+                for row in shape.rows(record)
+            ]
+        except (msgspec.MsgspecError, ValueError, LookupError, TypeError) as error:
             raise ExportError(f"{self.path.name}: a message is not what its topic says: {error}") from None
-        if self._table is None or self._shape is None:
-            self._shape = shape_of(records[0])
+        if self._table is None:
             file = self.path.open("xb")
             self._begun.append(self.path)
-            self._table = self._make(file, [Column("time_s", NUMBER), *self._shape.columns])
-        values, width = self._shape.values, 1 + len(self._shape.columns)
-        rows = [
-            [message.time_ns * 1e-9 + offset_s, *values(record)]
-            for message, record in zip(messages, records, strict=True)
-        ]
+            self._table = self._make(file, [Column("time_s", NUMBER), *shape.columns])
+        width = 1 + len(shape.columns)
         if any(len(row) != width for row in rows):
             raise ExportError(f"{self.path.name}: not all messages have as many axes or seats as the first")
         self._table.write(rows)
@@ -195,7 +197,8 @@ class _Topic:
 def _export_end(end: End, paths: dict[int, Path], make: Make, begun: list[Path]) -> Iterator[Exported]:
     """One pass over the recording for all its tables."""
     topics = {
-        number: _Topic(kind_of(end.recording.topics[number]), path, make, begun) for number, path in paths.items()
+        number: _Topic(kind_of(end.recording.topics[number]), end.recording.header.start, path, make, begun)
+        for number, path in paths.items()
     }
     try:
         for chunk in end.recording.chunks():

@@ -1,95 +1,89 @@
 """Records of a recording as rows of a table, a number a column.
 
-A vector `position_m` becomes `position_m.0`, `position_m.1` ...; a seat's numbers stand under its person
-(`anna.proxy_m.0`). What a record does not tell is None.
+A vector `position_m` becomes `position_m_x`, `position_m_y` ...; a seat's numbers stand under its person
+(`anna.proxy_m_x`); how a loop ran, which is JSON text in a record, is spread out (`ticks_late_us_p99`). What a record does
+not tell is None.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import json
 
 import msgspec
 
-from cogrip.protocol.recording.records import Datagram, Record, SeatStep, Step, Tick
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.recording.records import Datagram, Ledger, Record, SeatStep, Step, Tick
 from cogrip.protocol.recording.records import Row as Vector
 from cogrip.server.recorded import address_of
+from cogrip.sim.flat_accounts import Column, Flat, Row, Shape, account_shape, axes_of, column_of
 
-Row = list[Any]
-NUMBER = "float64"
-_TYPES: dict[Any, str] = {int: "int64", bool: "int64", str: "string"}  # all else is a number that may be missing
-
-
-class Column(NamedTuple):
-    """type: as Arrow calls it."""
-
-    name: str
-    type: str
+_TICKS = Flat(TickCount, 0, "ticks_")
 
 
-class Shape(NamedTuple):
-    """Columns, and what gives a record's values in their order."""
-
-    columns: list[Column]
-    values: Callable[[Any], Row]
-
-
-def shape_of(first: Record) -> Shape:
-    """How records like this one, the first of its topic, become rows."""
+def shape_of(first: Record, start: str = "{}") -> Shape:
+    """How records like this one, the first of its topic, become rows. start: that of the recording's header."""
     if isinstance(first, Tick):
-        shape = _fields_shape(Tick, len(first.force_n))
-        return Shape(shape.columns, lambda tick: shape.values(_as_read(tick) if tick.unfit else tick))
+        shape = _Fields(Tick, len(first.force_n))
+        return Shape(shape.columns, lambda tick: [shape.values(_as_read(tick) if tick.unfit else tick)])
     if isinstance(first, Step):
         return _step_shape(first)
+    if isinstance(first, Ledger):
+        return account_shape(first.account, start)
     if isinstance(first, Datagram):
         return Shape(
             [Column("address", "string"), Column("data_hex", "string")],
-            lambda datagram: [_host_port(datagram.address), datagram.data.hex()],
+            lambda datagram: [[_host_port(datagram.address), datagram.data.hex()]],
         )
-    return _fields_shape(type(first), 0)
+    shape = _Fields(type(first), 0)
+    return Shape(shape.columns, lambda record: [shape.values(record)])
 
 
-def _fields_shape(record: type[Record], axes: int) -> Shape:
+class _Fields:
     """Of the numbers, words and vectors of a record; the fields that are neither are left out."""
-    columns: list[Column] = []
-    plan: list[tuple[str, bool]] = []
-    for field in msgspec.structs.fields(record):
-        vector = field.type in (Vector, Vector | None)
-        if field.name in ("unfit", "seats"):
-            continue
-        plan.append((field.name, vector))
-        if vector:
-            columns += [Column(f"{field.name}.{axis}", NUMBER) for axis in range(axes)]
-        else:
-            columns.append(Column(field.name, _TYPES.get(field.type, NUMBER)))
-    missing = (None,) * axes
 
-    def values(one: Record) -> Row:
-        row: Row = []
-        for name, vector in plan:
-            value = getattr(one, name)
-            if vector:
-                row += missing if value is None else value
+    def __init__(self, record: type[Record], axes: int) -> None:
+        self.columns: list[Column] = []
+        self._plan: list[tuple[str, str]] = []
+        self._missing = (None,) * axes
+        for field in msgspec.structs.fields(record):
+            if field.name in ("unfit", "seats"):
+                continue
+            if field.type in (Vector, Vector | None):
+                self._plan.append((field.name, "vector"))
+                self.columns += axes_of(field.name, axes)
+            elif field.name == "ticks":
+                self._plan.append((field.name, "ticks"))
+                self.columns += _TICKS.columns
             else:
-                row.append(value)
-        return row
+                self._plan.append((field.name, ""))
+                self.columns.append(column_of(field.name, field.type))
 
-    return Shape(columns, values)
+    def values(self, one: Record) -> Row:
+        row: Row = []
+        for name, kind in self._plan:
+            value = getattr(one, name)
+            if not kind:
+                row.append(value)
+            elif kind == "vector":
+                row += self._missing if value is None else value
+            else:
+                row += _TICKS.values(json.loads(value) if value else None)
+        return row
 
 
 def _step_shape(first: Step) -> Shape:
     axes = len(first.object_m)
-    room, seat = _fields_shape(Step, axes), _fields_shape(SeatStep, axes)
+    room, seat = _Fields(Step, axes), _Fields(SeatStep, axes)
     columns = room.columns + [
         Column(f"{each.user}.{name}", kind) for each in first.seats for name, kind in seat.columns if name != "user"
     ]
 
-    def values(step: Step) -> Row:
+    def rows(step: Step) -> list[Row]:
         row = room.values(step)
         for each in step.seats:
             _, seated, *others = seat.values(each)
             row += (int(seated), *others)
-        return row
+        return [row]
 
-    return Shape(columns, values)
+    return Shape(columns, rows)
 
 
 def _as_read(tick: Tick) -> Tick:

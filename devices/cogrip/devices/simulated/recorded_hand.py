@@ -7,10 +7,8 @@ every sample and overshoots none, whatever the gaps. Positions, velocities and t
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.settings import Finite, NotNegative, Positive, unknown
+from cogrip.devices.simulated.csv_table import METRES, SECONDS, Table, read_table
 from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
 
 Array: TypeAlias = NDArray[np.float64]
@@ -31,9 +30,9 @@ MOST_S = 14_400.0  # of a recorded motion: every tick of it is worked out before
 class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
     """Query keys of `csv`; `time` to `origin` are those of a replayed table too (`TableSettings`).
 
-    time, x, y, z   column names; axes without a column do not move
-    scale           metres per unit of the position columns
-    time_scale      seconds per unit of the time column
+    time, x, y, z   column names, `x [mm]` or only `x`; axes without a column do not move
+    scale           metres per unit of the position columns; else the unit in the column's name says
+    time_scale      seconds per unit of the time column; else the unit in its name says
     where           column:value, keep only the rows whose cell is that text
     origin          start: home plus the motion relative to its first sample; keep: positions as recorded
     start_s         the recording's first sample is played then (to the nearest tick); before, the hand rests there
@@ -44,8 +43,8 @@ class RecordedSettings(ImpedanceSettings, frozen=True, kw_only=True):
     x: str
     y: str | None = None
     z: str | None = None
-    scale: Finite = 1.0
-    time_scale: Positive = 1.0
+    scale: Finite | None = None
+    time_scale: Positive | None = None
     where: str | None = None
     origin: Literal["start", "keep"] = "start"
     start_s: NotNegative = 0.0
@@ -130,16 +129,11 @@ def make_recorded(settings: RecordedSettings, axes: int, path: str) -> RecordedH
 def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recording:
     """Read the columns `settings` names; rows are counted as lines of the file, the header being line 1.
 
-    Raises DeviceError: file cannot be read, column missing (with the nearest name and the list), cell not a finite
-    number, time not rising, no row left by `where`, fewer than two rows.
+    Raises DeviceError: file cannot be read, column missing (with the nearest name and the list), unit unknown, cell not a
+    finite number, time not rising, no row left by `where`, fewer than two rows.
     """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            lines, times, columns = _read_rows(csv.reader(file), settings, path)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DeviceError(
-            f"csv hand: cannot read {path!r}: {error}; give the path of a comma-separated text file"
-        ) from error
+    table = read_table(path, (settings.time, settings.x))
+    time_scale, lines, times, columns = _read_rows(table, settings)
     if len(lines) < 2:
         raise DeviceError(f"csv hand: {path!r} has {len(lines)} usable row; a motion needs at least 2")
     time = np.asarray(times)
@@ -150,78 +144,50 @@ def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recordin
             f"csv hand: {path!r} line {lines[k + 1]}: {settings.time}={times[k + 1]!r} is not after {times[k]!r};"
             " if the file holds several recordings, keep one by a row filter, where=column:value"
         )
-    length_s = settings.time_scale * (float(time[-1]) - float(time[0]))
+    length_s = time_scale * (float(time[-1]) - float(time[0]))
     if not length_s <= MOST_S:
         raise DeviceError(
             f"csv hand: {path!r} is {length_s:g} s long, and {MOST_S:g} s is the most; if its times are in other units than s, "
             "say so by time_scale"
         )
     position = np.zeros((len(time), axes))
-    for axis, column in columns.items():
-        position[:, axis] = settings.scale * np.asarray(column)
-    return Recording(settings.time_scale * (time - time[0]), position)
+    for axis, (scale, column) in columns.items():
+        position[:, axis] = scale * np.asarray(column)
+    return Recording(time_scale * (time - time[0]), position)
 
 
 def _read_rows(
-    rows: Any, settings: RecordedSettings, path: str
-) -> tuple[list[int], list[float], dict[int, list[float]]]:
-    """Line numbers, times and axis -> positions, as they stand in the file."""
-    names = [name.strip() for name in next(rows, [])]
+    table: Table, settings: RecordedSettings
+) -> tuple[float, list[int], list[float], dict[int, tuple[float, list[float]]]]:
+    """Seconds per unit of time, line numbers, times and axis -> (metres per unit, positions), as they stand in the file."""
     wanted = {axis: name for axis, name in enumerate((settings.x, settings.y, settings.z)) if name is not None}
-    find = _finder(names, path)
-    time = find(settings.time, "time")
-    columns = {axis: find(name, "xyz"[axis]) for axis, name in wanted.items()}
-    lines, chosen = _choose(rows, settings.where, find, path)
-    positions = {axis: _numbers(chosen, lines, at, names[at], path) for axis, at in columns.items()}
-    return lines, _numbers(chosen, lines, time, names[time], path), positions
+    time = table.find(settings.time, "time")
+    found = {axis: table.find(name, "xyz"[axis]) for axis, name in wanted.items()}
+    time_scale = table.scale(time, SECONDS, settings.time_scale, "time_scale")
+    scales = {axis: table.scale(at, METRES, settings.scale, "scale") for axis, at in found.items()}
+    lines, chosen = _choose(table, settings.where)
+    positions = {axis: (scales[axis], table.numbers(chosen, lines, at)) for axis, at in found.items()}
+    return time_scale, lines, table.numbers(chosen, lines, time), positions
 
 
-def _finder(names: list[str], path: str) -> Callable[[str, str], int]:
-    def find(name: str, key: str) -> int:
-        if name not in names:
-            raise unknown("column", name, names, f"csv hand: {path!r}: {key}={name}")
-        return names.index(name)
-
-    return find
-
-
-def _choose(
-    rows: Any, where: str | None, find: Callable[[str, str], int], path: str
-) -> tuple[list[int], list[list[str]]]:
-    """Line numbers and rows that `where` keeps; empty lines are no rows."""
-    numbered: Iterator[tuple[int, list[str]]] = ((rows.line_num, row) for row in rows if row)
-    if where is None:
-        kept = list(numbered)
-    else:
+def _choose(table: Table, where: str | None) -> tuple[list[int], list[list[str]]]:
+    """Line numbers and rows that `where` keeps."""
+    kept = table.rows
+    if where is not None:
         column, colon, value = where.partition(":")
         if not colon:
             raise DeviceError(f"csv hand: where={where!r} is not column:value")
-        at = find(column, "where")
-        every = list(numbered)
-        kept = [(line, row) for line, row in every if len(row) > at and row[at].strip() == value]
+        at = table.find(column, "where")
+        kept = [(line, row) for line, row in table.rows if len(row) > at and row[at].strip() == value]
         if not kept:
-            there = sorted({row[at].strip() for _, row in every if len(row) > at})
+            there = sorted({row[at].strip() for _, row in table.rows if len(row) > at})
             raise unknown(
-                f"value of column {column!r}", value, there[:20], f"csv hand: {path!r}: where={where} keeps no row"
+                f"value of column {column!r}",
+                value,
+                there[:20],
+                f"csv hand: {table.path!r}: where={where} keeps no row",
             )
     return [line for line, _ in kept], [row for _, row in kept]
-
-
-def _numbers(rows: list[list[str]], lines: list[int], at: int, name: str, path: str) -> list[float]:
-    """Column `at` as finite numbers."""
-    found: list[float] = []
-    for line, row in zip(lines, rows, strict=True):
-        cell = row[at] if at < len(row) else ""
-        try:
-            number = float(cell)
-        except ValueError:
-            number = float("nan")
-        if not isfinite(number):
-            raise DeviceError(
-                f"csv hand: {path!r} line {line}: {name}={cell!r} is not a finite number; mend or filter the row"
-            )
-        found.append(number)
-    return found
 
 
 def minimum_jerk(start: Array, end: Array, rate_hz: int) -> tuple[Array, Array]:

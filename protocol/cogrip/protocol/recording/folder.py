@@ -1,6 +1,7 @@
 """The recordings of a run: files of a folder, whose they are, and in which order people sit."""
 
 import json
+from difflib import get_close_matches
 from pathlib import Path
 
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
@@ -45,5 +46,7 @@ def find_client(path: Path, user: str) -> Recording:
     name = seats[int(user)] if user not in people and user.isdecimal() and int(user) < len(seats) else user
     if name not in people:
         there = ", ".join(f"{seats.index(each)} ({each})" for each in people) or "nobody"
-        raise RecordingError(f"{path} holds no recording of user {user}; there is: {there}")
+        near = get_close_matches(user, people, n=1) or list(people)[:1]
+        cure = f"write #user={near[0]}" if near else "name the run folder of a person"
+        raise RecordingError(f"{path} holds no recording of user {user}; there is: {there}; {cure}")
     return people[name]

@@ -12,10 +12,13 @@ Row = tuple[Number, ...]
 
 
 class Record(msgspec.Struct, frozen=True, gc=False):
-    """What all messages share. A field that is added gets a default, so that older files can be read."""
+    """Base of all messages. Every key is in every message, so that a plot has no holes.
+
+    A field that is added gets a default, so that older files can be read, and a line in `descriptions`.
+    """
 
 
-class Tick(Record, frozen=True, gc=False, omit_defaults=True):
+class Tick(Record, frozen=True, gc=False):
     """One tick of a client: its sample, the force that it answered, and the books after it.
 
     What changes with every tick stands first, what changes with every frame behind it: so it compresses better.
@@ -44,14 +47,14 @@ class Tick(Record, frozen=True, gc=False, omit_defaults=True):
     down_ms: Number = None
 
 
-class Datagram(Record, frozen=True, gc=False, omit_defaults=True):
+class Datagram(Record, frozen=True, gc=False):
     """A datagram as it was, and at the server whose: the address as its socket names it, as JSON text."""
 
     data: bytes
     address: str = ""
 
 
-class Command(Record, frozen=True, gc=False, omit_defaults=True):
+class Command(Record, frozen=True, gc=False):
     """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room where nobody sits."""
 
     verb: str
@@ -60,7 +63,7 @@ class Command(Record, frozen=True, gc=False, omit_defaults=True):
     ticks: str = ""  # of the loop, as JSON text
 
 
-class Asked(Record, frozen=True, gc=False, omit_defaults=True):
+class Asked(Record, frozen=True, gc=False):
     """What a server core was told when it asked: a new session's number, a ticket's mark, whether somebody may come in, or
     how a room's loop runs."""
 
@@ -91,7 +94,7 @@ class SeatStep(Record, frozen=True, gc=False):
     lost: int
 
 
-class Step(Record, frozen=True, gc=False, omit_defaults=True):
+class Step(Record, frozen=True, gc=False):
     """One step of a room: its object and its seats, after it."""
 
     step: int

@@ -1,0 +1,131 @@
+"""Settings that come with cogrip, by name: in every command, listed, shown, copied; and a file of that name."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from cogrip.cli.main import main
+from cogrip.cli.settings_file import load
+from cogrip.cli.shipped_settings import shipped, shipped_names, summary_of
+
+from tests.cli.spoiled_runs import Cogrip
+
+ROOT = Path(__file__).parents[2]
+CONFIGS = ROOT / "configs"
+
+
+@pytest.fixture(autouse=True)
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_every_file_has_a_name_and_a_line_that_ends() -> None:
+    assert shipped_names() == sorted(path.stem for path in CONFIGS.glob("*.toml"))
+    for name in shipped_names():
+        assert load(Path(name)) == load(CONFIGS / f"{name}.toml")
+        summary = summary_of(name)
+        assert summary.endswith("."), summary
+        assert len(summary) <= 100, summary
+
+
+@pytest.mark.parametrize("columns", ["80", "120"])
+@pytest.mark.parametrize("command", [["configs"], ["configs", "list"]])
+def test_list(command: list[str], columns: str, monkeypatch: pytest.MonkeyPatch, cogrip: Cogrip) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    code, out, _ = cogrip(*command)
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == shipped_names()
+    assert "lan            Two people on one local network" in out
+    assert all(len(line) <= int(columns) for line in out.splitlines())
+
+
+def test_show_and_copy(cogrip: Cogrip, empty_folder: Path) -> None:
+    text = (CONFIGS / "wan.toml").read_text()
+    assert cogrip("configs", "show", "wan")[:2] == (0, text)
+    assert cogrip("configs", "copy", "wan")[0] == 0
+    assert Path("wan.toml").read_text() == text
+    code, _, problem = cogrip("configs", "copy", "wan")
+    assert (code, "wan.toml: exists, and nothing is overwritten" in problem) == (2, True)
+    Path("folder").mkdir()
+    assert cogrip("configs", "copy", "wan", "folder")[0] == 0
+    assert Path("folder/wan.toml").read_text() == text
+    code, _, problem = cogrip("configs", "copy", "wan", "nowhere/x.toml")
+    assert (code, "cannot be written" in problem) == (1, True)
+    code, _, problem = cogrip("configs", "show", "wam")
+    assert code == 2
+    assert "did you mean wan? There are: compare, demo" in problem
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["lab", "lan", "--set", "seconds=0.1"],
+        ["advise", "wan"],
+        ["feel", "demo"],
+        ["stability", "radius", "demo"],
+        ["sweep", "demo", "--vary", "seed=1:2:2", "--set", "seconds=0.1", "--measure", "passive"],
+    ],
+)
+def test_a_bare_name_stands_for_the_file(command: list[str], cogrip: Cogrip) -> None:
+    code, _, problem = cogrip(*command)
+    assert code == 0, problem
+
+
+def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(
+    capsys: pytest.CaptureFixture[str], empty_folder: Path
+) -> None:
+    Path("demo").mkdir()
+    assert load(Path("demo")).name == "demo"
+    Path("demo").rmdir()
+    Path("demo").write_text('name = "mine"')
+    assert load(Path("demo")).name == "mine"
+    assert capsys.readouterr().err == ""
+
+
+def test_a_copy_beside_it_is_told_of(cogrip: Cogrip) -> None:
+    """`demo` is always the same, whatever stands in the folder; but whoever edited a copy learns how to name it."""
+    Path("demo.toml").write_text('name = "mine"\nseconds = 0.1')
+    code, out, problem = cogrip("lab", "demo", "--set", "seconds=0.1", "--json", "-")
+    assert code == 0
+    assert json.loads(out)["name"] == "demo"
+    assert "note: demo is the one that comes with cogrip; write demo.toml for the file in this folder" in problem
+    assert json.loads(cogrip("lab", "demo.toml", "--json", "-")[1])["name"] == "mine"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("dmo", "dmo: there is no such file; no settings of that name come with cogrip; did you mean demo? There are:"),
+        ("qqq", "no settings of that name come with cogrip. There are: compare, demo, five-users,"),
+        ("demo.toml", "demo.toml: there is no such file; did you mean demo, which comes with cogrip?"),
+        ("configs/demo.toml", "configs/demo.toml: there is no such file; did you mean demo, which comes with cogrip?"),
+        ("mien.toml", "did you mean mine.toml?"),
+        ("a/b/qqq", "give the path of a settings file, or a name of `cogrip configs`"),
+    ],
+)
+def test_what_is_not_there_is_said_with_what_is(given: str, words: str, cogrip: Cogrip) -> None:
+    Path("mine.toml").write_text('name = "mine"')
+    code, _, problem = cogrip("lab", given)
+    assert code == 2
+    assert words in problem
+
+
+def test_a_wheel_holds_them_once_and_no_second_copy_is_in_the_tree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hatchling.builders.wheel import WheelBuilder
+
+    if not (ROOT / "pyproject.toml").exists():
+        pytest.skip("needs a checkout")
+    (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path / "dist"), versions=["standard"])
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if name.endswith(".toml")}
+    assert held == {f"cogrip/cli/configs/{name}.toml" for name in shipped_names()}
+    assert not (ROOT / "cli/cogrip/cli/configs").exists()
+    zipfile.ZipFile(wheel).extractall(tmp_path / "installed")
+    monkeypatch.setattr("cogrip.cli.shipped_settings.files", lambda package: tmp_path / "installed/cogrip/cli")
+    assert shipped("demo").is_relative_to(tmp_path)
+    assert load(Path("demo")) == load(CONFIGS / "demo.toml")
+    assert main(["configs", "show", "lan"]) == 0
