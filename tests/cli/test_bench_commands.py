@@ -140,7 +140,9 @@ def test_a_run_in_which_nothing_comes_has_no_best_depth() -> None:
     assert fixed_delays([Arrivals(128, ((), (0,), ()))])[0].lost == 2
 
 
-@pytest.mark.parametrize(("number", "reason"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+@pytest.mark.parametrize(
+    ("number", "reason"), [(signal.SIGINT, "stopped (SIGINT)"), (signal.SIGTERM, "stopped (SIGTERM)")]
+)
 def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
     number: signal.Signals, reason: str, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,6 +1,8 @@
 """Whole sessions as their users run them: processes, UDP on loopback, signals, kills."""
 
 import json
+import os
+import re
 import signal
 import socket
 from pathlib import Path
@@ -120,13 +122,36 @@ def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
 def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
     server, port = serve(DEMO)
     person = run("join", f"127.0.0.1:{port}", *leaving(tmp_path / "person"))
-    person.hear("holds cube")
-    server.signal(signal.SIGINT)
+    timed = run("join", f"127.0.0.1:{port}", "--seconds", "600", *leaving(tmp_path / "timed"))
+    looks_on = run("join", f"127.0.0.1:{port}", "--observe")
+    for each in (person, timed):
+        each.hear("holds cube")
+    looks_on.hear("object at|nothing seen")
+    server.signal(signal.SIGTERM)
     assert server.end() == 0, server.said
-    assert person.end() == 1
-    assert "the server said goodbye: interrupted" in person.said
+    assert "\nstopped (SIGTERM)\n" in server.said
+    assert person.end() == 0, "a server that is told to end is no failure"
+    assert "the session is over, no force is left: the server was stopped (SIGTERM)\n" in person.said
+    assert timed.end() == 1, "but not all of the time that was asked for"
+    assert re.search(
+        r"broke off, no force is left: the server was stopped \(SIGTERM\) after \S+ of --seconds 600", timed.said
+    )
+    assert looks_on.end() == 0
+    assert "the looking on is over: the server was stopped (SIGTERM)\n" in looks_on.said
     # the client's account still reached the server
     assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
+
+
+@pytest.mark.parametrize("stop", [("--stop-s", "0.75"), ()])
+def test_a_replay_that_has_run_out_ends_its_session(run, serve, tmp_path, stop):
+    hand = tmp_path / "hand.csv"
+    hand.write_text("t,x\n" + "".join(f"{tick / 100},{0.0001 * tick}\n" for tick in range(101)))
+    _, port = serve(DEMO)
+    person = run("join", f"127.0.0.1:{port}", "--device", f"replay:{hand}#time=t&x=x", *stop, *leaving(tmp_path / "a"))
+    assert person.end() == 0, person.said
+    assert "the session is over, no force is left: the replay has run out\n" in person.said
+    (user,) = [user for user in summary_in(tmp_path / "a")["users"] if user["ticks"]["run"]]
+    assert user["ticks"]["due"] >= (768 if stop else 1024)
 
 
 def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
@@ -139,7 +164,7 @@ def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
     for person, name in zip(people, ("one", "two"), strict=True):
         assert person.end() == 1
         assert "force released" in person.said
-        assert "silent" in person.said
+        assert "the session broke off, no force is left: no server for 10 s" in person.said
         user = summary_in(tmp_path / name)["users"][0]
         assert user["force_n"] == [0.0]
     (folder,) = (tmp_path / "one").iterdir()
@@ -240,6 +265,40 @@ def test_the_demo(run, tmp_path):
     assert summary_in(tmp_path)["passive"]
     assert (folder / "report.html").exists()
     assert len(list((folder / "plots").glob("*.png"))) >= 5
+
+
+def child_of(demo, log):
+    """The process id of the child of a demo whose output goes to a file of this name."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            ours = int((folder / "stat").read_text().rpartition(")")[2].split()[1]) == demo.popen.pid
+            if ours and (folder / "fd" / "1").readlink().name == log:
+                return int(folder.name)
+        except (OSError, ValueError):  # it has ended meanwhile
+            continue
+    raise AssertionError(f"no child writes {log}")
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="children are found in /proc")
+@pytest.mark.parametrize(
+    ("log", "number", "code", "told"),
+    [
+        ("server.log", signal.SIGTERM, 1, r"\nanna: the server was stopped \(SIGTERM\) after .* \(exit code 1\); see"),
+        ("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
+        ("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
+        ("client-anna.log", signal.SIGKILL, 1, r"\nanna: was killed by SIGKILL; see .*client-anna.log\n"),
+    ],
+)  # fmt: skip
+def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, told):
+    seconds = "30" if (log, number) == ("server.log", signal.SIGKILL) else "6"
+    demo = run("demo", "--seconds", seconds, "--runs", tmp_path)
+    demo.hear("everyone holds on")
+    until(lambda: steps_in(tmp_path) > 2 * 128, "two seconds of steps")  # so that the object has moved
+    os.kill(child_of(demo, log), number)
+    assert demo.end() == code, demo.said
+    assert re.search(told, demo.said), demo.said
+    assert "joined from" not in demo.said, "no line of a log in place of a reason"
+    assert "trying to come back" not in demo.said
 
 
 def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):

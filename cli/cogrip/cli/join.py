@@ -26,6 +26,7 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
+from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.protocol.channel import Channel, PlainChannel
 from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -36,7 +37,7 @@ from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
 from cogrip.sim.analysis.plausible import hand_findings
-from cogrip.sim.judgement import succeeded
+from cogrip.sim.judgement import succeeded, why_not
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.run_folder import client_recording, write_account
 from cogrip.sim.summary import of_client
@@ -73,11 +74,12 @@ def join(
     rearm: bool | None = None,
     allow_unstable: AllowUnstable = False,
 ) -> int:
-    """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
+    """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, the end of a replay, or the server's goodbye.
 
     A link is all that is needed. An observer's shows the room and needs no device. A server that falls silent is sought
     again for 10 s, without force.
-    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off.
+    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off, or the
+    server was stopped before --seconds were over.
 
     Parameters
     ----------
@@ -108,7 +110,7 @@ def join(
     start_s
         Of a `replay:` device: where in the recording to begin. As its key start_s=.
     stop_s
-        Of a `replay:` device: where in the recording to end. As its key stop_s=.
+        Of a `replay:` device: where in the recording to end, and with it this session. As its key stop_s=.
     seconds
         Leave by yourself after so long.
     runs
@@ -157,7 +159,7 @@ def join(
         say = partial(console.print, markup=False)
         client = LiveClient(
             arm, hello, calls, stop, say, LinkEmulator, record_at, seconds, rearms,
-            partial(_judge, address, allow_unstable, console), allow_unstable,
+            partial(_judge, address, allow_unstable, console), partial(_played_out, arm), allow_unstable,
         )  # fmt: skip
         try:
             ended = client.run()
@@ -286,11 +288,16 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     counts = ", ".join(f"{name} {count}" for name, count in sorted(ended.counts.items()) if count)
     if counts:
         console.print(f"{ended.seat.user}: dealt with: {counts}", markup=False)
-    if ended.failed:
-        console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}", markup=False)
+    user, well = ended.seat.user, succeeded(summary)
     if alone:
         leave_files(folder, summary, console, shown=report or folder is None, report=report)
-    return 0 if not ended.failed and succeeded(summary) else 1
+    if ended.failed:
+        console.print(f"{user}: the session broke off, no force is left: {ended.failed}", markup=False)
+    elif ended.ended:
+        console.print(f"{user}: the session is over, no force is left: {ended.ended}", markup=False)
+    if not ended.failed and not well:
+        console.print(f"{user}: not a good run: {why_not(summary)}", markup=False)
+    return 0 if not ended.failed and well else 1
 
 
 def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSettings, record: Capability) -> str:
@@ -315,6 +322,11 @@ def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSetti
         if text not in refused:
             console.print(f"warning: {text}", markup=False)
     return _refused("; ".join(refused), address) if refused else ""
+
+
+def _played_out(device: Device) -> str:
+    """Say that a replay has come to its end, "" while it plays; other devices have none."""
+    return "the replay has run out" if isinstance(device, ReplayedDevice) and device.played_out else ""
 
 
 def _refused(words: str, address: str) -> str:

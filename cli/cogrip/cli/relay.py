@@ -133,7 +133,7 @@ def relay(
     if terminal:
         lines.put("\n")
     console.file = told = StringIO()  # to be put with the lines: it may find no reader either
-    console.print(f"stopped: {stop.reason}", markup=False)
+    console.print(f"ended: {stop.reason}", markup=False)
     console.print(_table(live))
     _print_rest(live, console)
     lines.put(told.getvalue(), wait=True)

@@ -154,7 +154,7 @@ def serve(
                 server.run()
             finally:
                 keeper.end(said_goodbye=bool(stop.reason))
-            say(f"stopped: {stop.reason}")
+            say(stop.reason)
             losses = {**server.drops(), **server.losses(), **keeper.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
 
