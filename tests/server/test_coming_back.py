@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
-from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import CheckpointError, decode, encode
@@ -295,6 +295,33 @@ def test_a_seat_is_kept_for_so_long_and_no_longer() -> None:
     after.now_ns += 1
     assert after.welcome("s", name="anna").settings.user == "anna"
     assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
+
+
+def test_whoever_finds_no_free_seat_hears_how_many_are_kept_and_for_how_long() -> None:
+    before, _ = moved()
+    before.welcome("y", name="ben", nonce=2)
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core.restore(checkpoint, after.now_ns)
+    after.now_ns += RESERVED_NS // 2
+    refuse = after.refused("s", token="p")
+    kept = "kept for another 3 s for someone who lost their connection; try again then"
+    assert (refuse.code, refuse.reason) == ("full", f"the room has no free seat: 0 taken, 2 {kept}")
+    refuse = after.refused("s", token="p", name="anna")
+    assert (refuse.code, refuse.reason) == ("taken", f"the seat of 'anna' is {kept}")
+    after.again("x", "ticket-1", nonce=5)
+    assert after.refused("s", token="p").reason == f"the room has no free seat: 1 taken, 1 {kept}"
+    assert after.refused("s", token="p", name="anna").reason.startswith("the seat of 'anna' is taken")
+
+
+def test_a_seat_whose_person_is_silent_is_kept_until_they_are_lost() -> None:
+    desk = Guarded(room(people=("anna",)))
+    desk.welcome("x")
+    assert desk.refused("s", token="p").reason == "the room is full: all 1 seats are taken"
+    desk.now_ns += QUIET_NS
+    reason = desk.refused("s", token="p").reason
+    assert "0 taken, 1 kept for another 2 s" in reason
+    assert "anna" not in reason
 
 
 @pytest.mark.parametrize(

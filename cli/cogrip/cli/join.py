@@ -32,7 +32,7 @@ from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.session import ClientSession, make_hello
+from cogrip.protocol.session import IN_ORDER, ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
@@ -79,7 +79,7 @@ def join(
     A link is all that is needed. An observer's shows the room and needs no device. A server that falls silent is sought
     again for 10 s, without force.
     Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off, or the
-    server was stopped before --seconds were over.
+    server ended it.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
         console.print(f"{user}: the session is over, no force is left: {ended.ended}", markup=False)
     if not ended.failed and not well:
         console.print(f"{user}: not a good run: {why_not(summary)}", markup=False)
-    return 0 if not ended.failed and well else 1
+    return 0 if well and not ended.failed and not ended.ended.startswith(IN_ORDER) else 1
 
 
 def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSettings, record: Capability) -> str:

@@ -48,7 +48,7 @@ def look_on(session: ClientSession, calls: Calls, stop: Stop, seconds: float | N
         say(f"{_name(core)}: the looking on broke off: {failed}")
     elif session.ended:
         say(f"{_name(core)}: the looking on is over: {session.ended}")
-    return 1 if failed or (session.ended and seconds is not None) else 0
+    return 1 if failed or session.ended else 0
 
 
 class Every:

@@ -59,6 +59,7 @@ def serve(
     seal: bool = False,
     insecure: bool = False,
     state: Path | None = None,
+    fresh: Annotated[bool, Parameter(negative="")] = False,
     public: str | None = None,
     links: bool = True,
     log: Literal["text", "json"] = "text",
@@ -89,6 +90,8 @@ def serve(
         Do not seal, whatever the address: anyone who can reach it may join, and may forge what moves a motor.
     state
         Folder for key, tokens, checkpoints; one of this user's for each port if not given (with --port 0: none).
+    fresh
+        Begin with every object at its start and every seat free, not where a server that was killed left them.
     public
         HOST or HOST:PORT by which people reach this server, for its links; guessed if not given.
     links
@@ -137,7 +140,7 @@ def serve(
             _write_settings(rooms, folders, run_folder, say)
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
-            keeper = Keeper(server, say, folder=folder, door=door, metrics=feed, software=VERSION)
+            keeper = Keeper(server, say, folder=folder, door=door, metrics=feed, software=VERSION, fresh=fresh)
         except (MetricsError, StateError) as error:
             server.close()
             raise Problem(str(error)) from None

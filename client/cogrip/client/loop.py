@@ -217,7 +217,7 @@ class LiveClient:
                 over = bool(self.over()) or (last_tick is not None and tick >= last_tick)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
-                    failed = failed or self._cut_short(tick, last_tick, now_ns)
+                    failed = failed or self._unheard(now_ns)
                     if safety.state == "fault":
                         failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
@@ -245,14 +245,12 @@ class LiveClient:
         failed, trouble = self._core.session.failed, self.calls.failed
         return f"{failed}; the last way to it: {trouble}" if failed and trouble else failed
 
-    def _cut_short(self, tick: int, last_tick: int | None, now_ns: int) -> str:
-        """Why an end that is no failure came too early, or unheard by the server; "" otherwise."""
+    def _unheard(self, now_ns: int) -> str:
+        """Why an end that is no failure by itself is one: the server does not hear of it; "" otherwise."""
         session = self._core.session
-        if session.state == "resuming":
-            return f"the server was silent for the last {(now_ns - session.last_heard_ns) / 1e9:.1f} s"
-        if session.ended and last_tick is not None and tick < last_tick:
-            return f"{session.ended} after {tick / last_tick * (self.seconds or 0.0):.1f} of --seconds {self.seconds:g}"
-        return ""
+        if session.state != "resuming":
+            return ""
+        return f"the server was silent for the last {(now_ns - session.last_heard_ns) / 1e9:.1f} s"
 
     def _tell_session(self, before: str, after: str) -> None:
         if after == "resuming":
