@@ -13,6 +13,7 @@ from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
+from cogrip.server.present import people_of
 from cogrip.server.room import RESERVED_NS
 
 from tests.server.test_server_core import Desk, hello, room, waves
@@ -160,6 +161,17 @@ def test_a_ticket_does_not_open_a_seat_for_another_device_record(changed: dict[s
     assert isinstance(answer, Refuse)
     assert answer.code == "device"
     assert desk.core.knows("x")
+
+
+def test_a_long_device_address_is_known_whole_and_comes_back() -> None:
+    device = "replay:/var/lab/2026/anna/the third of the runs#user=anna&start_s=2"
+    desk = Guarded()
+    first = desk.welcome("x", device=device)
+    assert desk.core.events[-1].text.endswith(f"with {device}")
+    assert [each.device for each in people_of(desk.core.rooms, desk.now_ns)] == [device]
+    assert isinstance(desk.again("y", first.ticket, device=device), Welcome)
+    other = device.replace("start_s=2", "start_s=3")
+    assert isinstance(desk.again("z", first.ticket, device=other), Refuse), "it is a part of the record"
 
 
 def test_kicked_by_name_and_room_with_the_reason_on_both_sides() -> None:

@@ -20,6 +20,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
+    DEVICE_BYTES,
     MAGIC,
     NO_BOUND,
     PROTOCOL_VERSION,
@@ -301,7 +302,7 @@ def make_hello(
 ) -> Hello:  # fmt: skip
     """A hello. force_n, speed_mps: the device record's; what is infinite there is said as NO_BOUND."""
     return Hello(
-        MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, device[:40], axes, rate_hz,
+        MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, messages.clipped(device, DEVICE_BYTES), axes, rate_hz,
         min(force_n, NO_BOUND), min(speed_mps, NO_BOUND), role, token,
     )  # fmt: skip
 
