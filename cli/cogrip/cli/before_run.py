@@ -42,10 +42,20 @@ def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple
         warnings, refused = advice_on(settings)
     except DeviceError as error:
         raise BadInput(str(error)) from None
-    first = [] if allow_unstable else (*also, *refused)[:1]
-    warn([text for text in dict.fromkeys((*warnings, *also)) if text not in first])
+    names = [user.name for user in settings.users]
+    first = "" if allow_unstable else next(iter(together((*also, *refused), names)), "")
+    warn([text for text in together((*warnings, *also), names) if text != first])
     if first:
-        raise BadInput(f"refused: {first[0]}{ALLOW}")
+        raise BadInput(f"refused: {first}{ALLOW}")
+
+
+def together(texts: Iterable[str], names: Iterable[str]) -> list[str]:
+    """Return each text once: what is said of several people in the same words is said of all of them at once."""
+    known, who = set(names), dict[str, list[str]]()
+    for text in dict.fromkeys(texts):
+        name, colon, words = text.partition(": ")
+        who.setdefault(words if colon and name in known else text, []).extend([name] if colon and name in known else [])
+    return [f"{', '.join(people)}: {words}" if people else words for words, people in who.items()]
 
 
 def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = False) -> None:

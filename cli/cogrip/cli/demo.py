@@ -13,6 +13,7 @@ from rich.live import Live
 
 from cogrip.cli.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.children import end_all, how_ended, listening_port, start_child, stated_reason
+from cogrip.cli.flag_errors import above_zero
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, shipped, try_hands, with_people
@@ -57,6 +58,7 @@ def demo(
     runs
         Folder in which the run's own folder is made.
     """
+    above_zero("--seconds", seconds)
     path = config or shipped("demo.toml")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)

@@ -14,6 +14,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.before_run import ALLOW, HELD_BY_NOBODY, AllowUnstable, refuse_hardware, tell_implausible
+from cogrip.cli.flag_errors import above_zero
 from cogrip.cli.leave_files import leave_files
 from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
@@ -125,6 +126,7 @@ def join(
         Stay after a fault, without force, until `r` and Enter, or SIGUSR1, re-arms; else a fault ends the session. Yes at a
         terminal, no elsewhere.
     """
+    above_zero("--seconds", seconds)
     console = Console(highlight=False, soft_wrap=True)
     settings = load(config, overrides) if config else None
     if overrides and not config:

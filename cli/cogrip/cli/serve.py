@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.before_run import together
 from cogrip.cli.leave_files import leave_files
 from cogrip.cli.log_lines import LogLines
 from cogrip.cli.new_run import live_run_folder
@@ -371,5 +372,5 @@ def _warn(settings: Settings, say: Say) -> None:
         warnings = advise(settings).warnings
     except (ModelError, DeviceError) as error:
         warnings = (f"no advice: {error}",)
-    for text in warnings:
+    for text in together(warnings, [user.name for user in settings.users]):
         say(f"warning: room {settings.name}: {text}")
