@@ -55,7 +55,6 @@ app = App(
     version=VERSION,
     help="Several people hold one virtual object together over a network, and feel it and each other.",
     suppress_keyboard_interrupt=False,
-    help_format="plaintext",  # others take <name> and [key] for markup
 )
 for _name, (_target, _help) in COMMANDS.items():
     app.command(_target, name=_name, help=_help)

@@ -88,7 +88,7 @@ def relay(
     seconds
         Stop by yourself after so long.
     json
-        Write the summary as JSON to this file (- for standard output).
+        Write the answer as JSON to this file (- for standard output).
     """
     link, seed = _link(config, overrides, profile, seed, {"up": up_trace, "down": down_trace})
     script: Mapping[Way, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
