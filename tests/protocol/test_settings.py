@@ -164,7 +164,7 @@ def test_a_welcome_that_would_bring_infinities_is_malformed(place: str, least: f
         if allowed:
             msgspec.msgpack.decode(text, type=SeatSettings)
         else:
-            with pytest.raises(msgspec.ValidationError, match="[Ee]xpect"):
+            with pytest.raises(msgspec.ValidationError, match=r"[Ee]xpect"):
                 msgspec.msgpack.decode(text, type=SeatSettings)
 
 
