@@ -66,9 +66,10 @@ def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = Fals
     said: dict[str, list[str]] = {}
     for name, settings in sessions.items():
         warnings, _ = advice_on(settings)
-        for text in warnings:
+        for text in together(warnings, [user.name for user in settings.users]):
             said.setdefault(text, []).append(name)
-    refused = next((text for settings in sessions.values() for text in overloads(settings)), "")
+    all_of = ((settings, [user.name for user in settings.users]) for settings in sessions.values())
+    refused = next((text for settings, names in all_of for text in together(overloads(settings), names)), "")
     first = "" if allow_unstable else refused
     warn([f"{', '.join(names)}: {text}" for text, names in said.items() if text != first])
     if first:
