@@ -39,7 +39,7 @@ REFUSED = {
         ("--set rates.network_hz=64", "sets rates.network_hz itself"),
         ("--set object.kind=wall", "sets object.kind itself"),
         ("--set object.axes=2", "sets object.axes itself"),
-        ("--set playout.redundancy=0", "--set: playout.redundancy = 0"),
+        ("--set playout.redundancy=0", "--set: playout.redundancy: expects a whole number of at least 1"),
         ("--seeds 1000000000", "--seeds 1000000000: at least one seed and at most 10000"),
         ("--loose-seeds -1", "--loose-seeds -1: from 0"),
         ("--people 2,x", "--people 2,x: from 2 to 16 people, with commas between; 'x' is not"),
@@ -140,7 +140,9 @@ def test_a_run_in_which_nothing_comes_has_no_best_depth() -> None:
     assert fixed_delays([Arrivals(128, ((), (0,), ()))])[0].lost == 2
 
 
-@pytest.mark.parametrize(("number", "reason"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+@pytest.mark.parametrize(
+    ("number", "reason"), [(signal.SIGINT, "stopped (SIGINT)"), (signal.SIGTERM, "stopped (SIGTERM)")]
+)
 def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
     number: signal.Signals, reason: str, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:

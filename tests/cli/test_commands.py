@@ -70,8 +70,14 @@ def test_a_run_leaves_its_folder(tmp_path, capsys):
         (["lab", "configs/dmo.toml"], "there is no such file"),
         (["lab", DEMO, "--set", "coupling.stifness_npm=1"], "did you mean coupling.stiffness_npm?"),
         (["lab", DEMO, "--set", "rates.device_hz=1000"], "not a whole multiple of rates.network_hz = 128"),
-        (["lab", DEMO, "--set", "coupling.stiffness_npm=-1"], "coupling.stiffness_npm = -1"),
-        (["lab", DEMO, "--set", "coupling.kind=warp"], "coupling.kind = 'warp'"),
+        (
+            ["lab", DEMO, "--set", "coupling.stiffness_npm=-1"],
+            "coupling.stiffness_npm: expects a number of at least 0, in N/m; got -1",
+        ),
+        (
+            ["lab", DEMO, "--set", "coupling.kind=warp"],
+            'coupling.kind: expects "wave", "coupling" or "tdpa"; got \'warp\'',
+        ),
         (["lab", DEMO, "--set", "users.7.name=x"], "there is no user number 7"),
         (["lab", DEMO, "--set", "nonsense"], "section.key=value"),
         (["lab", DEMO, "--set", "coupling.compensate=true"], "An impedance above"),

@@ -53,7 +53,7 @@ NO_NAME = "this is for looking on: --name has no effect"
         ([f"-{TOKEN}"], 2, "unknown option before the server"),
         ([f"--{TOKEN}"], 2, "unknown option before the server"),
         (["--devcie", "x", LINK], 2, "unknown option --devcie before the server"),
-        ([LINK, "--devcie", "x"], 2, "Did you mean --device?"),
+        ([LINK, "--devcie", "x"], 2, "did you mean --device?"),
         ([LINK, "x"], 2, "one link or HOST:PORT is needed, and 2 words stand there"),
         (["my", "link:", LINK], 2, "one link or HOST:PORT is needed, and 3 words stand there"),
         (["cogrip", "join"], 2, "host: there is none"),

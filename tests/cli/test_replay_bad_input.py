@@ -26,7 +26,7 @@ from tests.recording_files import rewrite
         (("empty", "--verify"), "empty holds no recording that can be read"),
         (("run", "--what-if", "--set", "coupling.impedence_nspm=50"), "did you mean coupling.impedance_nspm?"),
         (("run", "--what-if", "--set", "nonsense"), "section.key=value"),
-        (("run", "--what-if", "--set", "coupling.impedance_nspm=-1"), "coupling.impedance_nspm = -1"),
+        (("run", "--what-if", "--set", "coupling.impedance_nspm=-1"), "coupling.impedance_nspm: expects a number"),
         (("run", "--what-if", "--set", "users.0.device=sim:phantm"), "sim:phantm"),
         (("run", "--what-if", "--hands", "impedance", "--set", "rates.device_hz=2048"), "was recorded at 1024 Hz"),
         (("run", "--what-if", "--hands", "both"), "both"),

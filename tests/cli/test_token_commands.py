@@ -147,7 +147,7 @@ def test_as_json(token, folder) -> None:
         (["--room", "wall", "--name", "anna"], "--name 'anna': the server has no such seat; there is: carl"),
         (["--role", "observer", "--name", "anna"], "an observer has neither seat nor device"),
         (["--role", "king"], "king"),
-        (["--device", "d" * 41], "--device has 41 characters, more than 40"),
+        (["--device", "d" * 201], "--device has 201 characters, more than 200"),
         (["--note", "n" * 5000], "--note has 5000 characters, more than 200"),
         (["--note", "two\nlines"], "--note holds a line break or control character; leave it out"),
         (["--note", "\x07"], "--note holds a line break or control character; leave it out"),

@@ -264,8 +264,8 @@ def test_a_channel_that_fails_is_the_reason_why_there_is_no_seat(far: Far) -> No
 
 def test_somebody_who_stops_before_there_is_a_seat(far: Far) -> None:
     way = Calls(find("127.0.0.1", far.port), SlowChannel)
-    with pytest.raises(JoinError, match="interrupted before a seat was had"):
-        way.call(Caller(), Stop("interrupted"))
+    with pytest.raises(JoinError, match=r"stopped \(SIGINT\) before a seat was had"):
+        way.call(Caller(), Stop("stopped (SIGINT)"))
     way.close()
 
 

@@ -83,7 +83,7 @@ def test_other_parts_of_a_record_that_are_none(changed: dict[str, object], said:
 @pytest.mark.parametrize("key", ["slew_nps", "speed_mps"])
 @pytest.mark.parametrize("value", ["inf", "nan", "0"])
 def test_an_address_cannot_take_a_bound_away(key: str, value: str) -> None:
-    with pytest.raises(DeviceError, match=f"{key}='{value}' is not accepted"):
+    with pytest.raises(DeviceError, match=f"{key}: expects .*; got '{value}'"):
         make(f"sim:phantom?{key}={value}")
     assert getattr(make(f"sim:phantom?{key}=3").capability, key) == 3.0
 

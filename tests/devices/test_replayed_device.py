@@ -110,3 +110,15 @@ def test_close_writes_zero_force(address: str) -> None:
     device.write((1.0, 1.0))
     device.close()
     assert device.force_n == (0.0, 0.0)  # type: ignore[attr-defined]
+
+
+def test_a_replay_has_played_out_at_its_last_sample_and_a_loop_never(run: Path) -> None:
+    for keys, tick in (("", TICKS - 1), ("&stop_s=0.5", RATE_HZ // 2), ("&loop=1", None)):
+        device = make(f"replay:{run}#user=ben{keys}", axes=2)
+        device.open(RATE_HZ)
+        over = []
+        for each in range(3 * TICKS):
+            device.read(each)
+            if device.played_out:  # type: ignore[attr-defined]
+                over.append(each)
+        assert (over[0] if over else None) == (tick if tick is None else pytest.approx(tick, abs=2)), keys

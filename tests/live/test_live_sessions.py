@@ -1,6 +1,8 @@
 """Whole sessions as their users run them: processes, UDP on loopback, signals, kills."""
 
 import json
+import os
+import re
 import signal
 import socket
 from pathlib import Path
@@ -120,13 +122,31 @@ def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
 def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
     server, port = serve(DEMO)
     person = run("join", f"127.0.0.1:{port}", *leaving(tmp_path / "person"))
+    looks_on = run("join", f"127.0.0.1:{port}", "--observe")
     person.hear("holds cube")
-    server.signal(signal.SIGINT)
+    looks_on.hear("object at|nothing seen")
+    server.signal(signal.SIGTERM)
     assert server.end() == 0, server.said
-    assert person.end() == 1
-    assert "the server said goodbye: interrupted" in person.said
+    assert "\nstopped (SIGTERM)\n" in server.said
+    assert person.end() == 1, "neither the person nor the time ended it"
+    assert "the session is over, no force is left: the server was stopped (SIGTERM)\n" in person.said
+    assert "broke off" not in person.said
+    assert looks_on.end() == 1
+    assert "the looking on is over: the server was stopped (SIGTERM)\n" in looks_on.said
     # the client's account still reached the server
     assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
+
+
+@pytest.mark.parametrize("stop", [("--stop-s", "0.75"), ()])
+def test_a_replay_that_has_run_out_ends_its_session(run, serve, tmp_path, stop):
+    hand = tmp_path / "hand.csv"
+    hand.write_text("t,x\n" + "".join(f"{tick / 100},{0.0001 * tick}\n" for tick in range(101)))
+    _, port = serve(DEMO)
+    person = run("join", f"127.0.0.1:{port}", "--device", f"replay:{hand}#time=t&x=x", *stop, *leaving(tmp_path / "a"))
+    assert person.end() == 0, person.said
+    assert "the session is over, no force is left: the replay has run out\n" in person.said
+    (user,) = [user for user in summary_in(tmp_path / "a")["users"] if user["ticks"]["run"]]
+    assert user["ticks"]["due"] >= (768 if stop else 1024)
 
 
 def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
@@ -139,11 +159,57 @@ def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
     for person, name in zip(people, ("one", "two"), strict=True):
         assert person.end() == 1
         assert "force released" in person.said
-        assert "silent" in person.said
+        assert "the session broke off, no force is left: no server for 10 s" in person.said
         user = summary_in(tmp_path / name)["users"][0]
         assert user["force_n"] == [0.0]
     (folder,) = (tmp_path / "one").iterdir()
     assert (folder / "report.html").exists()
+
+
+def test_a_server_goes_on_after_a_kill_or_begins_fresh(run, tmp_path):
+    """A real checkpoint, of an object that has moved."""
+    state = tmp_path / "state"
+    serve = (
+        "serve",
+        DEMO,
+        "--port",
+        "0",
+        "--state",
+        state,
+        "--seconds",
+        "600",
+        "--no-record",
+        *leaving(tmp_path / "server"),
+    )
+    server = run(*serve)
+    port = server.hear(r"listening on \S+:(\d+)")[1]
+    person = run("join", f"127.0.0.1:{port}", "--device", "sim:phantom?hand=reach", *leaving(tmp_path / "a"))
+
+    def place_m():
+        path = state / "checkpoint-demo.json"
+        return abs(json.loads(path.read_text())["position_m"][0]) if path.exists() else 0.0
+
+    until(lambda: place_m() > 0.005, "the object moves, and is kept")
+    server.signal(signal.SIGKILL)
+    server.end()
+    kept_m = place_m()
+    assert kept_m > 0.001
+    restored = run(*serve)
+    restored.hear(r"demo: restored: the object is at \((?!0\.0\))\S+\) mm, seats are kept for anna")
+    restored.hear("listening on")
+    restored.signal(signal.SIGKILL)  # the checkpoint stays
+    restored.end()
+    fresh = run(*serve, "--fresh")
+    port = fresh.hear(r"listening on \S+:(\d+)")[1]
+    assert "restored" not in fresh.said
+    assert "demo: begins at its start (--fresh)" in fresh.said
+    again = run("join", f"127.0.0.1:{port}", "--name", "anna", *HOLD, "--seconds", "0.2", *leaving(tmp_path / "b"))
+    assert again.end() == 0, "nobody's seat is kept"
+    fresh.signal(signal.SIGTERM)
+    assert fresh.end() == 0, fresh.said
+    summaries = [json.loads(path.read_text()) for path in (tmp_path / "server").glob("*/summary.json")]
+    assert min(each["object"]["travel_m"] for each in summaries) < kept_m, "it counts from the start as well"
+    person.signal(signal.SIGKILL)
 
 
 def test_a_killed_client_loses_its_seat_and_the_other_goes_on(run, serve, tmp_path):
@@ -240,6 +306,40 @@ def test_the_demo(run, tmp_path):
     assert summary_in(tmp_path)["passive"]
     assert (folder / "report.html").exists()
     assert len(list((folder / "plots").glob("*.png"))) >= 5
+
+
+def child_of(demo, log):
+    """The process id of the child of a demo whose output goes to a file of this name."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            ours = int((folder / "stat").read_text().rpartition(")")[2].split()[1]) == demo.popen.pid
+            if ours and (folder / "fd" / "1").readlink().name == log:
+                return int(folder.name)
+        except (OSError, ValueError):  # it has ended meanwhile
+            continue
+    raise AssertionError(f"no child writes {log}")
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="children are found in /proc")
+@pytest.mark.parametrize(
+    ("log", "number", "code", "told"),
+    [
+        ("server.log", signal.SIGTERM, 1, r"\nanna: the server was stopped \(SIGTERM\) \(exit code 1\); see"),
+        ("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
+        ("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
+        ("client-anna.log", signal.SIGKILL, 1, r"\nanna: was killed by SIGKILL; see .*client-anna.log\n"),
+    ],
+)  # fmt: skip
+def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, told):
+    seconds = "30" if (log, number) == ("server.log", signal.SIGKILL) else "6"
+    demo = run("demo", "--seconds", seconds, "--runs", tmp_path)
+    demo.hear("everyone holds on")
+    until(lambda: steps_in(tmp_path) > 2 * 128, "two seconds of steps")  # so that the object has moved
+    os.kill(child_of(demo, log), number)
+    assert demo.end() == code, demo.said
+    assert re.search(told, demo.said), demo.said
+    assert "joined from" not in demo.said, "no line of a log in place of a reason"
+    assert "trying to come back" not in demo.said
 
 
 def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):

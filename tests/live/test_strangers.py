@@ -355,7 +355,7 @@ def test_another_port_resumes_the_seat_and_a_stop_is_told(start, sealed, join):
     assert "anna has been silent for too long" not in sealed.said, "it was the same seat"
     assert "came back 1" in anna.said
     assert "line begun anew" not in anna.said
-    assert "the server said goodbye: terminated" in anna.said
+    assert "the session is over, no force is left: the server was stopped (SIGTERM)" in anna.said
     end = recording_of(anna)
     assert largest_step_n(end) < MOST_STEP_N
     assert verify(end.recording).exact

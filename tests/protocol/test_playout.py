@@ -308,18 +308,18 @@ def test_frames_that_can_be_set(frames: int | str) -> None:
 @pytest.mark.parametrize(
     ("frames", "allowed"),
     [
-        (-1, "Expected int >= 0"),
-        (257, "Expected int <= 256"),
-        ("fast", 'Expected int from 0 to 256 or "auto"'),
-        ("", 'Expected int from 0 to 256 or "auto"'),
-        (1.5, 'Expected int from 0 to 256 or "auto"'),
-        (True, 'Expected int from 0 to 256 or "auto"'),
+        (-1, "expects a whole number of at least 0"),
+        (257, "expects a whole number of at most 256"),
+        ("fast", 'expects a whole number from 0 to 256 or "auto"'),
+        ("", 'expects a whole number from 0 to 256 or "auto"'),
+        (1.5, 'expects a whole number from 0 to 256 or "auto"'),
+        (True, 'expects a whole number from 0 to 256 or "auto"'),
     ],
 )
 def test_frames_that_cannot_be_set_are_told_what_can(frames: object, allowed: str) -> None:
     with pytest.raises(SettingsError) as error:
         resolve({"playout": {"frames": frames}})
-    assert str(error.value) == f"playout.frames = {frames!r}: {allowed}"
+    assert str(error.value) == f"playout.frames: {allowed}; got {frames!r}"
 
 
 def test_what_is_set_is_what_is_expected() -> None:

@@ -54,3 +54,33 @@ def test_a_row_is_measured_in_a_child_process():
     row = punctuality.measure(1024, ALL, 0.05)
     assert row.due >= 50
     assert set(row.lateness_us) == {"p50", "p99", "p999", "max"}
+
+
+def quiet(**changed: object) -> punctuality.Machine:
+    whole = {"usable_cpus": 2, "load_1min": 0.1, "virtual": False, "governor": None, **changed}
+    return dataclasses.replace(punctuality.examine(), **whole)
+
+
+@pytest.mark.parametrize("loads", [{"load_1min": 3.0}, {"load_after": 3.0}])
+def test_under_load_no_rate_is_judged_for_good(loads):
+    machine = quiet(**loads)
+    advice = advise(machine, [found(2000.0)])
+    assert machine.busy == 3.0
+    assert any(
+        "1024 Hz was out of reach" in line and "measured under load (load average 3.0)" in line for line in advice
+    )
+    assert not any("choose a lower device rate" in line for line in advice), "not both that and: measure again"
+    assert "measure again when it is quiet" in advice[-1]
+
+
+def test_the_load_of_the_measuring_itself_is_no_load():
+    machine = quiet(load_after=1.9)
+    assert machine.busy is None
+    assert not any("load" in line for line in advise(machine, [found(10.0)]))
+
+
+def test_no_rate_is_better_in_reach_than_a_slower_one():
+    slow, fast = found(2000.0), dataclasses.replace(found(10.0), rate_hz=4096)
+    words = punctuality.verdicts([fast, slow])
+    assert words == {1024: "out of reach", 4096: "out of reach"}
+    assert any("4096 Hz is out of reach, as a slower rate is" in line for line in advise(quiet(), [slow, fast]))

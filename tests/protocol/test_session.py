@@ -179,7 +179,22 @@ def test_a_server_that_stops_says_why() -> None:
     client, core = seated()
     core.stop("maintenance")
     exchange(client, core, 1)
-    assert (client.state, client.failed) == ("closed", "the server said goodbye: maintenance")
+    assert (client.state, client.failed, client.ended) == ("closed", "the server said goodbye: maintenance", "")
+
+
+def test_a_server_that_is_told_to_end_is_no_failure() -> None:
+    client, core = seated()
+    core.stop("the server was stopped (SIGTERM)")
+    exchange(client, core, 1)
+    assert (client.state, client.failed, client.ended) == ("closed", "", "the server was stopped (SIGTERM)")
+
+
+def test_a_kick_that_talks_of_a_stop_is_a_kick() -> None:
+    client, core = seated()
+    core.kick("anna", reason="the server was stopped")
+    exchange(client, core, 1)
+    assert client.failed.startswith("the server said goodbye: ")
+    assert not client.ended
 
 
 def test_a_lost_welcome_is_said_again_for_the_same_session() -> None:

@@ -85,7 +85,7 @@ def test_both_sides_of_every_bound(path: str, value: float, allowed: bool) -> No
     try:
         resolve(nested(path, value))
     except SettingsError as error:
-        said = f"{path} = {value!r}: Expected" in str(error)
+        said = f"{path}: expects " in str(error) and f"; got {value!r}" in str(error)
         assert said is not allowed  # a value in bounds may still not fit another setting
     else:
         assert allowed
@@ -97,7 +97,7 @@ ENUMS = [(path, get_args(part)) for path, kind in leaves() for part in parts(kin
 @pytest.mark.parametrize(("path", "values"), ENUMS)
 def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[str, ...]) -> None:
     message = refused(nested(path, "boxcr"))
-    assert message.startswith(f"{path} = 'boxcr': Expected ")
+    assert message.startswith(f"{path}: expects ")
     assert all(f'"{value}"' in message for value in values)
 
 
@@ -113,12 +113,15 @@ def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[s
         ({"copling": {}}, "copling: there is no such setting; did you mean coupling?"),
         ({"stiffness_npm": 1}, "stiffness_npm: there is no such setting; did you mean coupling.stiffness_npm?"),
         ({"playout": {"zzz": 1}}, "playout.zzz: there is no such setting; known here: frames, redundancy, tank_mj"),
-        ({"coupling": {"stiffness_npm": "stiff"}}, "coupling.stiffness_npm = 'stiff': Expected float, got str"),
-        ({"coupling": {"compensate": 1}}, "coupling.compensate = 1: Expected bool, got int"),
-        ({"coupling": 5}, "coupling = 5: Expected a table, got int"),
-        ({"users": []}, "users = []: Expected array of length >= 1"),
-        ({"name": "a/b"}, "name = 'a/b': Expected letters, digits, blanks and . _ - with a letter or digit first"),
-        ({"name": "lab\n"}, "name = 'lab\\n': Expected letters, digits, blanks and . _ - with a letter or digit first"),
+        ({"coupling": {"stiffness_npm": "stiff"}}, "coupling.stiffness_npm: expects a number, in N/m; got 'stiff'"),
+        ({"coupling": {"compensate": 1}}, "coupling.compensate: expects true or false; got 1"),
+        ({"coupling": 5}, "coupling: expects a table; got 5"),
+        ({"users": []}, "users: expects a list of length at least 1; got []"),
+        ({"name": "a/b"}, "name: expects letters, digits, blanks and . _ - with a letter or digit first; got 'a/b'"),
+        (
+            {"name": "lab\n"},
+            "name: expects letters, digits, blanks and . _ - with a letter or digit first; got 'lab\\n'",
+        ),
         (
             {"users": [{"name": "a"}, {"name": "a"}]},
             "users: the name 'a' stands twice; give every user a name of their own",
@@ -140,7 +143,10 @@ def test_a_cap_is_none_or_one_that_lets_something_through(path: str, value: floa
     if allowed:
         resolve(nested(path, value))
     else:
-        assert refused(nested(path, value)) == f"{path} = {value!r}: Expected float >= 1.0, or 0 for no cap"
+        assert (
+            refused(nested(path, value))
+            == f"{path}: expects a number of at least 1, or 0 for no cap, in kbit/s; got {value!r}"
+        )
 
 
 @pytest.mark.parametrize(
@@ -158,13 +164,13 @@ def test_a_welcome_that_would_bring_infinities_is_malformed(place: str, least: f
         if allowed:
             msgspec.msgpack.decode(text, type=SeatSettings)
         else:
-            with pytest.raises(msgspec.ValidationError, match="Expected"):
+            with pytest.raises(msgspec.ValidationError, match=r"[Ee]xpect"):
                 msgspec.msgpack.decode(text, type=SeatSettings)
 
 
 def test_not_a_number_is_out_of_bounds() -> None:
-    assert "Expected float" in refused({"coupling": {"stiffness_npm": float("nan")}})
-    assert "Expected float" in refused({"coupling": {"stiffness_npm": float("inf")}})
+    assert "expects a number" in refused({"coupling": {"stiffness_npm": float("nan")}})
+    assert "expects a number" in refused({"coupling": {"stiffness_npm": float("inf")}})
 
 
 @pytest.mark.parametrize(("device_hz", "cure"), [(1000, 1024), (250, 256), (8192 + 1, 8192)])
@@ -183,7 +189,7 @@ def test_each_person_has_a_rate_of_their_own() -> None:
     assert message == (
         "users.1.device_hz = 1000 is not a whole multiple of rates.network_hz = 128; use for instance device_hz = 1024"
     )
-    assert "users.1.device_hz = 20001: Expected int <= 20000" in refused(
+    assert "users.1.device_hz: expects a whole number of at most 20000, in Hz; got 20001" in refused(
         {"users": people}, {"users.1.device_hz": 20001}
     )
 
@@ -198,7 +204,7 @@ def test_a_loop_that_gives_force_to_a_hand_has_a_least_rate(device_hz: int, take
         if taken:
             assert seat_settings(resolve(table), 0).rates.device_hz == device_hz
         else:
-            assert f"{key} = {device_hz}: Expected int >= 250" in refused(table)
+            assert f"{key}: expects a whole number of at least 250, in Hz; got {device_hz}" in refused(table)
 
 
 def test_bursts_as_long_as_independent_losses_are_accepted() -> None:
@@ -278,7 +284,7 @@ def test_the_only_user_can_be_overridden_in_a_file_that_names_none() -> None:
         ("users.0", {}, "--set users.0: name a user's number and key, for instance users.0.stiffness_npm"),
         ("seed.x", 1, "--set seed.x: seed is a value, not a section"),
         ("coupling.stiffnes", 1, "coupling.stiffnes: there is no such setting; did you mean coupling.stiffness_npm?"),
-        ("coupling.stiffness_npm", -1, "coupling.stiffness_npm = -1: Expected float >= 0.0"),
+        ("coupling.stiffness_npm", -1, "coupling.stiffness_npm: expects a number of at least 0, in N/m; got -1"),
     ],
 )
 def test_what_is_said_of_a_wrong_override(key: str, value: Any, message: str) -> None:

@@ -94,7 +94,7 @@ def test_a_hangup_terminates_where_nothing_else_was_asked():
     stop = Stop()
     with on_signals(stop):
         os.kill(os.getpid(), signal.SIGHUP)
-    assert (stop.reason, stop.reload) == ("terminated", False)
+    assert (stop.reason, stop.reload) == ("stopped (SIGHUP)", False)
 
 
 def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
@@ -102,7 +102,7 @@ def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
     with on_signals(stop, "reload"):
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGTERM)
-        assert stop.reason == "interrupted"
+        assert stop.reason == "stopped (SIGINT)"
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGTERM)
 
@@ -110,7 +110,7 @@ def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
 def test_a_service_reloads_as_often_as_it_is_told_and_then_ends(loop):
     service = loop("reload")
     assert [service.told(signal.SIGHUP) for _ in range(3)] == ["reloaded 1", "reloaded 2", "reloaded 3"]
-    assert service.told(signal.SIGTERM) == "ended: terminated"
+    assert service.told(signal.SIGTERM) == "ended: stopped (SIGTERM)"
     assert service.process.wait(LIMIT_S) == 0
 
 
@@ -118,7 +118,7 @@ def test_a_service_reloads_as_often_as_it_is_told_and_then_ends(loop):
 def test_under_nohup_a_hangup_is_nothing(loop, hangup):
     kept = loop(hangup, nohup=True)
     kept.process.send_signal(signal.SIGHUP)
-    assert kept.told(signal.SIGINT) == "ended: interrupted"
+    assert kept.told(signal.SIGINT) == "ended: stopped (SIGINT)"
 
 
 def test_at_a_terminal_a_hangup_reloads_and_its_end_ends(loop):
@@ -128,5 +128,5 @@ def test_at_a_terminal_a_hangup_reloads_and_its_end_ends(loop):
     os.close(its)
     assert server.told(signal.SIGHUP) == "reloaded 1"
     os.close(ours)
-    assert server.next() == "ended: terminated"
+    assert server.next() == "ended: stopped (SIGHUP)"
     assert server.process.wait(LIMIT_S) == 0

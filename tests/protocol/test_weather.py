@@ -46,18 +46,18 @@ def test_a_profiles_outages_can_be_taken_back() -> None:
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        ({"profile": "wlan"}, 'link.profile = \'wlan\': Expected "lan", "wifi", "wan", "lte" or "satellite"'),
+        ({"profile": "wlan"}, 'link.profile: expects "lan", "wifi", "wan", "lte" or "satellite"; got \'wlan\''),
         ({"outage_s": 3.0}, "link.up.outage_s = 3: link.up.outage_every_s, from one outage's begin to the next, is 0"),
         ({"outage_s": 3.0, "outage_every_s": 3.0}, "link.up.outage_s = 3: .* is 3; give more than 3"),
         ({"outage_s": 0.5, "outage_every_s": 1.0, "down": {"outage_s": 2.0}}, "link.down.outage_s = 2: .* is 1"),
         ({"outage_every_s": 3.0}, "link.up.outage_every_s = 3: link.up.outage_s, how long each lasts, is 0"),
         ({"profile": "wifi", "outage_s": 0.0}, "link.up.outage_every_s = 120"),
         ({"profile": "wifi", "loss": 0.9}, "link.burst_frames = 5 is too short for link.loss = 0.9"),
-        ({"outages": [[1.0, 0.0]]}, r"link.outages.0.1 = 0.0: Expected float > 0.0"),
-        ({"outages": [[-1.0, 1.0]]}, r"link.outages.0.0 = -1.0: Expected float >= 0.0"),
-        ({"outages": [[1.0]]}, r"link.outages.0 = \[1.0\]: Expected array of length 2"),
-        ({"outages": [[1.0, 1.0]] * 65}, r"link.outages = .*: Expected array of length <= 64"),
-        ({"trace": ""}, "link.trace = '': Expected str of length >= 1"),
+        ({"outages": [[1.0, 0.0]]}, r"link.outages.0.1: expects a number above 0; got 0.0"),
+        ({"outages": [[-1.0, 1.0]]}, r"link.outages.0.0: expects a number of at least 0; got -1.0"),
+        ({"outages": [[1.0]]}, r"link.outages.0: expects a list of length 2; got \[1.0\]"),
+        ({"outages": [[1.0, 1.0]] * 65}, r"link.outages: expects a list of length at most 64; got .*"),
+        ({"trace": ""}, "link.trace: expects a text of length at least 1; got ''"),
     ],
 )
 def test_what_is_said_of_an_impossible_network(link: dict, words: str) -> None:

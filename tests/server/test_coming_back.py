@@ -8,11 +8,12 @@ import pytest
 
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
-from cogrip.protocol.session import LOST_NS
+from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
+from cogrip.server.present import people_of
 from cogrip.server.room import RESERVED_NS
 
 from tests.server.test_server_core import Desk, hello, room, waves
@@ -162,6 +163,17 @@ def test_a_ticket_does_not_open_a_seat_for_another_device_record(changed: dict[s
     assert desk.core.knows("x")
 
 
+def test_a_long_device_address_is_known_whole_and_comes_back() -> None:
+    device = "replay:/var/lab/2026/anna/the third of the runs#user=anna&start_s=2"
+    desk = Guarded()
+    first = desk.welcome("x", device=device)
+    assert desk.core.events[-1].text.endswith(f"with {device}")
+    assert [each.device for each in people_of(desk.core.rooms, desk.now_ns)] == [device]
+    assert isinstance(desk.again("y", first.ticket, device=device), Welcome)
+    other = device.replace("start_s=2", "start_s=3")
+    assert isinstance(desk.again("z", first.ticket, device=other), Refuse), "it is a part of the record"
+
+
 def test_kicked_by_name_and_room_with_the_reason_on_both_sides() -> None:
     desk = Guarded(room("lab"), room("hall"))
     here, there = desk.welcome("x", room="lab"), desk.welcome("y", room="hall", nonce=2)
@@ -295,6 +307,33 @@ def test_a_seat_is_kept_for_so_long_and_no_longer() -> None:
     after.now_ns += 1
     assert after.welcome("s", name="anna").settings.user == "anna"
     assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
+
+
+def test_whoever_finds_no_free_seat_hears_how_many_are_kept_and_for_how_long() -> None:
+    before, _ = moved()
+    before.welcome("y", name="ben", nonce=2)
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core.restore(checkpoint, after.now_ns)
+    after.now_ns += RESERVED_NS // 2
+    refuse = after.refused("s", token="p")
+    kept = "kept for another 3 s for someone who lost their connection; try again then"
+    assert (refuse.code, refuse.reason) == ("full", f"the room has no free seat: 0 taken, 2 {kept}")
+    refuse = after.refused("s", token="p", name="anna")
+    assert (refuse.code, refuse.reason) == ("taken", f"the seat of 'anna' is {kept}")
+    after.again("x", "ticket-1", nonce=5)
+    assert after.refused("s", token="p").reason == f"the room has no free seat: 1 taken, 1 {kept}"
+    assert after.refused("s", token="p", name="anna").reason.startswith("the seat of 'anna' is taken")
+
+
+def test_a_seat_whose_person_is_silent_is_kept_until_they_are_lost() -> None:
+    desk = Guarded(room(people=("anna",)))
+    desk.welcome("x")
+    assert desk.refused("s", token="p").reason == "the room is full: all 1 seats are taken"
+    desk.now_ns += QUIET_NS
+    reason = desk.refused("s", token="p").reason
+    assert "0 taken, 1 kept for another 2 s" in reason
+    assert "anna" not in reason
 
 
 @pytest.mark.parametrize(

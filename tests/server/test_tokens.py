@@ -160,7 +160,7 @@ def test_a_guess_costs_the_same_whatever_it_is(number: int, monkeypatch: pytest.
         ({"room": "a/b"}, "room: "),
         ({"room": "a" * 41}, "room: "),
         ({"user": " anna"}, "user: "),
-        ({"device": "d" * 41}, "device: "),
+        ({"device": "d" * 201}, "device: "),
         ({"device": "hid:\n"}, "device: "),
         ({"note": "bell \x07"}, "note: "),
         ({"note": "n" * 201}, "note: "),

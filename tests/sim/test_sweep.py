@@ -117,7 +117,7 @@ def test_what_is_no_grid(axes: list[Axis], words: str) -> None:
     ("vary", "words"),
     [
         ("coupling.stifness_npm=1,2", "cell 0 .* did you mean coupling.stiffness_npm"),
-        ("coupling.stiffness_npm=10,-1", "cell 1 .*Expected float >= 0.0"),
+        ("coupling.stiffness_npm=10,-1", "cell 1 .*expects a number of at least 0, in N/m"),
         ("users.2.stiffness_npm=10", "no user number 2"),
         ("coupling.kind=wave,waves", "cell 1 .*coupling.kind"),
     ],

@@ -42,10 +42,20 @@ def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple
         warnings, refused = advice_on(settings)
     except DeviceError as error:
         raise BadInput(str(error)) from None
-    first = [] if allow_unstable else (*also, *refused)[:1]
-    warn([text for text in dict.fromkeys((*warnings, *also)) if text not in first])
+    names = [user.name for user in settings.users]
+    first = "" if allow_unstable else next(iter(together((*also, *refused), names)), "")
+    warn([text for text in together((*warnings, *also), names) if text != first])
     if first:
-        raise BadInput(f"refused: {first[0]}{ALLOW}")
+        raise BadInput(f"refused: {first}{ALLOW}")
+
+
+def together(texts: Iterable[str], names: Iterable[str]) -> list[str]:
+    """Return each text once: what is said of several people in the same words is said of all of them at once."""
+    known, who = set(names), dict[str, list[str]]()
+    for text in dict.fromkeys(texts):
+        name, colon, words = text.partition(": ")
+        who.setdefault(words if colon and name in known else text, []).extend([name] if colon and name in known else [])
+    return [f"{', '.join(people)}: {words}" if people else words for words, people in who.items()]
 
 
 def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = False) -> None:
@@ -56,9 +66,10 @@ def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = Fals
     said: dict[str, list[str]] = {}
     for name, settings in sessions.items():
         warnings, _ = advice_on(settings)
-        for text in warnings:
+        for text in together(warnings, [user.name for user in settings.users]):
             said.setdefault(text, []).append(name)
-    refused = next((text for settings in sessions.values() for text in overloads(settings)), "")
+    all_of = ((settings, [user.name for user in settings.users]) for settings in sessions.values())
+    refused = next((text for settings, names in all_of for text in together(overloads(settings), names)), "")
     first = "" if allow_unstable else refused
     warn([f"{', '.join(names)}: {text}" for text, names in said.items() if text != first])
     if first:

@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.children import end_all, listening_port, start_child
+from cogrip.cli.children import end_all, how_ended, listening_port, start_child
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
@@ -111,7 +111,8 @@ def _run(
             for person in people:
                 person.wait(MARGIN_S)
     finally:
-        failed = end_all(children, [name for name in ("server", "relay") if name in children])
+        bad = end_all(children, [name for name in ("server", "relay") if name in children])
+        failed = [f"{name}: {how_ended(children[name], logs.get(name) or folder / client_log(name))}" for name in bad]
     return growths, failed
 
 
@@ -146,7 +147,9 @@ def _judge(
     where: Json,
 ) -> int:
     if not (folder / SUMMARY).exists():
-        raise Problem(f"the server left no summary in {folder}: {', '.join(failed) or stop.reason}")
+        raise Problem(
+            f"the server left no summary in {folder}: {'; '.join(failed) or stop.reason or 'it gave no reason'}"
+        )
     summary = json.loads((folder / SUMMARY).read_text())
     relay = json.loads((folder / "relay.json").read_text()) if (folder / "relay.json").exists() else {}
     events = _events(folder / "server.log")
@@ -168,6 +171,8 @@ def _judge(
         "passive, and not diverged": summary["passive"] and not summary["diverged"],
         "no process has grown": all(each.slope_kb_per_h <= MOST_GROWTH_KB_PER_H for each in growths.values()),
     }
+    for how in failed:
+        console.print(how, markup=False)
     for what, well in reached.items():
         console.print(f"{what}: {'yes' if well else 'NO'}")
     if where is not None:

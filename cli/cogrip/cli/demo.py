@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.live import Live
 
 from cogrip.cli.before_run import AllowUnstable, check_settings, refuse_hardware
-from cogrip.cli.children import end_all, listening_port, start_child
+from cogrip.cli.children import end_all, how_ended, listening_port, start_child, stated_reason
+from cogrip.cli.flag_errors import above_zero
 from cogrip.cli.live_table import LiveTable
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, try_hands, with_people
@@ -58,6 +59,7 @@ def demo(
     runs
         Folder in which the run's own folder is made.
     """
+    above_zero("--seconds", seconds)
     path = config or shipped("demo")
     changes = [*overrides, *([f"seconds={seconds}"] if seconds is not None else [])]
     settings = load(path, changes)
@@ -74,8 +76,8 @@ def demo(
     return _conclude(settings, folder, failed, stop, console)
 
 
-def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str]) -> list[str]:
-    """Start everyone, show them until they end, end the server. Returns what went wrong, by process."""
+def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str]) -> dict[str, str]:
+    """Start everyone, show them until they end, end the server. Returns how those ended who did not end well, by name."""
     write_settings(folder, settings)
     file = folder / SETTINGS
     common = ["--into", str(folder)]
@@ -84,7 +86,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
         folder / "server.log", ["serve", str(file), "--port", "0", "--seconds", str(settings.seconds + 60), *common]
     )
     clients: dict[str, subprocess.Popen[bytes]] = {}
-    failed: list[str] = []
+    failed: dict[str, str] = {}
     try:
         port = listening_port("server", server, folder / "server.log", stop)
         for user in settings.users:
@@ -102,8 +104,8 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
                     told = True
                     for client in clients.values():
                         client.send_signal(signal.SIGINT)
-                if server.poll() is not None and "server" not in failed:
-                    failed.append("server")
+                if server.poll() is not None:
+                    failed["server"] = how_ended(server, folder / "server.log")
                 time.sleep(WATCH_EVERY_S)
                 live.update(table.table())
                 if not begun and table.everyone():
@@ -112,19 +114,23 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
                         f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}"
                     )
     finally:
-        for name in end_all({"server": server, **clients}, ["server"]):
-            if name not in failed:
-                failed.append(name)
+        children = {"server": server, **clients}
+        for name in end_all(children, ["server"]):
+            failed.setdefault(name, how_ended(children[name], _log(folder, name)))
     return failed
+
+
+def _log(folder: Path, name: str) -> Path:
+    return folder / ("server.log" if name == "server" else client_log(name))
 
 
 def _words(folder: Path, name: str) -> list[str]:
     """What a client said, line by line."""
-    log = folder / client_log(name)
+    log = _log(folder, name)
     return log.read_text().splitlines() if log.exists() else []
 
 
-def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, console: Console) -> int:
+def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: Stop, console: Console) -> int:
     summary_file = folder / SUMMARY
     if summary_file.exists():
         summary = msgspec.json.decode(summary_file.read_bytes())
@@ -138,10 +144,11 @@ def _conclude(settings: Settings, folder: Path, failed: list[str], stop: Stop, c
         for line in _words(folder, user.name):
             if ": dealt with: " in line or line.startswith("warning: "):
                 console.print(line, markup=False)
-    for name in failed:
-        log = folder / ("server.log" if name == "server" else client_log(name))
-        words = [line for line in log.read_text().strip().splitlines() if ": dealt with: " not in line]
-        console.print(f"{name} failed: {words[-1] if words else 'it said nothing'} (see {log})")
+        early = "" if stop.reason or user.name in failed else stated_reason(_log(folder, user.name))
+        if early:
+            console.print(f"{user.name}: ended early: {early}", markup=False)
+    for name, how in failed.items():
+        console.print(f"{name}: {how}; see {_log(folder, name)}", markup=False)
     travel = summary["object"]["travel_m"] or 0.0
     moved = travel > MOVED_M or settings.object.kind == "wall"
     if not moved:

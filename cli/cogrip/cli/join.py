@@ -14,6 +14,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from cogrip.cli.before_run import ALLOW, HELD_BY_NOBODY, AllowUnstable, refuse_hardware, tell_implausible
+from cogrip.cli.flag_errors import above_zero
 from cogrip.cli.leave_files import leave_files
 from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
@@ -26,17 +27,18 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
+from cogrip.devices.replayed.device import ReplayedDevice
 from cogrip.protocol.channel import Channel, PlainChannel
 from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.session import ClientSession, make_hello
+from cogrip.protocol.session import IN_ORDER, ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
 from cogrip.sim.analysis.plausible import hand_findings
-from cogrip.sim.judgement import succeeded
+from cogrip.sim.judgement import succeeded, why_not
 from cogrip.sim.link import LinkEmulator
 from cogrip.sim.run_folder import client_recording, write_account
 from cogrip.sim.summary import of_client
@@ -73,11 +75,12 @@ def join(
     rearm: bool | None = None,
     allow_unstable: AllowUnstable = False,
 ) -> int:
-    """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, or the server's goodbye.
+    """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, the end of a replay, or the server's goodbye.
 
     A link is all that is needed. An observer's shows the room and needs no device. A server that falls silent is sought
     again for 10 s, without force.
-    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off.
+    Exit code 0 when the session ended as it should, passive and stable; 1 when it was refused, lost or broke off, or the
+    server ended it.
 
     Parameters
     ----------
@@ -108,7 +111,7 @@ def join(
     start_s
         Of a `replay:` device: where in the recording to begin. As its key start_s=.
     stop_s
-        Of a `replay:` device: where in the recording to end. As its key stop_s=.
+        Of a `replay:` device: where in the recording to end, and with it this session. As its key stop_s=.
     seconds
         Leave by yourself after so long.
     runs
@@ -123,6 +126,7 @@ def join(
         Stay after a fault, without force, until `r` and Enter, or SIGUSR1, re-arms; else a fault ends the session. Yes at a
         terminal, no elsewhere.
     """
+    above_zero("--seconds", seconds)
     console = Console(highlight=False, soft_wrap=True)
     settings = load(config, overrides) if config else None
     if overrides and not config:
@@ -157,7 +161,7 @@ def join(
         say = partial(console.print, markup=False)
         client = LiveClient(
             arm, hello, calls, stop, say, LinkEmulator, record_at, seconds, rearms,
-            partial(_judge, address, allow_unstable, console), allow_unstable,
+            partial(_judge, address, allow_unstable, console), partial(_played_out, arm), allow_unstable,
         )  # fmt: skip
         try:
             ended = client.run()
@@ -286,11 +290,16 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     counts = ", ".join(f"{name} {count}" for name, count in sorted(ended.counts.items()) if count)
     if counts:
         console.print(f"{ended.seat.user}: dealt with: {counts}", markup=False)
-    if ended.failed:
-        console.print(f"{ended.seat.user}: the session broke off, no force is left: {ended.failed}", markup=False)
+    user, well = ended.seat.user, succeeded(summary)
     if alone:
         leave_files(folder, summary, console, shown=report or folder is None, report=report)
-    return 0 if not ended.failed and succeeded(summary) else 1
+    if ended.failed:
+        console.print(f"{user}: the session broke off, no force is left: {ended.failed}", markup=False)
+    elif ended.ended:
+        console.print(f"{user}: the session is over, no force is left: {ended.ended}", markup=False)
+    if not ended.failed and not well:
+        console.print(f"{user}: not a good run: {why_not(summary)}", markup=False)
+    return 0 if well and not ended.failed and not ended.ended.startswith(IN_ORDER) else 1
 
 
 def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSettings, record: Capability) -> str:
@@ -315,6 +324,11 @@ def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSetti
         if text not in refused:
             console.print(f"warning: {text}", markup=False)
     return _refused("; ".join(refused), address) if refused else ""
+
+
+def _played_out(device: Device) -> str:
+    """Say that a replay has come to its end, "" while it plays; other devices have none."""
+    return "the replay has run out" if isinstance(device, ReplayedDevice) and device.played_out else ""
 
 
 def _refused(words: str, address: str) -> str:

@@ -46,7 +46,9 @@ def look_on(session: ClientSession, calls: Calls, stop: Stop, seconds: float | N
         say(f"{_name(core)}: dealt with: {dealt}")
     if failed:
         say(f"{_name(core)}: the looking on broke off: {failed}")
-    return 1 if failed else 0
+    elif session.ended:
+        say(f"{_name(core)}: the looking on is over: {session.ended}")
+    return 1 if failed or session.ended else 0
 
 
 class Every:

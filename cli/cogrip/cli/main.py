@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError
 from rich.console import Console
 
+from cogrip.cli.flag_errors import words_of
 from cogrip.cli.problem import Problem
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
@@ -72,9 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ[SAFE_PATH] = "1"
     errors = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     try:
-        code = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
-    except CycloptsError:
-        return 2  # it has been printed
+        code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        errors.print(f"cogrip: {words_of(error, tuple(COMMANDS))}", markup=False)
+        return 2
     except Problem as problem:
         errors.print(f"cogrip: {problem}", markup=False)
         return problem.exit_code

@@ -88,7 +88,7 @@ def relay(
     seconds
         Stop by yourself after so long.
     json
-        Write the summary as JSON to this file (- for standard output).
+        Write the answer as JSON to this file (- for standard output).
     """
     link, seed = _link(config, overrides, profile, seed, {"up": up_trace, "down": down_trace})
     script: Mapping[Way, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
@@ -133,7 +133,7 @@ def relay(
     if terminal:
         lines.put("\n")
     console.file = told = StringIO()  # to be put with the lines: it may find no reader either
-    console.print(f"stopped: {stop.reason}", markup=False)
+    console.print(f"ended: {stop.reason}", markup=False)
     console.print(_table(live))
     _print_rest(live, console)
     lines.put(told.getvalue(), wait=True)

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.before_run import together
 from cogrip.cli.leave_files import leave_files
 from cogrip.cli.log_lines import LogLines
 from cogrip.cli.new_run import live_run_folder
@@ -59,6 +60,7 @@ def serve(
     seal: bool = False,
     insecure: bool = False,
     state: Path | None = None,
+    fresh: Annotated[bool, Parameter(negative="")] = False,
     public: str | None = None,
     links: bool = True,
     log: Literal["text", "json"] = "text",
@@ -90,6 +92,8 @@ def serve(
         Do not seal, whatever the address: anyone who can reach it may join, and may forge what moves a motor.
     state
         Folder for key, tokens, checkpoints; one of this user's for each port if not given (with --port 0: none).
+    fresh
+        Begin with every object at its start and every seat free, not where a server that was killed left them.
     public
         HOST or HOST:PORT by which people reach this server, for its links; guessed if not given.
     links
@@ -138,7 +142,7 @@ def serve(
             _write_settings(rooms, folders, run_folder, say)
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
-            keeper = Keeper(server, say, folder=folder, door=door, metrics=feed, software=VERSION)
+            keeper = Keeper(server, say, folder=folder, door=door, metrics=feed, software=VERSION, fresh=fresh)
         except (MetricsError, StateError) as error:
             server.close()
             raise Problem(str(error)) from None
@@ -155,7 +159,7 @@ def serve(
                 server.run()
             finally:
                 keeper.end(said_goodbye=bool(stop.reason))
-            say(f"stopped: {stop.reason}")
+            say(stop.reason)
             losses = {**server.drops(), **server.losses(), **keeper.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
 
@@ -371,5 +375,5 @@ def _warn(settings: Settings, say: Say) -> None:
         warnings = advise(settings).warnings
     except (ModelError, DeviceError) as error:
         warnings = (f"no advice: {error}",)
-    for text in warnings:
+    for text in together(warnings, [user.name for user in settings.users]):
         say(f"warning: room {settings.name}: {text}")

@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     A file of exactly that name comes first; a folder does not count. Raises BadInput, naming the file, for anything wrong
     in it.
     """
+    text = ""
     try:
         file = _file_of(path)
         text = file.read_text(encoding="utf-8")
@@ -34,9 +36,14 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     except FileNotFoundError:
         raise BadInput(f"{path}: there is no such file; {_cure(path)}") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read: {error}") from None
-    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
-        raise BadInput(f"{path}: not valid {path.suffix.removeprefix('.').upper() or 'TOML'}: {error}") from None
+        raise BadInput(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    except tomllib.TOMLDecodeError as error:
+        words, _, place = str(error).partition(" (at ")
+        found = re.fullmatch(r"line (\d+), column (\d+)\)", place)
+        line, column = found.groups() if found else (text.count("\n") + 1, "")
+        raise BadInput(_not_valid(path, "TOML", words, line, column)) from None
+    except json.JSONDecodeError as error:
+        raise BadInput(_not_valid(path, "JSON", error.msg, error.lineno, error.colno)) from None
     except RecursionError:
         raise BadInput(f"{path}: {NESTED}") from None
     if not isinstance(table, dict):
@@ -78,6 +85,11 @@ def _cure(path: Path) -> str:
         if close
         else "give the path of a settings file, or a name of `cogrip configs`"
     )
+
+
+def _not_valid(path: Path, form: str, words: str, line: object, column: object) -> str:
+    place = f"column {column}" if column else "the end of the file"
+    return f"{path}:{line}: not valid {form}, at {place}: {words[:1].lower()}{words[1:]}"
 
 
 def from_flags(overrides: Sequence[str]) -> Settings:

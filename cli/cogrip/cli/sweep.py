@@ -56,7 +56,7 @@ def sweep(
         of the lifted model (lifted.radius_without_structural, lifted.stable, lifted.largest_stable_stiffness_npm,
         lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable.
     out
-        The sweep's folder; else sweeps/<name>-<digest of what is asked>.
+        The sweep's folder; else `sweeps/<name>-<digest>`, the digest being of what is asked.
     jobs
         Worker processes; else one for each processor.
     cluster

@@ -15,7 +15,7 @@ from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
 from cogrip.devices.registry import schemes
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
-from cogrip.protocol.messages import Role
+from cogrip.protocol.messages import DEVICE_BYTES, Role
 from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.tokens import Token, TokenError, date_text
@@ -23,7 +23,7 @@ from cogrip.server.tokens import Token, TokenError, date_text
 EVERYWHERE = ("0.0.0.0", "::")
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
 _MOST_S = 10 * 366 * 86400
-_MOST_NOTE, _MOST_DEVICE = 200, 40  # characters, as `tokens.Token`
+_MOST_NOTE, _MOST_DEVICE = 200, DEVICE_BYTES  # characters, as `tokens.Token`
 
 
 def token_new(

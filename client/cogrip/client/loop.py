@@ -44,7 +44,7 @@ class Link(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a session ended: `failed` is "" when it ended as it should."""
+    """How a session ended: `failed` is "" when it ended as it should, `ended` says who ended it in order, if not its time."""
 
     seat: SeatSettings
     account: ClientAccount
@@ -53,6 +53,7 @@ class Ended:
     seconds: float
     counts: dict[str, int]
     measures: list[Measure]
+    ended: str = ""
 
 
 @dataclass(slots=True)
@@ -71,6 +72,7 @@ class LiveClient:
     judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: (
         ""
     )  # why not to hold the device so, "" if one may
+    over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     _core: RecordedClient = field(init=False)
     _up: Link | None = field(init=False, default=None)
@@ -141,7 +143,8 @@ class LiveClient:
             counts["recording stopped"] = 1
         if recorder is not None and recorder.lost:
             counts["not recorded"] = recorder.lost
-        return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures)
+        ended = core.session.ended or self.stop.reason or self.over()
+        return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures, ended)
 
     def _link(self, seat: SeatSettings) -> None:
         """Emulate what the settings ask for. Gives the seat back where that is impossible. Raises JoinError."""
@@ -211,9 +214,10 @@ class LiveClient:
                 self._rearm(handle)
             if not ending:
                 failed = self._failed() or (safety.reason if safety.state == "fault" and not self.rearms else "")
-                over = last_tick is not None and tick >= last_tick
+                over = bool(self.over()) or (last_tick is not None and tick >= last_tick)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
+                    failed = failed or self._unheard(now_ns)
                     if safety.state == "fault":
                         failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
@@ -241,6 +245,13 @@ class LiveClient:
         failed, trouble = self._core.session.failed, self.calls.failed
         return f"{failed}; the last way to it: {trouble}" if failed and trouble else failed
 
+    def _unheard(self, now_ns: int) -> str:
+        """Why an end that is no failure by itself is one: the server does not hear of it; "" otherwise."""
+        session = self._core.session
+        if session.state != "resuming":
+            return ""
+        return f"the server was silent for the last {(now_ns - session.last_heard_ns) / 1e9:.1f} s"
+
     def _tell_session(self, before: str, after: str) -> None:
         if after == "resuming":
             self.say("the server is silent: trying to come back")
@@ -265,7 +276,7 @@ class LiveClient:
         """Say goodbye and wait a moment for the answer."""
         core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
-        core.leave((failed or self.stop.reason or "the session is over")[:300], account, now_ns)
+        core.leave((failed or self.stop.reason or self.over() or "the session is over")[:300], account, now_ns)
         if session.state != "leaving":  # the server stopped first: it waits for our account
             self._up = None
             self._send(now_ns)

@@ -13,7 +13,7 @@ import msgspec
 from cogrip.client.core import ClientCore
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, TickCount
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
 from cogrip.protocol.recording.noted import Noted
 from cogrip.protocol.recording.records import Command, Datagram, Event, Ledger, Tick
 from cogrip.protocol.recording.secrets import without_secrets
@@ -160,7 +160,7 @@ def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
 
 def start_text(hello: Hello, capability: Capability) -> str:
     """Return what a client core is made from, as JSON text, less its token."""
-    asked = msgspec.structs.replace(hello, token="", ticket="")
+    asked = with_short_device(msgspec.structs.replace(hello, token="", ticket=""))
     return json.dumps(
         {"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)}, allow_nan=False
     )
@@ -169,7 +169,7 @@ def start_text(hello: Hello, capability: Capability) -> str:
 def start_of(text: str) -> tuple[Hello, Capability]:
     """The way back. Raises ValueError (msgspec's among them) or KeyError for anything else."""
     table = json.loads(text)
-    return msgspec.convert(table["hello"], Hello), Capability.recorded(table["capability"])
+    return with_whole_device(msgspec.convert(table["hello"], Hello)), Capability.recorded(table["capability"])
 
 
 def capability_of(text: str) -> Capability:

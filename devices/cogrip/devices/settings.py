@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from cogrip.devices.device import DeviceError
+from cogrip.protocol.expected import expects, plain
 
 Setting: TypeAlias = str | float | Sequence[float]
 """A value as it comes: text from an address, or a number or numbers from Python."""
@@ -91,8 +92,12 @@ def read_settings(settings: type[_Settings], query: Mapping[str, Setting], where
     key = path.rstrip("`").partition("[")[0]
     if key in query:
         if get_origin(hints[key]) is Literal:
-            text = f"Expected one of {', '.join(str(choice) for choice in get_args(hints[key]) if choice)}"
-        raise DeviceError(f"{where}: {key}={query[key]!r} is not accepted: {text[0].lower()}{text[1:]}")
+            what = f"one of {', '.join(str(choice) for choice in get_args(hints[key]) if choice)}"
+        else:
+            what = plain(text) or f"{text[0].lower()}{text[1:]}"
+        if key in vectors:
+            what = f"{what}, or several with commas between"
+        raise DeviceError(f"{where}: {expects(key, what, query[key])}")
     needed = message.rpartition("field `")[2].rstrip("`")
     raise DeviceError(f"{where}: needs the key {needed!r}; add {needed}=...")
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from cogrip.protocol.expected import expects
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.weather import PROFILES, ProfileName
 
@@ -26,7 +27,7 @@ Way = Literal["up", "down"]
 def check_cap(path: str, rate_kbps: float | None) -> None:
     """Raises SettingsError for a cap that would hold a datagram for ever."""
     if rate_kbps and rate_kbps < LEAST_KBPS:
-        raise SettingsError(f"{path} = {rate_kbps!r}: Expected float >= {LEAST_KBPS}, or 0 for no cap")
+        raise SettingsError(expects(path, f"a number of at least {LEAST_KBPS:g}, or 0 for no cap", rate_kbps))
 
 
 def check_outages(where: str, outage_s: float, outage_every_s: float) -> None:

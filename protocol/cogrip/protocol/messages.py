@@ -19,6 +19,8 @@ SEAL_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GC
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - SEAL_BYTES
 HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
 TEXT_BYTES = 300  # senders cut a text to this
+SHORT = 40  # characters of a ShortText
+DEVICE_BYTES = 200  # of a device address, of which the beginning stands in `device` and the whole in the padding
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
@@ -32,7 +34,7 @@ Entered = Annotated[float, msgspec.Meta(ge=0.0, le=1e15)]  # J
 VIEWED_SEATS = 16  # a view has room for so many; further ones are left out
 Axes = msgspec.Meta(min_length=1, max_length=3)
 Text = Annotated[str, msgspec.Meta(max_length=TEXT_BYTES)]
-ShortText = Annotated[str, msgspec.Meta(max_length=40)]
+ShortText = Annotated[str, msgspec.Meta(max_length=SHORT)]
 Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z")]  # 128 bits in base64url take 22
 Role = Literal["player", "observer"]
 NO_BOUND = 1e6  # a record's bound that is infinite, on the wire
@@ -65,7 +67,7 @@ class Hello(Message, frozen=True, tag=1):
     room: ShortText  # "" any
     name: ShortText  # "" any free seat
     digest: ShortText  # "" accept the server's settings
-    device: ShortText
+    device: ShortText  # on the wire; a hello that was decoded, or is to be padded, has the whole address
     device_axes: Annotated[int, msgspec.Meta(ge=1, le=6)]
     device_rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1e6)]
     device_force_n: Bound  # the record's peak force
@@ -201,7 +203,7 @@ def decode(datagram: bytes) -> AnyMessage:
         message: AnyMessage = _decoder.decode(datagram)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MalformedError(str(error)) from None
-    return message
+    return with_whole_device(message) if type(message) is Hello else message
 
 
 def foreign_version(datagram: bytes) -> int | None:
@@ -220,14 +222,34 @@ def foreign_version(datagram: bytes) -> int | None:
 
 def padded(hello: Hello) -> bytes:
     """A hello at its full length of HELLO_BYTES. The padding is a bin 16 whatever its length: so every length can be had."""
-    bare = encode(msgspec.structs.replace(hello, padding=b""))[:-2]
-    zeros = HELLO_BYTES - len(bare) - 3
-    return bare + b"\xc5" + zeros.to_bytes(2, "big") + bytes(zeros)
+    short = with_short_device(hello)
+    bare = encode(msgspec.structs.replace(short, padding=b""))[:-2]
+    length = HELLO_BYTES - len(bare) - 3
+    return bare + b"\xc5" + length.to_bytes(2, "big") + short.padding[:length].ljust(length, b"\0")
 
 
-def clipped(text: str) -> str:
-    """`text` cut to what a message may carry: TEXT_BYTES of UTF-8."""
-    return text.encode("utf-8", "replace")[:TEXT_BYTES].decode("utf-8", "ignore")
+def with_short_device(hello: Hello) -> Hello:
+    """`hello` as it goes on the wire: a device address that is too long for its field stands whole in the padding."""
+    if len(hello.device) <= SHORT:
+        return msgspec.structs.replace(hello, padding=b"")
+    whole = clipped(hello.device, DEVICE_BYTES).encode()
+    return msgspec.structs.replace(hello, device=hello.device[:SHORT], padding=whole)
+
+
+def with_whole_device(hello: Hello) -> Hello:
+    """The reverse: the padding's text up to a zero is the address, if it begins with what the field says."""
+    try:
+        whole = hello.padding[: DEVICE_BYTES + 1].partition(b"\0")[0].decode()
+    except UnicodeDecodeError:
+        whole = ""
+    longer = len(whole) > SHORT == len(hello.device) and len(whole.encode()) <= DEVICE_BYTES
+    fits = longer and whole.startswith(hello.device)
+    return msgspec.structs.replace(hello, device=whole, padding=b"") if fits else hello
+
+
+def clipped(text: str, most: int = TEXT_BYTES) -> str:
+    """`text` cut to what a message may carry: `most` bytes of UTF-8."""
+    return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
 
 
 def shown(text: str) -> str:

@@ -20,6 +20,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
+    DEVICE_BYTES,
     MAGIC,
     NO_BOUND,
     PROTOCOL_VERSION,
@@ -47,6 +48,8 @@ QUIET_NS = 500_000_000  # nothing heard for so long: the client tries to come ba
 RESUME_GIVE_UP_NS = 10_000_000_000  # nothing heard for so long: nor does it try any more
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
+
+IN_ORDER = "the server was stopped"  # with this begins the farewell of a server that was told to end
 
 FOR_CLIENTS = (Waves, State, Power, View)  # as a union it would be made anew for every datagram
 
@@ -84,6 +87,8 @@ SEAT: Table = {
 class ClientSession:
     """The client's half. `outbox` is what to send; `failed` says why it ended badly, "" if it did not.
 
+    ended            why the server ended the session in order, "" if it did not
+
     welcome          the newest: another session number in it than before means that the seat is a new one
     fresh_ns         when there was last something that a force can be made of: a frame that came, newer than all before, or
                      one that is played in its time; before there are any, a sign of life
@@ -106,7 +111,7 @@ class ClientSession:
         self._begun = False  # frames of this session were taken in
         self.away_ns = 0
         self.resumed = self.renewed = 0
-        self.failed = ""
+        self.failed = self.ended = ""
         self.dropped: dict[str, int] = {}
 
     def _step(self, event: str) -> bool:
@@ -171,10 +176,7 @@ class ClientSession:
             self._back(now_ns)
         self.last_heard_ns = now_ns
         if isinstance(message, Farewell):
-            asked = self.state == "leaving"
-            if self._step("farewell"):
-                self.farewell = message
-                self.failed = self.failed if asked else f"the server said goodbye: {messages.shown(message.reason)}"
+            self._hear_farewell(message)
             return None
         if isinstance(message, Heartbeat):
             self.clock.read(message.stamp, now_ns)
@@ -182,6 +184,17 @@ class ClientSession:
                 self.fresh_ns = now_ns
             return None
         return message
+
+    def _hear_farewell(self, farewell: Farewell) -> None:
+        asked = self.state == "leaving"
+        if not self._step("farewell"):
+            return
+        self.farewell = farewell
+        words = messages.shown(farewell.reason)
+        if not asked and words.startswith(IN_ORDER):
+            self.ended = words
+        elif not asked:
+            self.failed = f"the server said goodbye: {words}"
 
     def took(self, now_ns: int) -> None:
         """A frame was taken in that is newer than all before, or one was played in its time."""
@@ -289,7 +302,7 @@ def make_hello(
 ) -> Hello:  # fmt: skip
     """A hello. force_n, speed_mps: the device record's; what is infinite there is said as NO_BOUND."""
     return Hello(
-        MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, device[:40], axes, rate_hz,
+        MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, messages.clipped(device, DEVICE_BYTES), axes, rate_hz,
         min(force_n, NO_BOUND), min(speed_mps, NO_BOUND), role, token,
     )  # fmt: skip
 

@@ -10,6 +10,8 @@ from typing import Any, get_args
 
 import msgspec
 
+from cogrip.protocol.expected import expects, plain
+
 
 class SettingsError(ValueError):
     """A setting is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
@@ -114,12 +116,12 @@ def readable(message: str, table: Any, root: type[msgspec.Struct]) -> str:
             value = value[int(part)] if isinstance(value, list) else value[part]
         except (KeyError, IndexError, ValueError, TypeError):
             return f"{path}: {text}"
-    text = text.replace("`", "").replace("object", "a table").replace(" | null", "")
-    if "Invalid enum value" in text or " | str, got" in text:
-        text = f"Expected {_allowed(parts, root)}"
-    elif "regex" in text:
-        text = "Expected letters, digits, blanks and . _ - with a letter or digit first"
-    return f"{path} = {value!r}: {text}"
+    if "Invalid enum value" in text or " | str" in text:
+        return expects(path, _allowed(parts, root), value)
+    if "regex" in text:
+        return expects(path, "letters, digits, blanks and . _ - with a letter or digit first", value)
+    what = plain(text)
+    return expects(path, what, value) if what else f"{path}: {text}; got {value!r}"
 
 
 def _allowed(parts: Sequence[str], root: type[msgspec.Struct]) -> str:
@@ -142,5 +144,6 @@ def _named(kind: Any) -> list[str]:
         return []
     ranged = [part for part in get_args(kind) if isinstance(part, msgspec.Meta)]
     if ranged:
-        return [f"{get_args(kind)[0].__name__} from {ranged[0].ge} to {ranged[0].le}"]
+        noun = "whole number" if get_args(kind)[0] is int else "number"
+        return [f"a {noun} from {ranged[0].ge} to {ranged[0].le}"]
     return [text for part in get_args(kind) for text in _named(part)]

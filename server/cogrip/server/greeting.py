@@ -56,9 +56,31 @@ def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) ->
     names = [seat.settings.user for room in among for seat in room.seats]
     if name and name not in names:
         return Denied("name", f"no seat is kept for {name!r}; seats are: {', '.join(names)}")
+    left_ns = [
+        room.kept_ns(number, now_ns)
+        for room in among
+        for number, seat in enumerate(room.seats)
+        if name in ("", seat.settings.user)
+    ]
+    return _none_free(name, left_ns)
+
+
+def _none_free(name: str, left_ns: Sequence[int]) -> Denied:
+    """Say for how long the seats that are not taken are kept, and not for whom. left_ns: of each seat, 0 where it is taken."""
+    kept = sorted(-(-each // 1_000_000_000) for each in left_ns if each)
+    if name and kept:
+        words = f"the seat of {name!r} is kept for another {kept[0]} s for someone who lost their connection; try again then"
+        return Denied("taken", words)
     if name:
         return Denied("taken", f"the seat of {name!r} is taken; wait until it is left or time out")
-    return Denied("full", f"the room is full: all {len(names)} seats are taken")
+    if not kept:
+        return Denied("full", f"the room is full: all {len(left_ns)} seats are taken")
+    span = f"{kept[0]} s" if kept[0] == kept[-1] else f"{kept[0]} to {kept[-1]} s"
+    words = (
+        f"the room has no free seat: {len(left_ns) - len(kept)} taken, {len(kept)} kept for another {span} for someone "
+        "who lost their connection; try again then"
+    )
+    return Denied("full", words)
 
 
 def find_view(rooms: Sequence[Room], hello: Hello, grant: Grant) -> Room | Denied:

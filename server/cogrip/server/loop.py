@@ -186,7 +186,7 @@ class LiveServer:
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
         while not self.stop.reason:
             if end_ns is not None and clock() >= end_ns:
-                self.stop.reason = "the time is over"
+                self.stop.reason = "stopped (its --seconds are over)"
             due_ns = min(pacer.next_due_ns for pacer in pacers.values())
             remaining_ns = due_ns - SPIN_NS - clock()
             if remaining_ns > 0:
@@ -229,7 +229,7 @@ class LiveServer:
                 )
 
     def _farewell(self) -> None:
-        self.core.stop(self.stop.reason)
+        self.core.stop(f"the server was {self.stop.reason}")
         self._send()
         until_ns = time.monotonic_ns() + LINGER_NS
         while (now_ns := time.monotonic_ns()) < until_ns and self.core.awaits_accounts:

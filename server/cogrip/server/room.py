@@ -11,7 +11,7 @@ from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, Seat
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import Heartbeat
-from cogrip.protocol.session import LOST_NS, SEAT
+from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
 from cogrip.server.following import StiffnessFollower
@@ -167,6 +167,14 @@ class Room:
         """Whether whoever comes may have this seat."""
         seat = self.seats[number]
         return seat.state == "free" and (seat.reserved_until_ns is None or now_ns >= seat.reserved_until_ns)
+
+    def kept_ns(self, number: int, now_ns: int) -> int:
+        """Return for how much longer a seat is kept for somebody who is not heard; 0 where nobody is missed."""
+        seat = self.seats[number]
+        if seat.state == "free":
+            return max(0, (seat.reserved_until_ns or 0) - now_ns)
+        silent_ns = now_ns - seat.last_heard_ns
+        return max(1, LOST_NS - silent_ns) if silent_ns >= QUIET_NS else 0
 
     def checkpoint(self) -> RoomCheckpoint:
         """What a next server has to know of this room."""

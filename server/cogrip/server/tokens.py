@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from cogrip.protocol.messages import Role
+from cogrip.protocol.messages import DEVICE_BYTES, Role
 from cogrip.server.admission import Denied, Grant
 
 VERSION: Literal[1] = 1
@@ -24,7 +24,7 @@ _NAME_OR_ANY = r"^([A-Za-z0-9][A-Za-z0-9 ._-]*)?\Z"
 Id = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{8}\Z")]
 Hash = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
-DeviceOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=r"^[ -~]*\Z")]  # as long as a hello's
+DeviceOrAny = Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES, pattern=r"^[ -~]*\Z")]
 Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]  # it is printed on terminals
 UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # to the end of the year 9999
 Noted = Annotated[

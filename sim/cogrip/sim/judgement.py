@@ -74,6 +74,13 @@ def succeeded(summary: Summary) -> bool:
     return not in_fault and not fails & {passive(summary).tone, stable(summary).tone}
 
 
+def why_not(summary: Summary) -> str:
+    """Return the reason why a run has not `succeeded`, in sentences."""
+    faults = [f"{name_of(user)} ended in a fault." for user in people(summary) if user.get("state") == "fault"]
+    parts = (passive(summary), stable(summary))
+    return " ".join([*(part.sentence for part in parts if part.tone != "good"), *faults])
+
+
 def came(summary: Summary) -> bool:
     """Return whether anybody was there: an empty room has nothing to be judged."""
     return any(True for _ in _held(people(summary)))

@@ -26,8 +26,8 @@ class PlaySettings(msgspec.Struct, frozen=True, kw_only=True):
 
     speed    of play-back
     start_s  where in the recording to begin
-    stop_s   where to end; the hand then rests there
-    loop     0: rest at the end; 1: go back to the start in a second and play again
+    stop_s   where to end; the hand then rests there, and `cogrip join` leaves
+    loop     0: end there; 1: go back to the start in a second and play again
     """
 
     speed: Annotated[float, Meta(ge=0.01, le=MOST_SPEED)] = 1.0
@@ -60,6 +60,7 @@ class ReplayedDevice:
         self._capability: Capability | None = None
         self._open = False
         self._tick = 0
+        self._last = inf  # tick of the last sample
         self.force_n: tuple[float, ...] = (0.0,) * axes
 
     @property
@@ -78,6 +79,7 @@ class ReplayedDevice:
         check_rate(rate_hz, self.capability, self._address)
         self._position, self._velocity = self._course(rate_hz)
         self._tick, self._open = 0, True
+        self._last = inf if self._play.loop else len(self._position) - 1
 
     def _course(self, rate_hz: int) -> tuple[Array, Array]:
         """Position and velocity of every tick to come, shape (n, axes)."""
@@ -98,6 +100,11 @@ class ReplayedDevice:
             back = minimum_jerk(course[-1], course[0], rate_hz)
             return np.vstack((course, back[0])), np.vstack((speeds, back[1]))
         return np.vstack((course, course[-1])), np.vstack((speeds, np.zeros((1, self._axes))))  # and rests there
+
+    @property
+    def played_out(self) -> bool:
+        """Return whether the last sample was read: nothing but rest follows."""
+        return self._tick >= self._last
 
     def read(self, tick: int) -> Sample:
         if not self._open:

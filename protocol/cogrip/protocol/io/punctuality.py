@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cogrip.protocol.histogram import DurationHistogram
@@ -71,6 +71,13 @@ class Machine:
     fifo_permission: str  # "yes, ..." or "no, ..." and by what
     lock_permission: str
     loopback_us: dict[str, float] | None
+    load_after: float | None = None  # the same load when all was measured; the measuring itself is up to 1 of it
+
+    @property
+    def busy(self) -> float | None:
+        """Return the load average under which was measured, None on a machine that had nothing else to do."""
+        loads = [(self.load_1min, 0.5 * self.usable_cpus), (self.load_after, 0.5 * self.usable_cpus + 1.0)]
+        return max((load for load, most in loads if load is not None and load > most), default=None)
 
 
 def _tick_work(kept: list[object], tick: int) -> None:
@@ -238,6 +245,11 @@ def examine() -> Machine:
     )
 
 
+def after(machine: Machine) -> Machine:
+    """Return `machine` with the load at the end of a survey."""
+    return replace(machine, load_after=os.getloadavg()[0] if hasattr(os, "getloadavg") else None)
+
+
 def verdict(found: Punctuality) -> str:
     """`in reach`: p99 within a quarter period and at most 0.1 % skipped; `marginal`: within one period and 1 %."""
     period_us = 1e6 / found.rate_hz
@@ -247,6 +259,19 @@ def verdict(found: Punctuality) -> str:
     if p99_us <= period_us and found.skipped_share <= 0.01:
         return "marginal"
     return "out of reach"
+
+
+WORDS = ("in reach", "marginal", "out of reach")
+
+
+def verdicts(found: Sequence[Punctuality]) -> dict[int, str]:
+    """Return the word for each rate with all measures together: never better than that of a slower rate."""
+    words: dict[int, str] = {}
+    worst = 0
+    for each in sorted((each for each in found if each.setup == ALL), key=lambda each: each.rate_hz):
+        worst = max(worst, WORDS.index(verdict(each)))
+        words[each.rate_hz] = WORDS[worst]
+    return words
 
 
 def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
@@ -261,13 +286,19 @@ def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
     advice += [f"{name} is {why}." for name, why in refused.items() if why.startswith("not available")]
     together = {each.rate_hz: each for each in found if each.setup == ALL}
     plain = {each.rate_hz: each for each in found if each.setup == PLAIN}
+    words, busy = verdicts(found), machine.busy
+    under = "" if busy is None else f", measured under load (load average {busy:.1f})"
     for rate_hz, each in sorted(together.items()):
-        word = verdict(each)
-        late = f"p99 {each.lateness_us['p99']:.0f} us, period {1e6 / rate_hz:.0f} us, {each.skipped_share:.2%} skipped"
-        if word == "in reach":
+        word = words[rate_hz]
+        late = f"p99 {each.lateness_us['p99']:.0f} us, period {1e6 / rate_hz:.0f} us, {each.skipped_share:.2%} skipped{under}"
+        if word != verdict(each):
+            advice.append(f"{rate_hz} Hz is {word}, as a slower rate is, though it came in time itself ({late}).")
+        elif word == "in reach":
             bare = plain.get(rate_hz)
             also = "" if bare is None or verdict(bare) == word else "; plain sleep is not enough"
             advice.append(f"{rate_hz} Hz is in reach with every measure granted here ({late}){also}.")
+        elif busy is not None:
+            advice.append(f"{rate_hz} Hz was {word} ({late}): what a quiet machine reaches is not known by this.")
         elif word == "marginal":
             advice.append(f"{rate_hz} Hz is marginal ({late}): expect late ticks, and stay below this device rate.")
         else:
@@ -283,10 +314,13 @@ def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
         advice.append(
             "This is a virtual machine: its host adds lateness that nothing here removes; use bare metal for force."
         )
-    if machine.preemption != "PREEMPT_RT" and any(verdict(each) != "in reach" for each in together.values()):
+    if machine.preemption != "PREEMPT_RT" and any(word != "in reach" for word in words.values()):
         advice.append("A PREEMPT_RT kernel (Debian: linux-image-rt-amd64) shortens the longest latenesses.")
-    if machine.load_1min is not None and machine.load_1min > machine.usable_cpus / 2:
-        advice.append(f"The machine is busy (load {machine.load_1min:.1f}): measure again when it is quiet.")
+    if busy is not None:
+        advice.append(
+            f"The machine was busy (load average {busy:.1f} on {machine.usable_cpus} processors): measure again when it is "
+            "quiet, before a device rate is chosen by this."
+        )
     return advice
 
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 @dataclass(slots=True)
 class Stop:
-    """`reason` is "" until the loop should end."""
+    """`reason` is "" until the loop should end; of a signal it names it: "stopped (SIGTERM)"."""
 
     reason: str = ""
     signals: int = 0
@@ -46,7 +46,7 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.signals += 1
-        stop.reason = stop.reason or ("interrupted" if number == signal.SIGINT else "terminated")
+        stop.reason = stop.reason or f"stopped ({signal.Signals(number).name})"
         if stop.signals >= 3:
             raise KeyboardInterrupt
 

@@ -37,8 +37,10 @@ class Keeper:
         door: TokenDoor | None = None,
         metrics: MetricsFeed | None = None,
         software: str = "",
+        fresh: bool = False,
     ) -> None:
-        """Raises ControlError."""
+        """Raises ControlError. fresh: begin with every object at its start, whatever checkpoints there are."""
+        self._fresh = fresh
         self._server = server
         self._say = say
         self._folder = folder
@@ -67,9 +69,14 @@ class Keeper:
         for room, writer in self._writers.items():
             try:
                 data = checkpoint_file.read(writer.path)
-                if data is not None:
+                if data is not None and self._fresh:
+                    self._say(
+                        Happening("notice", f"{room}: begins at its start (--fresh): a checkpoint is left aside", room)
+                    )
+                    checkpoint_file.remove(writer.path)
+                elif data is not None:
                     core.restore(decode(data), time.monotonic_ns())
-            except (CheckpointError, StateError) as error:
+            except (CheckpointError, StateError, OSError) as error:
                 self._trouble(f"{writer.path}: room {room} begins anew: {error}")
         while core.events:
             self._say(core.events.popleft())

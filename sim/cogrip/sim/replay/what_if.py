@@ -18,13 +18,12 @@ from cogrip.client.recorded import start_of
 from cogrip.client.rendered_damper import refusal
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import address_of
-from cogrip.protocol.messages import Hello
+from cogrip.protocol.messages import DEVICE_BYTES, SHORT, Hello, clipped
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.settings import Settings, User, rates_of, resolve, seat_settings
 from cogrip.sim.records import End, RunRecords
 
 Hands = Literal["same", "impedance", "positions"]
-HELLO_LENGTH = 40  # of an address in a hello: a longer one is cut there
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +92,10 @@ def _hand(run: RunRecords, user: User, hands: Hands, hello: Hello, capability: C
     source = f"{run.folder if run.folder.is_dir() else end.path}#user={user.name}"
     if hands == "positions":
         return {"device": f"replay:{source}"}
-    whole = address_of(user) if address_of(user)[:HELLO_LENGTH] == hello.device else hello.device
-    known = whole != hello.device or len(hello.device) < HELLO_LENGTH  # an address that was cut is not
+    asked, said = address_of(user), hello.device
+    whole = asked if said in (asked[:SHORT], clipped(asked, DEVICE_BYTES)) else said
+    cut = len(said) == SHORT or len(said.encode()) > DEVICE_BYTES - 4  # by an earlier client, or beyond what is carried
+    known = whole != said or not cut
     mass = {"device_mass_kg": capability.apparent_mass_kg}
     if hands == "same" and hello.device.startswith("sim:") and known:
         return {} if whole == address_of(user) else {"device": whole, **mass}
