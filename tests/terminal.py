@@ -12,13 +12,17 @@ import sys
 import termios
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 LIMIT_S = 60.0
 _CONTROL = re.compile(r"\x1b\[([?0-9;]*)([A-Za-z])")
-_OWN_TERMINAL = (
-    "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
-    "from cogrip.cli.main import main; sys.exit(main(sys.argv[1:]))"
-)
+_SHELL = """
+import fcntl, signal, subprocess, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+command = subprocess.Popen([sys.executable, "-m", "cogrip.cli", *sys.argv[1:]])
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.exit(abs(command.wait()))
+"""  # it has the terminal, as a shell has: the command's end is not the terminal's
 
 
 class Screen:
@@ -82,7 +86,7 @@ class Terminal:
         self.before = termios.tcgetattr(theirs)
         environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES", "NO_COLOR")}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _OWN_TERMINAL, *map(str, arguments)],
+            [sys.executable, "-c", _SHELL, *map(str, arguments)],
             stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, env={**environment, "TERM": "xterm-256color"},
         )  # fmt: skip
         self.screen = Screen(columns)
@@ -100,10 +104,24 @@ class Terminal:
                 assert self.process.poll() is None, f"ended without {wanted!r}:\n{self.screen.text}"
         return self.screen.text
 
+    def settle(self, good: Callable[[], bool]) -> None:
+        """Wait until something holds, taking what is still written."""
+        until_s = time.monotonic() + LIMIT_S
+        while not good():
+            assert time.monotonic() < until_s, self.screen.text
+            if select.select([self._ours], [], [], 0.05)[0]:
+                self._take()
+
     def _take(self) -> None:
         text = os.read(self._ours, 1 << 16).decode("utf-8", "replace")
         self.written += text
         self.screen.feed(text)
+
+    def kill(self) -> None:
+        """End the command at once, not its shell."""
+        pid = self.process.pid
+        (command,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        os.kill(int(command), signal.SIGKILL)
 
     def type(self, keys: str) -> None:
         os.write(self._ours, keys.encode())

@@ -2,7 +2,7 @@
 
 import os
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from rich.cells import cell_len, chop_cells, set_cell_size
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -33,6 +33,24 @@ class Fitted:
 def natural_width(table: Table, console: Console, options: ConsoleOptions) -> int:
     """Columns that `table` takes where nothing is cut or wrapped."""
     return Measurement.get(console, options.update(width=_NATURAL, max_width=_NATURAL), table).maximum
+
+
+def columns_table(
+    headings: Sequence[str],
+    rows: Sequence[Mapping[str, str]],
+    *,
+    right: Sequence[str] = (),
+    tints: Mapping[str, Mapping[str, str]] = {},
+) -> Table:
+    """Some columns of rows of text. right: headings of numbers; tints: heading -> text -> style."""
+    table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
+    for number, heading in enumerate(headings):
+        # the last column gives way, between words, where even the narrowest layout has no room for it
+        last = number == len(headings) - 1
+        table.add_column(heading, justify="right" if heading in right else "left", no_wrap=not last, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(row[heading], tints.get(heading, {}).get(row[heading], "")) for heading in headings))
+    return table
 
 
 def marked(mark: Text, text: Text) -> Table:

@@ -14,7 +14,7 @@ from cogrip.cli.live_views import View
 
 END_LIMIT_S = 5.0
 # Ctrl-C and its like are the loop's: its end is the drawing's, which then leaves the terminal as it was
-_NOT_ITS = ("SIGINT", "SIGTERM", "SIGQUIT", "SIGTTOU")
+_NOT_ITS = ("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP", "SIGTTOU")
 
 
 def may_draw(console: Console) -> bool:
