@@ -28,7 +28,7 @@ from cogrip.sim.sweep.folder import FolderError, SweepFolder
 from cogrip.sim.sweep.local import LocalWorkers, processors
 
 SEEDS = 20
-_PIPED_WIDTH = 120
+_PIPED_WIDTH = 160
 _TELL_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
 
 

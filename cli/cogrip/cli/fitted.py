@@ -41,15 +41,26 @@ def columns_table(
     *,
     right: Sequence[str] = (),
     tints: Mapping[str, Mapping[str, str]] = {},
+    widest: Mapping[str, int] = {},
 ) -> Table:
-    """Some columns of rows of text. right: headings of numbers; tints: heading -> text -> style."""
+    """Some columns of rows of text.
+
+    right: headings of numbers; tints: heading -> text -> style; widest: columns to which names under a heading are shortened.
+    """
     table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
     for number, heading in enumerate(headings):
         # the last column gives way, between words, where even the narrowest layout has no room for it
         last = number == len(headings) - 1
         table.add_column(heading, justify="right" if heading in right else "left", no_wrap=not last, overflow="fold")
     for row in rows:
-        table.add_row(*(Text(row[heading], tints.get(heading, {}).get(row[heading], "")) for heading in headings))
+        table.add_row(
+            *(
+                Text(
+                    shortened(row[heading], widest.get(heading, _NATURAL)), tints.get(heading, {}).get(row[heading], "")
+                )
+                for heading in headings
+            )
+        )
     return table
 
 

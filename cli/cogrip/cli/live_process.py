@@ -36,7 +36,7 @@ def main(view_text: str) -> None:
                 live.console.print(line, markup=False, soft_wrap=True)
             if time.monotonic() >= drawn_s + DRAW_EVERY_S:
                 drawn_s = time.monotonic()
-                live.update(drawn.table(console.size.height - 1), refresh=True)
+                live.update(drawn.table(console.size.width, console.size.height - 1), refresh=True)
 
 
 class _Lines:

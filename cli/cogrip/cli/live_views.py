@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
+from rich.cells import cell_len
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -50,7 +51,7 @@ class JoinTable:
         self._view = view
         self._run = FollowedRun(Path(view.folder))
 
-    def table(self, height: int) -> RenderableType:
+    def table(self, width: int, height: int) -> RenderableType:
         """State, hand and force of each axis with its sign, and how the network is."""
         view, tick = self._view, self._run.tick(self._view.person)
         title = Text(f"{view.person} in room {view.room}", style="bold")
@@ -83,8 +84,8 @@ class ServeTable:
         self._here: dict[tuple[str, int], Present] = {}
         self._observers = 0
 
-    def table(self, height: int) -> RenderableType:
-        """Every room's object and ticks, then its seats; height: lines there are."""
+    def table(self, width: int, height: int) -> RenderableType:
+        """Every room's object and ticks, then its seats; width, height: columns and lines there are."""
         self._ask()
         steps = {room: self._run.step(room) for room in self._view.rooms}
         several = len(self._view.rooms) > 1
@@ -93,7 +94,7 @@ class ServeTable:
             for room, names in self._view.rooms.items()
             for number, name in enumerate(names)
         ]
-        rooms = [_room(room, step) for room, step in steps.items()]
+        rooms = [_room(room, step, width) for room, step in steps.items()]
         most_rooms = max(1, height // 4)
         if len(rooms) > most_rooms:
             rooms = [*rooms[:most_rooms], Text(f"and {len(rooms) - most_rooms} more rooms", style="dim")]
@@ -172,14 +173,21 @@ class _Seats(Fitted):
             rows = [(*named(seat), *_without(seat.cells(), addresses), *seat.vectors(between)) for seat in some]
             return [_table((*who, *_without(about, addresses), *motion), rows, left=4 if addresses else 3), *note]
 
-        def two() -> list[Table]:
+        def two(addresses: bool) -> list[Table]:
             some, note = cut(2, 5)
-            first = _table((*who, *about), [(*named(seat), *seat.cells()) for seat in some], left=4)
+            rows = [(*named(seat), *_without(seat.cells(), addresses)) for seat in some]
+            first = _table((*who, *_without(about, addresses)), rows, left=4 if addresses else 3)
             second = _table((*who, *motion), [(*named(seat), *seat.vectors(" ")) for seat in some], left=2)
             return [first, second, *note]
 
         axes = max((len(seat.held.proxy_m) for seat in seats if seat.held), default=1)
-        super().__init__(lambda: one(True, " ", 1), two, lambda: one(False, " ", 1), lambda: one(False, "\n", axes))
+        super().__init__(
+            lambda: one(True, " ", 1),
+            lambda: two(True),
+            lambda: one(False, " ", 1),
+            lambda: two(False),
+            lambda: one(False, "\n", axes),
+        )
 
 
 def _without(cells: Sequence[str], addresses: bool) -> tuple[str, ...]:
@@ -187,14 +195,15 @@ def _without(cells: Sequence[str], addresses: bool) -> tuple[str, ...]:
     return tuple(cells) if addresses else (cells[0], *cells[2:])
 
 
-def _room(name: str, step: Step | None) -> Text:
+def _room(name: str, step: Step | None, width: int) -> Text:
+    """One line, in fewer words where it is narrow."""
+    name = shortened(name, _ROOM_WIDTH)
     if step is None:
         return Text(f"room {name}: nothing is recorded yet", style="dim")
-    place = " ".join(components(step.object_m, 1e3, "+6.1f"))
-    return Text(
-        f"room {name}: object {place} mm, step {step.step}, {step.late_us} µs late, {step.skipped} skipped",
-        style="bold",
-    )
+    place = " ".join(components(step.object_m, 1e3, "+.1f"))
+    ticks = f"step {step.step}, {step.late_us} µs late, {step.skipped} skipped"
+    forms = (f"room {name}: object {place} mm, {ticks}", f"{name}: {place} mm, {ticks}", f"{name}: {ticks}")
+    return Text(next((form for form in forms if cell_len(form) <= width), forms[-1]), style="bold")
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str | Text]], left: int) -> Table:

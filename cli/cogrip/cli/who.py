@@ -1,6 +1,6 @@
 """`cogrip who`: who sits and looks on in a running server."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -16,6 +16,7 @@ from cogrip.server.io.state_folder import StateError
 from cogrip.server.present import Present
 
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
+_SHORT = {"name": 16}
 _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
 _PIPED_WIDTH = 10_000  # a line each, whatever it takes
 
@@ -60,15 +61,15 @@ def _tables(people: Sequence[Present]) -> Fitted:
     whose = _HEADINGS[:2]
     session = tuple(heading for heading in _HEADINGS if heading not in ("address", "device"))
 
-    def tables(*groups: Sequence[str]) -> list[Table]:
-        return [columns_table(group, rows, right=_NUMBERS) for group in groups]
+    def tables(*groups: Sequence[str], widest: Mapping[str, int] = {}) -> list[Table]:
+        return [columns_table(group, rows, right=_NUMBERS, widest=widest) for group in groups]
 
     short = ("seat", "since", *_NUMBERS)
     return Fitted(
         lambda: tables(_HEADINGS),
         lambda: tables(session, (*whose, "address", "device")),
         lambda: tables(session, ("name", "address"), ("name", "device")),
-        lambda: tables(("name", *short), ("name", "room"), ("name", "address"), ("name", "device")),
+        lambda: [*tables(whose), *tables(("name", *short), ("name", "address"), ("name", "device"), widest=_SHORT)],
     )
 
 
