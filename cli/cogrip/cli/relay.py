@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any
@@ -129,11 +130,12 @@ def relay(
         live.counts["log line"] = lines.lost
     if console.is_terminal:
         lines.put("\n")
-    with console.capture() as told:  # to be put with the lines: it may find no reader either
-        console.print(f"stopped: {stop.reason}", markup=False)
-        console.print(_table(live))
-        _print_rest(live, console)
-    lines.put(told.get(), wait=True)
+    told = StringIO()  # to be put with the lines: it may find no reader either
+    end = Console(file=told, width=console.width, force_terminal=console.is_terminal, highlight=False, soft_wrap=True)
+    end.print(f"stopped: {stop.reason}", markup=False)
+    end.print(_table(live))
+    _print_rest(live, end)
+    lines.put(told.getvalue(), wait=True)
     if json is not None:
         write_json({"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}, json)
     return 0
