@@ -178,10 +178,9 @@ def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **s
         return Advice(Verdict("passive", 0.5, 0.5, (), 1), Limit(None, 1.0), 1.0, (), ())
 
     monkeypatch.setattr(join, "advise_seat", advise_seat)
-    console = Console(width=200, color_system=None)
-    with console.capture() as capture:
-        assert join._judge("sim:phantom", False, console, seat, record) == ""
-    return capture.get(), len(asked)
+    said: list[str] = []
+    assert join._judge("sim:phantom", False, said.append, seat, record) == ""
+    return "".join(f"{line}\n" for line in said), len(asked)
 
 
 @pytest.mark.parametrize("error", [ModelError, ValueError, OverflowError, ZeroDivisionError, np.linalg.LinAlgError])

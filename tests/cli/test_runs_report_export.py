@@ -4,6 +4,7 @@ import csv
 import fcntl
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -71,17 +72,67 @@ def said(capsys: pytest.CaptureFixture[str]) -> str:
     return captured.out + captured.err
 
 
-def test_runs_are_listed_newest_first_with_a_line_of_verdict_each(base, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "150")
+@pytest.mark.parametrize("columns", [80, 150])
+def test_runs_are_listed_newest_first_with_a_line_each(base, capsys, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
     assert main(["runs", str(base)]) == 0
     heading, *lines = capsys.readouterr().out.splitlines()
-    lines = [line for line in lines if line[:1].isdigit()]  # what is long goes on below
     assert [line.split()[0] for line in lines] == [SOFT, FIRST, THREE, APART, SPRING]
-    assert heading.split() == ["run", "when", "seconds", "people", "size", "verdict"]
-    assert "2026-01-01 12:00     1.0 anna, ben" in lines[1]
-    assert lines[1].rstrip().endswith("✓ passive, stable, felt as intended")
-    assert "✗ diverged; passive" in lines[3]
-    assert "✗ not passive: whole line of" in lines[4]
+    assert heading.split()[:5] == ["run", "age", "kind", "people", "verdict"]
+    assert re.search(r" \d+ d +lab +anna, ben +✓ good\b", lines[1])
+    assert re.search(r"✗ diverged\b", lines[3])
+    assert re.search(r"✗ not passive\b", lines[4])
+    assert all(len(line) <= columns for line in (heading, *lines))
+    if columns == 150:
+        assert heading.split()[5:] == ["length", "size"]
+        assert re.search(r" 1\.0 s +[\d.]+ kB$", lines[1])
+
+
+def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
+    """A comparison of methods, a sweep, a what-if beside what it is compared with, a replay: none is a session that failed."""
+    compared = runs / "20260103-080000-compare-short"
+    compared.mkdir()
+    rows = [{"method": "wave", "diverged": 0, "oscillates": 0, "not_passive": 0, "failed": 0}]
+    asked = {"settings": SETTINGS}
+    (compared / "comparison.json").write_text("{}")
+    (compared / "summary.json").write_text(json.dumps({"sessions": 8, "run": 8, "asked": asked, "rows": rows}))
+    begun = runs / "20260103-080001-compare-begun"
+    begun.mkdir()
+    (begun / "comparison.json").write_text("{}")
+    (begun / "cells.jsonl").write_text("{}\n" * 3)
+    swept = runs / "20260103-080002-sweep"
+    swept.mkdir()
+    (swept / "sweep.json").write_text("{}")
+    (swept / "cells.jsonl").write_text("{}\n" * 5)
+    world = runs / "20260103-080003-short-what-if"
+    shutil.copytree(runs / FIRST, world)
+    shutil.copytree(runs / FIRST, world / "unchanged")
+    (world / "comparison.html").write_text("")
+    replayed = runs / "20260103-080004-again"
+    shutil.copytree(runs / FIRST, replayed)
+    table = json.loads((replayed / "settings.json").read_text())
+    for user in table["users"]:
+        user["device"] = "replay:run#user=0"
+    (replayed / "settings.json").write_text(json.dumps(table))
+    found = listed(runs)
+    kinds = {name: (run.kind, run.tone, run.brief) for name, run in found.items() if name.startswith("20260103")}
+    assert kinds == {
+        replayed.name: ("replay", "good", "good"),
+        f"{world.name}/unchanged": ("what-if", "good", "good"),
+        world.name: ("what-if", "good", "good"),
+        swept.name: ("comparison", "good", "5 cells"),
+        begun.name: ("comparison", "warn", "3 sessions"),
+        compared.name: ("comparison", "good", "8 sessions"),
+    }
+    assert found[compared.name].people == ("anna", "ben")
+    assert found[compared.name].seconds == 1.0
+    rows[0]["diverged"] = 1
+    (compared / "summary.json").write_text(json.dumps({"sessions": 8, "run": 8, "asked": asked, "rows": rows}))
+    assert (listed(runs)[compared.name].tone, listed(runs)[compared.name].brief) == ("bad", "wave failed")
+    (compared / "summary.json").write_text("{}")
+    assert listed(runs)[compared.name].brief == "unreadable"
+    (compared / "summary.json").write_text('{"sessions": 1, "run": 1, "rows": 5}')
+    assert listed(runs)[compared.name].brief == "unreadable"
 
 
 def test_runs_as_json(base, capsys):
@@ -94,6 +145,8 @@ def test_runs_as_json(base, capsys):
     assert row["when"].startswith("2026-01-01T12:00:00")
     assert row["size_bytes"] == sum(path.stat().st_size for path in (base / FIRST).iterdir())
     assert Path(row["folder"]) == base / FIRST
+    assert (row["kind"], row["brief"]) == ("lab", "good")
+    assert row["verdict"].startswith("passive, stable, felt as intended"), "the whole one"
     assert {name: rows[name]["tone"] for name in (APART, SPRING)} == {APART: "bad", SPRING: "bad"}
 
 

@@ -52,7 +52,7 @@ def asked(folder: StateFolder) -> Iterator[list[object]]:
 def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> None:
     code, out, err = cogrip("who", "--state", folder.path)
     assert (code, err) == (0, "")
-    assert out.splitlines() == [
+    assert [line.rstrip() for line in out.splitlines()] == [
         "name        room  seat       address     since    rtt ms  up ms  down ms  lost  device",
         "anna        lab   0          10.0.0.7:5  1:02:03    41.2   20.0     21.2     7  sim:phantom\\x1b[2J",
         "ben         lab   1 (comes)  away        1:01          -      -        -     0  mouse:",

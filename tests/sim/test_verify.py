@@ -372,7 +372,7 @@ def test_the_command_says_equal_or_where_not(folder: Path, anna: Recorded, capsy
     tick = msgspec.json.decode(anna.messages[at].payload, type=Tick)
     anna.altered(at, encode(msgspec.structs.replace(tick, work_j=0.125)))
     assert main(["replay", str(folder / "changed.mcap"), "--verify"]) == 1
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert "in /anna/tick work_j: recorded 0.125, replayed " in said
     assert f"differs at {100 / 1024:.6f} s" in said
     assert "was not closed" not in said

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.fitted import say
 from cogrip.cli.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
@@ -113,7 +114,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def warn(texts: Iterable[str]) -> None:
     errors = Console(stderr=True, highlight=False, soft_wrap=True)
     for text in texts:
-        errors.print(f"warning: {text}", markup=False)
+        say(errors, f"warning: {text}")
 
 
 def refuse_hardware(addresses: Iterable[str]) -> None:

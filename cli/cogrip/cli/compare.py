@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from cogrip.cli.before_run import AllowUnstable, check_compared, check_plausible
+from cogrip.cli.fitted import has_width
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.methods_table import methods_table
 from cogrip.cli.new_run import new_run_folder
@@ -27,7 +28,7 @@ from cogrip.sim.sweep.folder import FolderError, SweepFolder
 from cogrip.sim.sweep.local import LocalWorkers, processors
 
 SEEDS = 20
-_PIPED_WIDTH = 120
+_PIPED_WIDTH = 160
 _TELL_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
 
 
@@ -179,7 +180,7 @@ def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Co
         write_json(finite(summary), json)
     if json != "-":
         shown = Console(highlight=False)
-        if not shown.is_terminal:  # a pipe has no width of its own
+        if not has_width(shown):  # a pipe has no width of its own
             shown = Console(highlight=False, width=_PIPED_WIDTH)
         shown.print(methods_table(summary))
     where = console if json == "-" else Console(highlight=False, soft_wrap=True)

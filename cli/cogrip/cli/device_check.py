@@ -1,11 +1,15 @@
 """`cogrip devices check`: a verdict on an arm before anyone holds it."""
 
+from collections.abc import Sequence
+
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from cogrip.cli.arm_at import arm_at, termination_raised, wait_for_enter
+from cogrip.cli.fitted import say
 from cogrip.cli.problem import BadInput, Problem
-from cogrip.devices.arm.check import Measured, verdict
+from cogrip.devices.arm.check import Measured, Row, verdict
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.device import DeviceError
@@ -53,15 +57,27 @@ def device_check(
     rows = verdict(measured, current_ma)
     if moving_s <= 0.0:
         rows = [row for row in rows if not row.what.startswith("range")]
-    table = Table(title=f"{address}: {model.record.model}")
-    for column in ("", "", "found", "wanted", "what to do"):
-        table.add_column(column)
+    say(console, f"{address}: {model.record.model}")
+    console.print(_table(rows))
     for row in rows:
-        table.add_row("✓" if row.good else "✗", row.what, row.found, row.wanted, "" if row.good else row.cure)
-    console.print(table)
+        if not row.good:
+            say(console, f"{row.what}: {row.cure}")
     bad = [row.what for row in rows if not row.good]
-    console.print("fit to be held" if not bad else f"NOT fit to be held: {', '.join(bad)}", markup=False)
+    say(console, "fit to be held" if not bad else f"NOT fit to be held: {', '.join(bad)}")
     return 1 if bad else 0
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    """A row a thing that was measured."""
+    table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for heading in ("measured", "found", "wanted"):
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        table.add_row(
+            Text("✓", "green") if row.good else Text("✗", "red"), Text(row.what), Text(row.found), Text(row.wanted)
+        )
+    return table
 
 
 def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Console) -> tuple[ArmModel, Measured, float]:

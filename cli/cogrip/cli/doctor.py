@@ -56,17 +56,19 @@ def _machine_table(machine: Machine) -> Table:
 
 def _lateness_table(found: Sequence[Punctuality]) -> Table:
     """Lateness by rate and setup, in us."""
-    table = Table(title="Lateness of ticks in us", title_justify="left", header_style="bold")
-    table.add_column("rate", justify="right")
-    table.add_column("setup")
+    table = Table(
+        title="Lateness of ticks in us", title_justify="left", header_style="bold", box=None, padding=(0, 1, 0, 0)
+    )
+    table.add_column("rate", justify="right", no_wrap=True)
+    table.add_column("setup")  # wrapped between words where a terminal is narrow
     for heading in ("p50", "p99", "p99.9", "max", "skipped"):
-        table.add_column(heading, justify="right")
-    table.add_column("verdict")
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
     previous_hz = None
     for each in found:
         first = each.rate_hz != previous_hz
         if first and previous_hz is not None:
-            table.add_section()
+            table.add_row()
         previous_hz = each.rate_hz
         word = punctuality.verdict(each)
         note = f" [dim]({len(each.refused)} refused)[/]" if each.refused else ""
@@ -93,8 +95,8 @@ def _render(console: Console, machine: Machine, found: Sequence[Punctuality], ad
     for part in (_machine_table(machine), _lateness_table(found), _advice_table(advice)):
         console.print(Padding(part, (1, 0, 0, 0)))
     console.print(
-        "\n[dim]A row with + is plain sleep and that one measure. In reach: p99 within a quarter period and at\n"
-        "most 0.1 % of the ticks skipped; marginal: within one period and 1 %. Each row ran in a process of\n"
+        "\n[dim]A row with + is plain sleep and that one measure. In reach: p99 within a quarter period and at "
+        "most 0.1 % of the ticks skipped; marginal: within one period and 1 %. Each row ran in a process of "
         "its own, and only for seconds: rarer, longer latenesses than it could see exist.[/]"
     )
 

@@ -16,6 +16,8 @@ from rich.console import Console
 from cogrip.cli.before_run import ALLOW, HELD_BY_NOBODY, AllowUnstable, refuse_hardware, tell_implausible
 from cogrip.cli.flag_errors import above_zero
 from cogrip.cli.leave_files import leave_files
+from cogrip.cli.live_screen import LiveScreen, may_draw
+from cogrip.cli.live_views import JoinView
 from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
@@ -73,6 +75,7 @@ def join(
     report: bool = True,
     record: bool = True,
     rearm: bool | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
     allow_unstable: AllowUnstable = False,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, the end of a replay, or the server's goodbye.
@@ -125,6 +128,8 @@ def join(
     rearm
         Stay after a fault, without force, until `r` and Enter, or SIGUSR1, re-arms; else a fault ends the session. Yes at a
         terminal, no elsewhere.
+    quiet
+        Show no live table at a terminal, only lines.
     """
     above_zero("--seconds", seconds)
     console = Console(highlight=False, soft_wrap=True)
@@ -148,20 +153,18 @@ def join(
         refuse_hardware([device or (named_here[0].device if named_here else DEFAULT_DEVICE)])
     arm, address = _device(settings, name, device, axes)
     _check_hand(*_device(settings, name, device, axes), name, seconds)
-    folder: Path | None = into
-
-    def record_at(seat: SeatSettings) -> Path | None:
-        nonlocal folder
-        folder = folder or live_run_folder(runs, f"{seat.room}-{seat.user}", console.print)
-        return folder / client_recording(seat.user) if folder and record else None
-
     rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
-    with on_signals(stop), closing(_calls(place, insecure)) as calls:
+    with (
+        on_signals(stop),
+        closing(_calls(place, insecure)) as calls,
+        LiveScreen(partial(console.print, markup=False)) as screen,
+    ):
         hello = wanted.to_hold(arm.capability, address)
-        say = partial(console.print, markup=False)
+        say = screen.say
+        files = _Files(runs, into, record, screen, drawn=not quiet and may_draw(console))
         client = LiveClient(
-            arm, hello, calls, stop, say, LinkEmulator, record_at, seconds, rearms,
-            partial(_judge, address, allow_unstable, console), partial(_played_out, arm), allow_unstable,
+            arm, hello, calls, stop, say, LinkEmulator, files.record_at, seconds, rearms,
+            partial(_judge, address, allow_unstable, say), partial(_played_out, arm), allow_unstable,
         )  # fmt: skip
         try:
             ended = client.run()
@@ -169,13 +172,36 @@ def join(
             raise Problem(_refused(str(error), address)) from None
         except (JoinError, DeviceError) as error:
             raise Problem(str(error)) from None
+        screen.close()
         if isinstance(ended, ClientSession):
             if named:
                 say(f"this link is for looking on: {address} is left alone")
             if name:
                 say(NO_NAME)
             return look_on(ended, calls, stop, seconds, console)
-        return _finish(ended, folder, console, alone=into is None, report=report)
+        return _finish(ended, files.folder, console, alone=into is None, report=report)
+
+
+@dataclass(slots=True)
+class _Files:
+    """Where a session is recorded, and what of it is shown meanwhile. folder: None until it is known, or if there is none."""
+
+    runs: Path
+    folder: Path | None
+    record: bool
+    screen: LiveScreen
+    drawn: bool
+
+    def record_at(self, seat: SeatSettings) -> Path | None:
+        """Return the recording's file, None if there is to be none; begin to draw what it will hold."""
+        say = self.screen.say
+        self.folder = self.folder or live_run_folder(self.runs, f"{seat.room}-{seat.user}", say)
+        recorded = self.folder is not None and self.record
+        if self.drawn and recorded:
+            self.screen.draw(JoinView(str(self.folder), seat.room, seat.user))
+        elif self.drawn:
+            say("no live table without a recording")
+        return self.folder / client_recording(seat.user) if self.folder is not None and recorded else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +328,9 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     return 0 if well and not ended.failed and not ended.ended.startswith(IN_ORDER) else 1
 
 
-def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSettings, record: Capability) -> str:
+def _judge(
+    address: str, allow_unstable: bool, say: Callable[[str], None], seat: SeatSettings, record: Capability
+) -> str:
     """Say where this seat lies outside what is stable, passive or fit for its device, in the words of `cogrip advise`.
 
     Returns why it is refused, "" if it is not.
@@ -322,7 +350,7 @@ def _judge(address: str, allow_unstable: bool, console: Console, seat: SeatSetti
             warnings = (f"no advice: {error}",)
     for text in warnings:
         if text not in refused:
-            console.print(f"warning: {text}", markup=False)
+            say(f"warning: {text}")
     return _refused("; ".join(refused), address) if refused else ""
 
 

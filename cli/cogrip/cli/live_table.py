@@ -2,86 +2,84 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
-import msgspec
-from rich.box import SIMPLE_HEAD
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
-from cogrip.protocol.recording.reader import Follower, RecordingError
-from cogrip.protocol.recording.records import Record, Row, Step, Tick
-from cogrip.server.recorded import step_topic
-from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+from cogrip.cli.fitted import Fitted, shortened
+from cogrip.cli.followed import FollowedRun, components
 
-R = TypeVar("R", bound=Record)
-
-_HEADINGS = (
-    "person",
-    "state",
-    "hand\nmm",
-    "force\nN",
-    "round trip\nms",
-    "up, down\nms",
-    "lost\nframes",
-    "late\nticks",
-    "energy\nmargin mJ",
-)
+_HAND = ("hand\nmm", "force\nN", "energy\nmargin mJ")
+_NETWORK = ("round\ntrip ms", "up, down\nms", "lost\nframes", "late\nticks")
+_NAME_WIDTH = 12
 
 
 class LiveTable:
     """Reads the recordings of one run folder as they grow; never slows those who write them."""
 
     def __init__(self, folder: Path, room: str, people: Sequence[str]) -> None:
-        self._folder = folder
+        self._run = FollowedRun(folder)
         self._room = room
         self._people = people
-        self._followers: dict[str, Follower] = {}
-
-    def _newest(self, file: str, topic: str, kind: type[R]) -> R | None:
-        follower = self._followers.get(file)
-        try:
-            if follower is None:
-                follower = self._followers[file] = Follower(self._folder / file)
-            message = follower.look().get(topic)
-        except (OSError, RecordingError):  # not there yet, not whole yet, or gone
-            return None
-        return msgspec.json.decode(message.payload, type=kind) if message else None
-
-    def _tick(self, name: str) -> Tick | None:
-        return self._newest(client_recording(name), f"/{name}/tick", Tick)
 
     def everyone(self) -> bool:
         """True once every person's client has begun."""
-        return all(self._tick(name) for name in self._people)
+        return all(self._run.tick(name) for name in self._people)
 
-    def table(self) -> Table:
-        """One row a person."""
-        step = self._newest(SERVER_RECORDING, step_topic(self._room), Step)
-        place = _vector(step.object_m, 1e3, "+6.1f") if step else ""
-        table = Table(title=f"object at {place or 'rest'} mm", title_justify="left", box=SIMPLE_HEAD)
-        for heading in _HEADINGS:
-            table.add_column(heading, justify="left" if heading in ("person", "state") else "right")
+    def table(self) -> Group:
+        """One row a person; what does not fit beside each other stands in two tables."""
+        step = self._run.step(self._room)
+        place = " ".join(components(step.object_m, 1e3, "+.1f")) if step else ""
+        vectors: list[tuple[list[str], list[str]]] = []
+        people: list[list[str]] = []
+        margins: list[str] = []
+        network: list[list[str]] = []
         for number, name in enumerate(self._people):
-            tick = self._tick(name)
+            tick = self._run.tick(name)
             if tick is None:
-                table.add_row(name, "joining", *[""] * 7)
+                people.append([name, "joining"])
+                vectors.append(([], []))
+                margins.append("")
+                network.append([""] * len(_NETWORK))
                 continue
             seat = step.seats[number] if step else None
-            margins = (tick.margin_j, *((seat.up_margin_j, seat.line_margin_j) if seat else ()))
-            lost = tick.lost + (seat.lost if seat else 0)
-            table.add_row(
-                name,
-                tick.state,
-                _vector(tick.position_m or (), 1e3, "+6.1f"),
-                _vector(tick.force_n, 1.0, "+5.2f"),
-                "" if tick.rtt_ms is None else f"{tick.rtt_ms:.1f}",
-                " ".join(f"{way:.1f}" for way in (tick.up_ms, tick.down_ms) if way is not None),
-                f"{lost}",
-                f"{tick.skipped}",
-                f"{min(0.0, *(margin for margin in margins if margin is not None)) * 1e3:.3f}" if seat else "",
+            found = (tick.margin_j, *((seat.up_margin_j, seat.line_margin_j) if seat else ()))
+            people.append([name, tick.state])
+            vectors.append((components(tick.position_m, 1e3, "+6.1f"), components(tick.force_n, 1.0, "+5.2f")))
+            margins.append(f"{min(0.0, *(margin for margin in found if margin is not None)) * 1e3:.3f}" if seat else "")
+            network.append(
+                [
+                    "" if tick.rtt_ms is None else f"{tick.rtt_ms:.1f}",
+                    " ".join(f"{way:.1f}" for way in (tick.up_ms, tick.down_ms) if way is not None),
+                    f"{tick.lost + (seat.lost if seat else 0)}",
+                    f"{tick.skipped}",
+                ]
             )
-        return table
+
+        def hands(between: str) -> list[list[str]]:
+            return [
+                [between.join(hand), between.join(force), margin]
+                for (hand, force), margin in zip(vectors, margins, strict=True)
+            ]
+
+        def side_by_side() -> list[Table]:
+            return [live_table((*_HAND, *_NETWORK), people, [a + b for a, b in zip(hands(" "), network, strict=True)])]
+
+        def two(between: str) -> list[Table]:
+            return [live_table(_HAND, people, hands(between)), live_table(_NETWORK, people, network)]
+
+        return Group(Text(f"object at {place or 'rest'} mm"), Fitted(side_by_side, lambda: two(" "), lambda: two("\n")))
 
 
-def _vector(values: Row, scale: float, form: str) -> str:
-    return " ".join(format(value * scale, form) for value in values if value is not None)
+def live_table(headings: Sequence[str], people: Sequence[Sequence[str]], cells: Sequence[Sequence[str]]) -> Table:
+    """A row a person: name, state, then numbers."""
+    table = Table(box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("\nperson", no_wrap=True)
+    table.add_column("\nstate", no_wrap=True)
+    for heading in headings:
+        table.add_column(Text(heading), justify="right", no_wrap=True)
+    for (name, state), row in zip(people, cells, strict=True):
+        tint = {"fault": "red", "degraded": "yellow"}.get(state, "")
+        table.add_row(Text(shortened(name, _NAME_WIDTH)), Text(state, style=tint), *map(Text, row))
+    return table

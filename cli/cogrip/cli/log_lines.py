@@ -34,6 +34,7 @@ class LogLines:
     ) -> None:
         self.form = form
         self.lost = 0
+        self.above: Callable[[str], bool] | None = None  # takes lines while a live table stands where they would go
         self._format = _as_json if form == "json" else _as_text
         self._stream = sys.stdout if stream is None else stream
         self._clock = clock
@@ -46,6 +47,8 @@ class LogLines:
 
     def put(self, text: str, *, wait: bool = False) -> None:
         """Text as it stands, with what moves a cursor. wait: for whoever reads slowly."""
+        if self.above is not None and self.above(text):
+            return
         if self._gone or not self._put(text, wait):
             self.lost += 1
 

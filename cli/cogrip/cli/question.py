@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from cogrip.cli.fitted import say
 from cogrip.cli.problem import BadInput
 from cogrip.cli.settings_file import load
 from cogrip.devices.device import DeviceError
@@ -81,7 +82,7 @@ class Question:
         """On stderr, what was done about delays that are no whole number of ticks or frames."""
         console = Console(stderr=True, highlight=False, soft_wrap=True)
         for note in dict.fromkeys(note for session in sessions for note in rounding_notes(session)):
-            console.print(f"note: {note}", markup=False)
+            say(console, f"note: {note}")
 
 
 AS_IT_STANDS = Question()

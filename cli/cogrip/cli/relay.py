@@ -1,18 +1,19 @@
 """`cogrip relay`: an emulated network between any two programs that speak UDP."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from io import StringIO
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 from cyclopts import Parameter
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from cogrip.cli.fitted import Fitted, has_width, wrapped
+from cogrip.cli.fitted import say as say_lines
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.log_lines import LogLines
 from cogrip.cli.problem import BadInput, Problem
@@ -31,10 +32,10 @@ from cogrip.sim.relay import Relay
 
 RELAY_PORT = DEFAULT_PORT + 1
 WAYS: tuple[Way, Way] = ("up", "down")
-WIDTH = 130
-PIPED_WIDTH = 300  # no line is cut for a file
+PIPED_WIDTH = 300  # all columns in one table for a file
 MOST_FLOWS = 400  # `select` takes sockets up to number 1023
 NOTHING = "adds nothing"
+CLEAR = "\r\x1b[K"
 OUTCOMES = ("delivered", "lost", "outage", "queue_dropped", "duplicated", "held", "reordered", "in_flight")
 TROUBLES = ("crowded", "not_sent", "refused")
 
@@ -103,17 +104,18 @@ def relay(
         return configured_link(link, way, f"{seed}/{number}/{way}", script[way], origin_ns)
 
     console = Console(highlight=False, soft_wrap=True, stderr=json == "-")
-    terminal = console.is_terminal
-    console.width = max(console.width, WIDTH if terminal else PIPED_WIDTH)
+    if not has_width(console):
+        console.width = PIPED_WIDTH
     lines = LogLines(stream=sys.stderr if json == "-" else sys.stdout)
+    say = _over_status(lines, console)
     stop = Stop()
     core = Relay(make_link, flows, round(idle_s * 1e9))
     live = LiveRelay(
         core, _place("--listen", listen, RELAY_PORT), _place("--to", to, DEFAULT_PORT), stop,
-        lines.say, seconds=seconds,
+        say, seconds=seconds,
     )  # fmt: skip
-    if terminal:
-        live.each_second = lambda now_ns: lines.put(_status(live))
+    if console.is_terminal:
+        live.each_second = lambda now_ns: lines.put(_status(live, console.size.width))
     with on_signals(stop):
         try:
             live.open()
@@ -121,25 +123,34 @@ def relay(
             raise BadInput(str(error)) from None
         except RelayError as error:
             raise Problem(str(error)) from None
-        words = {way: _words(link, way, len(script[way])) for way in WAYS}
-        for way in WAYS:
-            lines.say(f"{way}: {words[way]}")
-        if set(words.values()) == {NOTHING}:
-            lines.say("no network is emulated: give --profile NAME, --set link.KEY=VALUE or a settings file")
-        lines.say(f"relaying from {place_text(live.bound)} to {place_text(live.far)}; seed {seed}; Ctrl-C ends")
+        _tell_network(link, script, say)
+        say(f"relaying from {place_text(live.bound)} to {place_text(live.far)}; seed {seed}; Ctrl-C ends")
         live.run()
     if lines.lost:
         live.counts["log line"] = lines.lost
-    if terminal:
+    if console.is_terminal:
         lines.put("\n")
-    console.file = told = StringIO()  # to be put with the lines: it may find no reader either
-    console.print(f"ended: {stop.reason}", markup=False)
-    console.print(_table(live))
-    _print_rest(live, console)
+    told = StringIO()  # to be put with the lines: it may find no reader either
+    end = Console(file=told, width=console.width, force_terminal=console.is_terminal, highlight=False, soft_wrap=True)
+    end.print(f"ended: {stop.reason}", markup=False)
+    end.print(_table(live))
+    _print_rest(live, end)
     lines.put(told.getvalue(), wait=True)
     if json is not None:
         write_json({"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}, json)
     return 0
+
+
+def _over_status(lines: LogLines, console: Console) -> Callable[[str], None]:
+    """Say a line, wrapped, in place of the status that stands there on a terminal."""
+
+    def say(text: str) -> None:
+        if console.is_terminal:
+            lines.put(CLEAR)
+        for line in wrapped(text, console).split("\n"):
+            lines.say(line)
+
+    return say
 
 
 def _link(
@@ -203,6 +214,14 @@ def _described(link: Link) -> dict[str, Any]:
     return {way: {**msgspec.structs.asdict(link.direction(way)), "trace": link.trace_of(way)} for way in WAYS}
 
 
+def _tell_network(link: Link, script: Mapping[Way, Sequence[Any]], say: Callable[[str], None]) -> None:
+    words = {way: _words(link, way, len(script[way])) for way in WAYS}
+    for way in WAYS:
+        say(f"{way}: {words[way]}")
+    if set(words.values()) == {NOTHING}:
+        say("no network is emulated: give --profile NAME, --set link.KEY=VALUE or a settings file")
+
+
 def _words(link: Link, way: Way, scripted: int) -> str:
     """What a way does to datagrams, in few words."""
     profile = link.direction(way)
@@ -224,14 +243,17 @@ def _words(link: Link, way: Way, scripted: int) -> str:
     return ", ".join(words) or NOTHING
 
 
-def _status(live: LiveRelay) -> str:
-    """One line that is written over: a table would take as long as several datagrams."""
-    up, down = (live.relay.totals(way) for way in WAYS)
-    parts = (
-        f"{way} {total['sent']} in, {total['delivered']} out, {total['lost']} lost, {total['outage']} in outages"
-        for way, total in (("up", up), ("down", down))
-    )
-    return f"\r{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: {'; '.join(parts)}\x1b[K"
+def _status(live: LiveRelay, width: int) -> str:
+    """One line that is written over, shorter on a narrow terminal: a table would take as long as several datagrams."""
+    totals = {way: live.relay.totals(way) for way in WAYS}
+    begin = f"{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: "
+    line = begin
+    forms = ("{sent} in, {delivered} out, {lost} lost, {outage} in outages", "{sent} in, {delivered} out", "{sent} in")
+    for form in forms:
+        line = begin + "; ".join(f"{way} {form.format(**total)}" for way, total in totals.items())
+        if len(line) < width:  # a line that fills the last column would begin another
+            break
+    return f"\r{line[: width - 1]}\x1b[K"
 
 
 def _summary(live: LiveRelay) -> dict[str, Any]:
@@ -261,23 +283,41 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
     }
 
 
-def _table(live: LiveRelay) -> Table:
-    """A row for each way of each flow, and the totals."""
+def _table(live: LiveRelay) -> Fitted:
+    """A row for each way of each flow, and the totals; on a narrow terminal in several tables."""
     core = live.relay
+    flows = [(f"{flow.number}", place_text(flow.address)) for flow in core.flows.values()]
     rows = [
-        (f"{flow.number}", place_text(flow.address), lane.way, lane.counters())
+        ({"flow": f"{flow.number}", "client": place_text(flow.address), "way": lane.way}, lane.counters())
         for flow in core.flows.values()
         for lane in flow.lanes
     ]
-    rows += [("all", f"{core.begun} flows", way, core.totals(way)) for way in WAYS]
-    shown = ["sent", *OUTCOMES, *(name for name in TROUBLES if any(row[3][name] for row in rows))]
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("flow", "client", "way", *shown):
-        justify: Literal["left", "right"] = "right" if heading in shown else "left"
-        table.add_column(heading.replace("_", " "), justify=justify, no_wrap=heading == "client")
-    for number, address, way, counters in rows:
-        table.add_row(number, address, way, *(f"{counters[name]}" for name in shown))
-    return table
+    rows += [({"flow": "all", "client": f"{core.begun} flows", "way": way}, core.totals(way)) for way in WAYS]
+    shown = ["sent", *OUTCOMES, *(name for name in TROUBLES if any(counters[name] for _, counters in rows))]
+    first, second = shown[:5], shown[5:]
+
+    def table(of: Sequence[str], counted: Sequence[str]) -> Table:
+        made = Table(box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
+        for heading in of:
+            made.add_column(heading, no_wrap=True)
+        for heading in counted:
+            made.add_column(heading.replace("_", "\n"), justify="right", no_wrap=True)
+        for named, counters in rows:
+            made.add_row(*(named[heading] for heading in of), *(f"{counters[name]}" for name in counted))
+        return made
+
+    def clients() -> Table:
+        made = Table("flow", "client", box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
+        for number, address in flows:
+            made.add_row(number, address)
+        return made
+
+    whose, which = ("flow", "client", "way"), ("flow", "way")
+    return Fitted(
+        lambda: [table(whose, shown)],
+        lambda: [table(whose, first), table(which, second)],
+        lambda: [clients(), table(which, first), table(which, second)],
+    )
 
 
 def _print_rest(live: LiveRelay, console: Console) -> None:
@@ -285,14 +325,13 @@ def _print_rest(live: LiveRelay, console: Console) -> None:
     for way, late in core.late.items():
         if late.count:
             us = late.summary_us((50, 99))
-            console.print(
-                f"{way}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), at most {us['max']:.0f} us"
+            say_lines(
+                console,
+                f"{way}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), at most {us['max']:.0f} us",
             )
     counts = {"of strangers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
     if words := ", ".join(f"{name} {count}" for name, count in counts.items() if count):
-        console.print(f"dealt with: {words}", markup=False)
+        say_lines(console, f"dealt with: {words}")
     refused = [measure for measure in live.measures if not measure.granted]
     if refused:
-        console.print(
-            f"without: {', '.join(measure.name for measure in refused)} (`cogrip doctor` says how)", markup=False
-        )
+        say_lines(console, f"without: {', '.join(measure.name for measure in refused)} (`cogrip doctor` says how)")

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.compared_table import compared_table
+from cogrip.cli.fitted import say as say_lines
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.opened_run import opened
@@ -31,7 +32,6 @@ from cogrip.sim.replay.what_if import Hands, folder_name, label
 from cogrip.sim.replay.what_if import what_if as other_world
 from cogrip.sim.traces import describe
 
-TABLE_WIDTH = 110
 WORTH_WORKERS_BYTES = 8_000_000
 
 
@@ -85,7 +85,7 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
 
     def say(text: str) -> None:
         if json != "-":
-            console.print(text, markup=False)
+            say_lines(console, text)
 
     for note in records.notes:
         say(f"note: {note}")
@@ -202,11 +202,7 @@ def _what_if(
             page, rows = write_comparison(folder / "comparison.html", [records.folder, *folders.values()], labels)
         except ComparisonError as error:
             raise BadInput(f"{error}; the other world's own run is in {folder}") from None
-    letters = [chr(ord("A") + number) for number in range(len(labels))]
-    # the names themselves are too wide, and numbers are not cut in two
-    Console(highlight=False, width=max(console.width, TABLE_WIDTH)).print(compared_table(rows, letters))
-    for letter, name in zip(letters, labels, strict=True):
-        console.print(f"{letter}: {name}", markup=False)
+    console.print(compared_table(rows, labels))
     for name, outcome in outcomes.items():
         console.print(f"{name}:", markup=False)
         console.print(verdict_lines(outcome.summary))

@@ -1,28 +1,37 @@
 """`cogrip runs`: what was run, newest first."""
 
-import os
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from cogrip.cli.fitted import has_width, padded, shortened
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.messages import shown
+from cogrip.sim.judgement import Tone
 from cogrip.sim.run_list import ListedRun, list_runs
 
-_TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
-_MOST_NAMES = 3  # more people are counted only
-_HEADINGS = ("run", "when", "seconds", "people", "size", "", "verdict")
-_RIGHT = ("seconds", "size")
-_MOST_WIDE = 200  # where it is not shown on a terminal: no line is cut in two
+_TONES: dict[Tone, tuple[str, str]] = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
+_HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")  # the last ones are left out first
+_RIGHT = ("age", "length", "size")
+_KEPT = 5  # columns that every terminal shows
+_NAME_WIDTH = 32  # for which columns are left out: a time and a short name
+_PEOPLE_WIDTH = 12  # of names; more people are counted
+_BETWEEN = " "
+_PIPED_WIDTH = 200  # where it is not shown on a terminal
+_AGES = ((60.0, "s"), (60.0, "min"), (24.0, "h"), (1000.0, "d"))  # how many of each make one of the next
 
 
 def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
-    """List the runs in a folder, newest first, each with its verdict. Exit code 0 whatever the verdicts.
+    """List the runs in a folder, newest first, each with its verdict in a word or two. Exit code 0 whatever the verdicts.
+
+    `--json` has the whole verdict, the time, and everybody's name.
 
     Parameters
     ----------
@@ -39,33 +48,81 @@ def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
         write_json({"folder": str(folder), "runs": [_record(run) for run in found]}, json)
         return 0
     if found:
-        console = Console(highlight=False)
-        if not console.is_terminal and "COLUMNS" not in os.environ:
-            console.width = _MOST_WIDE
-        console.print(_table(found))
+        console = Console(highlight=False, soft_wrap=True)
+        for line in _lines(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
+            console.print(line)
     else:
         Console(stderr=True, highlight=False).print(f"no runs in {folder}", markup=False)
     return 0
 
 
-def _table(found: list[ListedRun]) -> Table:
-    table = Table(box=None, header_style="dim", padding=(0, 1, 0, 0))
-    for heading in _HEADINGS:
-        # of a narrow terminal the verdict takes what is left, on several lines where it must
-        wraps = heading == "verdict"
-        table.add_column(heading, justify="right" if heading in _RIGHT else "left", no_wrap=not wraps, overflow="fold")
-    for run in found:
+def _lines(found: Sequence[ListedRun], width: int, now: datetime) -> list[Text]:
+    """A heading, then a line a run; a name that leaves no room for the rest has a line to itself, and is never cut."""
+    rows = [_cells(run, now) for run in found]
+    widths = [max(map(cell_len, column)) for column in zip(_HEADINGS, *rows, strict=True)]
+    many = len(_HEADINGS)
+    while many > _KEPT and sum(widths[1:many]) + many - 1 + min(widths[0], _NAME_WIDTH) > width:
+        many -= 1
+    widths[0] = max(len(_HEADINGS[0]), min(widths[0], width - sum(widths[1:many]) - many + 1))
+    lines = [Text(_line(_HEADINGS, widths, many), style="dim")]
+    for run, (name, *cells) in zip(found, rows, strict=True):
+        if cell_len(name) > widths[0]:
+            lines.append(Text(name))
+            name = ""
+        line = Text(_line((name, *cells), widths, many))
         mark, tint = _TONES[run.tone]
-        table.add_row(
-            Text(shown(run.name)),
-            Text(f"{run.when:%Y-%m-%d %H:%M}"),
-            Text("-" if run.seconds is None else f"{run.seconds:.1f}"),
-            Text(shown(", ".join(run.people)) if len(run.people) <= _MOST_NAMES else f"{len(run.people)} people"),
-            Text(_size(run.size_bytes)),
-            Text(mark, style=tint),
-            Text(run.verdict, style="bold red" if run.tone == "bad" else ""),
-        )
-    return table
+        begin = line.plain.rindex(f"{mark} {run.brief}")
+        line.stylize(f"bold {tint}" if run.tone == "bad" else tint, begin, begin + len(mark))
+        lines.append(line)
+    return lines
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], many: int) -> str:
+    parts = [
+        padded(cell, width, right=heading in _RIGHT)
+        for heading, cell, width in zip(_HEADINGS[:many], cells, widths, strict=False)
+    ]
+    return _BETWEEN.join(parts).rstrip()
+
+
+def _cells(run: ListedRun, now: datetime) -> tuple[str, ...]:
+    """As _HEADINGS."""
+    return (
+        shown(run.name),
+        _age((now - run.when).total_seconds()),
+        run.kind,
+        _people(run.people),
+        f"{_TONES[run.tone][0]} {run.brief}",
+        "-" if run.seconds is None else _length(run.seconds),
+        _size(run.size_bytes),
+    )
+
+
+def _people(names: Sequence[str]) -> str:
+    """The first of them, and how many more there are: `anna, ben +2`."""
+    for many in range(len(names), 0, -1):
+        more = f" +{len(names) - many}" if len(names) > many else ""
+        text = shown(", ".join(names[:many]))
+        if cell_len(text + more) <= _PEOPLE_WIDTH or many == 1:
+            return shortened(text, _PEOPLE_WIDTH - len(more)) + more
+    return "-"
+
+
+def _age(seconds: float) -> str:
+    """How long ago, in the largest unit of which there is one."""
+    left = max(0.0, seconds)
+    for many, unit in _AGES:
+        if left < many:
+            return f"{int(left)} {unit}"
+        left /= many
+    return "long ago"
+
+
+def _length(seconds: float) -> str:
+    """Of a session."""
+    return (
+        f"{seconds:.1f} s" if seconds < 99.95 else f"{seconds:.0f} s" if seconds < 9999.5 else f"{seconds / 3600:.1f} h"
+    )
 
 
 def _size(size_bytes: float) -> str:
@@ -80,10 +137,12 @@ def _record(run: ListedRun) -> dict[str, Any]:
     return {
         "run": run.name,
         "folder": str(run.folder),
+        "kind": run.kind,
         "when": run.when.isoformat(),
         "seconds": run.seconds,
         "people": list(run.people),
         "tone": run.tone,
+        "brief": run.brief,
         "verdict": run.verdict,
         "size_bytes": run.size_bytes,
     }

@@ -16,6 +16,8 @@ from rich.console import Console
 
 from cogrip.cli.before_run import together
 from cogrip.cli.leave_files import leave_files
+from cogrip.cli.live_screen import LiveScreen, may_draw
+from cogrip.cli.live_views import ServeView
 from cogrip.cli.log_lines import LogLines
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
@@ -71,6 +73,7 @@ def serve(
     into: Path | None = None,
     report: bool = True,
     record: bool = True,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -114,6 +117,8 @@ def serve(
         Write report.html and plots at the end.
     record
         Record the session; every replay, report and verification needs it.
+    quiet
+        Show no live table at a terminal, only lines.
     """
     rooms = _rooms(config, overrides, port, into)
     host = _host(host)
@@ -155,13 +160,31 @@ def serve(
             keeper.begin()
             how = "sealed" if sealed else "plain"
             say(f"listening on {place_text(bound)}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
+            screen = stack.enter_context(LiveScreen(say))
+            if not quiet:
+                _draw(screen, lines, rooms, run_folder if record else None, folder)
             try:
                 server.run()
             finally:
+                screen.close()
                 keeper.end(said_goodbye=bool(stop.reason))
             say(stop.reason)
             losses = {**server.drops(), **server.losses(), **keeper.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
+
+
+def _draw(
+    screen: LiveScreen, lines: LogLines, rooms: Sequence[Settings], recorded: Path | None, state: StateFolder | None
+) -> None:
+    """Show the rooms below the lines, at a terminal where people read them."""
+    if lines.form != "text" or not may_draw(Console()):
+        return
+    if recorded is None:
+        lines.say("no live table without a recording")
+        return
+    lines.above = screen.passed
+    seats = {room.name: tuple(user.name for user in room.users) for room in rooms}
+    screen.draw(ServeView(str(recorded), seats, str(state.path) if state else ""))
 
 
 def _check_flags(

@@ -5,6 +5,7 @@ from pathlib import Path
 from cyclopts import App
 from rich.console import Console
 
+from cogrip.cli.fitted import say
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import AS_IT_STANDS, Overrides, Question
@@ -53,10 +54,10 @@ def radius(
         write_json(answer, json)
         return 0
     console = Console(highlight=False)
-    console.print(f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
-    console.print(f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
-    console.print(f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
-    console.print(f"({question.conditions})")
+    say(console, f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
+    say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
+    say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
+    say(console, f"({question.conditions})")
     return 0
 
 
@@ -102,8 +103,8 @@ def limit(
     if found.stable_again:
         text += ", and again at some stiffness beyond"
     console = Console(highlight=False)
-    console.print(f"{_SCHEMES[model.session.scheme]}: {text}")
-    console.print(f"({question.conditions})")
+    say(console, f"{_SCHEMES[model.session.scheme]}: {text}")
+    say(console, f"({question.conditions})")
     return 0
 
 
@@ -161,12 +162,12 @@ def region(
         raise BadInput(f"--out: {error}") from None
     except OSError as error:
         raise Problem(f"--out {out}: cannot be written: {error}") from None
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(f"({question.conditions})")
+    console = Console(highlight=False)
+    say(console, f"({question.conditions})")
     for each in found:
         doubt = "" if each.outline.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
-        console.print(f"{frames(each.delay_frames)} each way: {extent(each.outline)}{doubt}")
-    console.print("written: " + ", ".join(str(path) for path in paths))
+        say(console, f"{frames(each.delay_frames)} each way: {extent(each.outline)}{doubt}")
+    say(console, "written: " + ", ".join(str(path) for path in paths))
     return 0 if all(each.outline.verified for each in found) else 1
 
 

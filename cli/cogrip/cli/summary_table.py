@@ -1,11 +1,16 @@
-"""A run's summary on the terminal: a row a person, then the verdict in words. Fits 100 columns."""
+"""A run's summary on the terminal: a row a person, then the verdict in words.
 
-from typing import Any
+What does not fit side by side stands in two tables, hands above networks; what does not even fit there, an axis a line.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.cli.fitted import Fitted, marked, shortened
 from cogrip.protocol.messages import shown
 from cogrip.sim.summary_values import (
     UNKNOWN,
@@ -27,67 +32,109 @@ from cogrip.sim.verdict import verdict
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}
 _DASH = "-"
-_NUMBERS = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin", "lost/late\n/dupl.", "up/down/\nrtt99 ms")
-_LOOP = ("ticks\nrun", "late p99\nµs")
+_HAND = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin")
+_NETWORK = ("lost/late\n/dupl.", "up/down/\nrtt99 ms", "ticks\nrun", "late p99\nµs")
+_NAME_WIDTH = 12
+
+
+class _Row(NamedTuple):
+    """A person, or the object. hand and network: as the headings of these names; hand[0] has an item an axis."""
+
+    name: Text
+    where: list[str]
+    hand: list[Text]
+    network: list[Text]
+    state: Text
+    style: str = ""
 
 
 def terminal_summary(summary: Summary) -> Group:
     """What to print of `summary.json`. Whatever is null stands as a dash."""
+    rows = [_person(sitting, which) for user in people(summary) for which, sitting in _sittings(user)]
+    rows.append(_object(summary))
     title = Text(shown(str(summary.get("name") or "run")), style="bold")
-    table = Table(title=title, title_justify="left", header_style="dim", box=None, padding=(0, 1, 0, 0))
-    table.add_column(Text("\nperson"), overflow="ellipsis", max_width=12, no_wrap=True)
-    for heading in (*_NUMBERS, *_LOOP):
-        table.add_column(Text(heading), justify="right", no_wrap=True)
-    table.add_column(Text("\nstate"))
-    for user in people(summary):
-        before = earlier(user)
-        for which, sitting in enumerate((*before, user), 1):
-            table.add_row(*_person({**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting))
-    table.add_row(*_object(summary))
-    return Group(table, Text(""), verdict_lines(summary))
+
+    def hands(between: str) -> list[list[Text]]:
+        return [[_cell(between.join(row.where)), *row.hand] for row in rows]
+
+    def networks() -> list[list[Text]]:
+        return [row.network for row in rows]
+
+    def side_by_side() -> list[Table]:
+        both = [[*hand, *network] for hand, network in zip(hands(" "), networks(), strict=True)]
+        return [_table((*_HAND, *_NETWORK), both, rows, states=True)]
+
+    def two(between: str) -> list[Table]:
+        first = _table(_HAND, hands(between), rows, states=True)
+        return [first, _table(_NETWORK, networks(), rows, states=False)]
+
+    return Group(title, Fitted(side_by_side, lambda: two(" "), lambda: two("\n")), Text(""), verdict_lines(summary))
 
 
 def verdict_lines(summary: Summary) -> Group:
-    """The verdict, a line a sentence."""
+    """The verdict, a paragraph a sentence."""
     return Group(
         *(
-            Text.assemble((_TONES[tone][0], _TONES[tone][1]), " ", (shown(text), "bold red" if tone == "bad" else ""))
+            marked(Text(*_TONES[tone]), Text(shown(text), "bold red" if tone == "bad" else ""))
             for tone, text in verdict(summary)
         )
     )
 
 
-def _person(user: dict[str, Any]) -> list[Text]:
+def _table(headings: Sequence[str], cells: list[list[Text]], rows: list[_Row], *, states: bool) -> Table:
+    table = Table(header_style="dim", box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column(Text("\nperson"), overflow="ellipsis", max_width=_NAME_WIDTH, no_wrap=True)
+    for heading in headings:
+        table.add_column(Text(heading), justify="right", no_wrap=True)
+    if states:
+        table.add_column(Text("\nstate"), no_wrap=True)
+    for row, numbers in zip(rows, cells, strict=True):
+        table.add_row(row.name, *numbers, *([row.state] if states else []), style=row.style)
+    return table
+
+
+def _sittings(user: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Every sitting of a person with its number, oldest first; 0 where there was only one."""
+    before = earlier(user)
+    for which, sitting in enumerate((*before, user), 1):
+        yield which if before else 0, {**sitting, "name": name_of(user)}
+
+
+def _person(user: dict[str, Any], which: int) -> _Row:
     worst, link, state = worst_margin([{**user, "earlier": None}]), user.get("link"), user.get("state")
-    rtt = dig(link, "rtt_ms", "p99")
-    return [
-        Text(shown(name_of(user))),
-        _cell(_spaced(user.get("position_m"))),
-        _cell(number(user.get("peak_force_n"), digits=2)),
-        _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
-        Text(energy(worst[0]) if worst else _DASH),
-        _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
-        _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
-        *_loop(user.get("ticks")),
+    rtt, name = dig(link, "rtt_ms", "p99"), shown(name_of(user))
+    number_of = f" ({which})" if which else ""
+    return _Row(
+        Text(shortened(name, _NAME_WIDTH - len(number_of)) + number_of),
+        _axes(user.get("position_m")),
+        [
+            _cell(number(user.get("peak_force_n"), digits=2)),
+            _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
+            Text(energy(worst[0]) if worst else _DASH),
+        ],
+        [
+            _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
+            _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
+            *_loop(user.get("ticks")),
+        ],
         Text(shown(str(state)) if state else _DASH, style=_STATES.get(str(state), "")),
-    ]
+    )
 
 
-def _object(summary: Summary) -> list[Text]:
+def _object(summary: Summary) -> _Row:
     blank = Text("")
-    where = _cell(_spaced(dig(summary, "object", "position_m")))
-    row = [Text("object"), where, *[blank] * (len(_NUMBERS) - 1), *_loop(dig(summary, "server", "ticks")), blank]
-    for cell in row:
-        cell.stylize("dim")
-    return row
+    hand, network = [blank] * (len(_HAND) - 1), [blank] * (len(_NETWORK) - 2)
+    where = _axes(dig(summary, "object", "position_m"))
+    return _Row(Text("object"), where, hand, [*network, *_loop(dig(summary, "server", "ticks"))], blank, "dim")
 
 
 def _loop(ticks: Any) -> list[Text]:
     return [_cell(share(ticks_share(ticks))), _cell(number(dig(ticks, "late_us", "p99"), digits=0))]
 
 
-def _spaced(position_m: Any) -> str:
-    return vector(position_m, scale=1e3).replace(",", "")
+def _axes(position_m: Any) -> list[str]:
+    """A text an axis."""
+    return vector(position_m, scale=1e3).split(", ")
 
 
 def _short(value_ms: Any) -> str:
@@ -96,4 +143,4 @@ def _short(value_ms: Any) -> str:
 
 def _cell(text: str) -> Text:
     """The words for what is not known are too long for a table."""
-    return Text(shown(text).replace(UNKNOWN, _DASH))
+    return Text("\n".join(shown(line) for line in text.split("\n")).replace(UNKNOWN, _DASH))

@@ -2,11 +2,12 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 from rich.console import Console
-from rich.text import Text
+from rich.table import Table
 
+from cogrip.cli.fitted import Fitted, columns_table, has_width
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import Problem
 from cogrip.cli.state_at import Port, State, state_at
@@ -15,10 +16,10 @@ from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.tokens import Token, TokenState, date_text
 
-_TONES: dict[TokenState, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
+_TONES: dict[str, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
 _HEADINGS = ("id", "role", "room", "seat", "device", "good for", "state", "when", "note")
 _SAYS_NOTHING = ("any", "-", "")  # a column in which every row is one of these is left out
-_BETWEEN = "  "
+_PIPED_WIDTH = 10_000  # a line each, whatever it takes
 
 
 def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
@@ -35,25 +36,29 @@ def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = N
     if not tokens:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
         return 0
-    for line in _lines(tokens, now_s):
-        Console(highlight=False, soft_wrap=True).print(line)  # a line is never cut: ids are copied from it
+    console = Console(highlight=False)
+    if not has_width(console):
+        console.width = _PIPED_WIDTH
+    console.print(_tables(tokens, now_s))
     return 0
 
 
-def _lines(tokens: Sequence[Token], now_s: float) -> list[Text]:
-    """A heading and a line each, in columns as wide as they must be, whatever the terminal is."""
-    rows = [_cells(token, now_s) for token in tokens]
-    table = [column for column in zip(_HEADINGS, *rows, strict=True) if not set(column[1:]) <= set(_SAYS_NOTHING)]
-    widths = [max(map(len, column)) for column in table]
-    lines: list[Text] = []
-    for row in zip(*table, strict=True):
-        line = Text(style="dim" if not lines else "")
-        for heading, cell, width in zip((column[0] for column in table), row, widths, strict=True):
-            tone = _TONES[cast(TokenState, cell)] if lines and heading == "state" else ""
-            line.append(cell.ljust(width), tone).append(_BETWEEN)
-        line.rstrip()
-        lines.append(line)
-    return lines
+def _tables(tokens: Sequence[Token], now_s: float) -> Fitted:
+    """A row a token; where that is too wide, in several tables that begin with its id. Columns that say nothing are missing."""
+    rows = [dict(zip(_HEADINGS, _cells(token, now_s), strict=True)) for token in tokens]
+    kept = [heading for heading in _HEADINGS if not {row[heading] for row in rows} <= set(_SAYS_NOTHING)]
+
+    def tables(*groups: Sequence[str]) -> list[Table]:
+        wanted = ([heading for heading in group if heading in kept] for group in groups)
+        return [columns_table(group, rows, tints={"state": _TONES}) for group in wanted if len(group) > 1]
+
+    right = ("id", "role", "state", "good for", "when")
+    return Fitted(
+        lambda: tables(_HEADINGS),
+        lambda: tables(right, ("id", "room", "seat", "device", "note")),
+        lambda: tables(right, ("id", "room", "seat"), ("id", "device"), ("id", "note")),
+        lambda: tables(right, ("id", "room"), ("id", "seat"), ("id", "device"), ("id", "note")),
+    )
 
 
 def _cells(token: Token, now_s: float) -> tuple[str, ...]:

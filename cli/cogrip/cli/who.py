@@ -1,10 +1,11 @@
 """`cogrip who`: who sits and looks on in a running server."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
-from rich.text import Text
+from rich.table import Table
 
+from cogrip.cli.fitted import Fitted, columns_table, has_width
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import Problem
 from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
@@ -15,8 +16,9 @@ from cogrip.server.io.state_folder import StateError
 from cogrip.server.present import Present
 
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
+_SHORT = {"name": 16}
 _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
-_BETWEEN = "  "
+_PIPED_WIDTH = 10_000  # a line each, whatever it takes
 
 
 def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
@@ -45,26 +47,30 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
         write_json({"folder": str(folder.path), "people": people, "said": answer.text}, json)
         return 0
     console = Console(highlight=False, soft_wrap=True)
-    for line in _lines(answer.people):
-        console.print(line)
+    if not has_width(console):
+        console.width = _PIPED_WIDTH
+    if answer.people:
+        console.print(_tables(answer.people))
     console.print(answer.text, markup=False)
     return 0
 
 
-def _lines(people: Sequence[Present]) -> list[Text]:
-    """A heading and a line each, in columns as wide as they must be."""
-    if not people:
-        return []
-    rows = [_cells(each) for each in people]
-    widths = [max(map(len, column)) for column in zip(_HEADINGS, *rows, strict=True)]
-    lines: list[Text] = []
-    for row in (_HEADINGS, *rows):
-        cells = [
-            cell.rjust(width) if heading in _NUMBERS else cell.ljust(width)
-            for heading, cell, width in zip(_HEADINGS, row, widths, strict=True)
-        ]
-        lines.append(Text(_BETWEEN.join(cells).rstrip(), style="" if lines else "dim"))
-    return lines
+def _tables(people: Sequence[Present]) -> Fitted:
+    """A row a person; where that is too wide, where they come from stands in tables of its own, beside the names."""
+    rows = [dict(zip(_HEADINGS, _cells(each), strict=True)) for each in people]
+    whose = _HEADINGS[:2]
+    session = tuple(heading for heading in _HEADINGS if heading not in ("address", "device"))
+
+    def tables(*groups: Sequence[str], widest: Mapping[str, int] = {}) -> list[Table]:
+        return [columns_table(group, rows, right=_NUMBERS, widest=widest) for group in groups]
+
+    short = ("seat", "since", *_NUMBERS)
+    return Fitted(
+        lambda: tables(_HEADINGS),
+        lambda: tables(session, (*whose, "address", "device")),
+        lambda: tables(session, ("name", "address"), ("name", "device")),
+        lambda: [*tables(whose), *tables(("name", *short), ("name", "address"), ("name", "device"), widest=_SHORT)],
+    )
 
 
 def _cells(each: Present) -> tuple[str, ...]:

@@ -61,6 +61,10 @@ class NewestCoupling(ABC, Generic[M]):
         """Frames from the server that were lost so far."""
         return self._receiver.lost
 
+    @property
+    def playout_frames(self) -> None:
+        """There is no playout."""
+
     def playout_account(self) -> PlayoutAccount | None:
         """There is no playout."""
         return None

@@ -125,7 +125,8 @@ class RecordedClient(ClientCore):
         tick = Tick(
             self.tick, late_us, work_us, position, velocity, force, self.work_j, self.port_j,
             tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], self.down_margin_j,
-            rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped, given, unfit,
+            rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped,
+            coupling.playout_frames, given, unfit,
             sample.age_ticks if sample is not None else 0,
             self.up_ms, self.down_ms,
         )  # fmt: skip

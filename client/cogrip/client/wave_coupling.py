@@ -308,6 +308,11 @@ class WaveCoupling:
         """Frames from the server that were lost so far."""
         return self._receiver.lost
 
+    @property
+    def playout_frames(self) -> int:
+        """Frames that are held back now."""
+        return self._receiver.playout_frames
+
     def playout_account(self) -> PlayoutAccount | None:
         return self._receiver.playout_account()
 

@@ -228,6 +228,11 @@ class LineReceiver:
             pending=max(0, self._newest + 1 - self._sent),
         )
 
+    @property
+    def playout_frames(self) -> int:
+        """Frames that are held back now."""
+        return self._playout.frames
+
     def playout_account(self) -> PlayoutAccount:
         playout = self._playout
         mean, least, most = playout.depths()

@@ -58,7 +58,7 @@ class FixedPlayout:
     learns = False
 
     def __init__(self, frames: int) -> None:
-        self._frames = frames
+        self.frames = frames
         self.repeated = self.skipped = 0
         self._seen = 0
         self._low = self._high = 0
@@ -66,7 +66,7 @@ class FixedPlayout:
 
     def begin(self, in_hand: int) -> int:
         """How many frames behind the newest one playing begins; in_hand: so many older ones are there."""
-        return self._frames
+        return self.frames
 
     def arrived(self, lead: int) -> None:
         """Not asked for: a fixed depth learns nothing of single frames."""
@@ -95,17 +95,17 @@ class FixedPlayout:
         if self._seen < REALIGN_WINDOW:
             return PLAY
         self._seen = 0
-        if self._low > self._frames:
+        if self._low > self.frames:
             self.skipped += 1
             return SKIP
-        if self._high < self._frames:
+        if self._high < self.frames:
             self.repeated += 1
             return REPEAT
         return PLAY
 
     def depths(self) -> tuple[float, int, int]:
         """Mean, least and most frames held: D, whatever has drifted."""
-        return float(self._frames), self._frames, self._frames
+        return float(self.frames), self.frames, self.frames
 
 
 class AdaptivePlayout:
@@ -133,6 +133,7 @@ class AdaptivePlayout:
         self._most_now = self._most_before = 0  # largest x in this half, and in the one before
         self._least_now = self._least_before = 0  # smallest
 
+        self.frames = 0  # held at the last take
         self._takes = self._depth_sum = self._deepest = 0
         self._shallowest = DEEPEST
 
@@ -182,7 +183,7 @@ class AdaptivePlayout:
             self.skipped += 1
             self._rest = SPACING
         self._offset += move
-        depth = max(0, self._offset - self._least)
+        depth = self.frames = max(0, self._offset - self._least)
         self._takes += 1
         self._depth_sum += depth
         if depth > self._deepest:

@@ -26,11 +26,17 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, s
         return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
     return [
         *((judgement.tone, judgement.sentence) for judgement in judgements(summary, tank_j)),
-        *_balance(summary),
-        *_states(summary),
-        *_late(summary),
-        *_loops(summary),
+        *((tone, sentence) for tone, sentence, _ in notes(summary)),
     ]
+
+
+def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
+    """Sentences beside the three judgements, each with its tone and, in a word or two, what it is about."""
+    for about, sentences in (
+        ("energy balance", _balance), ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
+    ):  # fmt: skip
+        for tone, sentence in sentences(summary):
+            yield tone, sentence, about
 
 
 def _balance(summary: Summary) -> Iterator[tuple[Tone, str]]:

@@ -1,0 +1,455 @@
+"""Tables at the widths that terminals have, with long names, many people, three axes, and numbers that are missing."""
+
+import json
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console, RenderableType
+
+from cogrip.cli import device_check, runs, token_list, who
+from cogrip.cli.compared_table import compared_table
+from cogrip.cli.device_list import device_list
+from cogrip.cli.fitted import say, wrapped
+from cogrip.cli.live_table import LiveTable
+from cogrip.cli.live_views import JoinTable, JoinView, ServeTable, ServeView
+from cogrip.cli.methods_table import methods_table
+from cogrip.cli.relay import _status, _table
+from cogrip.cli.summary_table import terminal_summary
+from cogrip.devices.arm.check import Row
+from cogrip.protocol.io.stop import Stop
+from cogrip.protocol.link_profile import Link
+from cogrip.protocol.recording.records import SeatStep, Step, Tick
+from cogrip.server.present import Present
+from cogrip.server.tokens import Token
+from cogrip.sim.comparison import differences
+from cogrip.sim.configured_link import configured_link
+from cogrip.sim.io.relay_loop import LiveRelay
+from cogrip.sim.methods.table import TABLE
+from cogrip.sim.relay import Relay
+from cogrip.sim.run_list import ListedRun
+
+WIDTHS = [80, 120]
+PEOPLE = ("Maximiliana-Josephine von Hohenstein", "b", "日本語の名前とても長い", "d" * 40, "e f", "g", "h", "i")
+IPV6 = "[2001:db8:1111:2222:3333:4444:5555:6666]:65535"
+STATES = ("live", "degraded", "fault", None)
+CUT_NUMBER = re.compile(r"\d…|…\d|[+−-]…")
+
+
+def printed(what: RenderableType, width: int) -> str:
+    console = Console(width=width, color_system=None)
+    with console.capture() as told:
+        console.print(what)
+    return told.get()
+
+
+def check(text: str, width: int, *words: str) -> None:
+    """No line is wider than the terminal, no number or state is cut, and no word that matters is broken."""
+    for line in text.splitlines():
+        assert cell_len(line.rstrip()) <= width, line
+    assert not CUT_NUMBER.search(text), text
+    for word in words:
+        assert word in text, f"{word!r} is broken, cut or missing in:\n{text}"
+
+
+# --- session ----------------------------------------------------------------------------------------------------------
+
+
+def person(number: int) -> dict[str, Any]:
+    """One that is hard to show."""
+    nan = float("nan")
+    return {
+        "name": PEOPLE[number],
+        "state": STATES[number % 4],
+        "position_m": [None, [-0.1234, 0.2222, -0.9999], [nan] * 3, [0.1, None, -0.1]][number % 4],
+        "peak_force_n": [12.34, None, nan, 100.0][number % 4],
+        "felt_stiffness_npm": [None, 20000.0, 1.0, nan][number % 4],
+        "predicted_stiffness_npm": [20000.0, None, 1.0, nan][number % 4],
+        "energy": {"up_margin_j": -1.23e-4, "down_margin_j": None, "line_margin_j": 0.0, "device_margin_j": 0.275},
+        "link": [None, {"lost": 12345, "late": 12345, "duplicate": 12345, "rtt_ms": {"p99": 1234.5}}][number % 2],
+        "delay": {"up_ms": {"p50": 123.4}, "down_ms": {"p50": None}},
+        "ticks": {"due": 100000, "run": 99321, "late_us": {"p99": 123456.0}} if number % 3 else None,
+    }
+
+
+SUMMARY: dict[str, Any] = {
+    "name": "a session with a name that is longer than most are " * 2,
+    "seconds": 3.0,
+    "passive": True,
+    "diverged": False,
+    "object": {"position_m": [-0.1234, 0.2222, -0.9999], "travel_m": None},
+    "users": [person(number) for number in range(8)],
+    "server": {"ticks": {"due": 100, "run": 100, "late_us": {"p99": None}}},
+}
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_session_of_eight_on_three_axes(width: int) -> None:
+    text = printed(terminal_summary(SUMMARY), width)
+    headings = ("person", "hand", "peak", "felt/calc.", "lost/late", "/dupl.", "rtt99 ms", "ticks", "late p99", "state")
+    check(text, width, *headings, "degraded", "fault", "−123.4 222.2 −999.9", "12345/12345/12345", "99.32 %")
+    table = text.partition("\n\n")[0]
+    assert table.count("degraded") == 2
+    assert len([line for line in table.splitlines() if line.startswith("b ")]) == (1 if width == 120 else 2)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_the_usual_session_stands_in_one_table_where_it_fits(width: int) -> None:
+    users = [{**person(0), "name": name, "position_m": [0.02]} for name in ("anna", "ben")]
+    table = printed(terminal_summary({**SUMMARY, "users": users, "object": {"position_m": [0.02]}}), width).partition(
+        "\n\n"
+    )[0]
+    assert len([line for line in table.splitlines() if line.startswith("anna ")]) == 1
+
+
+class Followed:
+    """Recordings that hold hard numbers."""
+
+    def __init__(self, axes: int = 3, people: tuple[str, ...] = PEOPLE) -> None:
+        self.axes, self.people = axes, people
+
+    def tick(self, name: str) -> Tick | None:
+        number = self.people.index(name)
+        row = (-0.1234, 0.2222, -0.9999)[: self.axes]
+        return None if number == 7 else Tick(
+            1, 2, 3, row if number % 2 == 0 else None, row, tuple(1e2 * each for each in row), 0.0, 0.0, (), (), row,
+            -0.12345 if number % 3 else None, 1234.5 if number % 3 else None, 12345, STATES[number % 4] or "degraded", 12345,
+            256, up_ms=123.4, down_ms=None,
+        )  # fmt: skip
+
+    def step(self, room: str) -> Step:
+        row = (-0.1234, 0.2222, -0.9999)[: self.axes]
+        force = tuple(1e2 * each for each in row)
+        seats = [SeatStep(name, True, row, force, -0.1, None, None, None, 12345) for name in self.people]
+        return Step(1234567, row, row, tuple(seats), late_us=123456, skipped=12345)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("axes", [1, 3])
+def test_the_live_table_of_a_demo(monkeypatch: pytest.MonkeyPatch, width: int, axes: int) -> None:
+    table = LiveTable(Path("nowhere"), "room", PEOPLE)
+    monkeypatch.setattr(table, "_run", Followed(axes))
+    text = printed(table.table(), width)
+    check(
+        text, width, "person", "state", "hand", "force", "trip ms", "up, down", "lost", "ticks", "degraded", "joining"
+    )
+    assert len(text.splitlines()) <= 23, "it fits a terminal of 24 lines"
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("axes", [1, 3])
+def test_the_live_table_of_a_join(monkeypatch: pytest.MonkeyPatch, width: int, axes: int) -> None:
+    for name in PEOPLE:
+        table = JoinTable(JoinView("nowhere", "room", name))
+        monkeypatch.setattr(table, "_run", Followed(axes))
+        text = printed(table.table(width, 23), width)
+        if name == PEOPLE[7]:
+            assert "nothing is recorded yet" in text
+            continue
+        check(
+            text,
+            width,
+            "state",
+            "hand",
+            "force",
+            "reserve mJ",
+            "trip ms",
+            "up, down",
+            "lost",
+            "ticks",
+            "playout",
+            "12345",
+        )
+        signs = re.findall(r"([xyz]) +([+-]\d+\.\d+)", text)
+        if name == PEOPLE[0]:  # hand and force of each axis, with its sign
+            numbers = {
+                ("x", "-123.4"),
+                ("x", "-12.34"),
+                ("y", "+222.2"),
+                ("y", "+22.22"),
+                ("z", "-999.9"),
+                ("z", "-99.99"),
+            }
+            assert set(signs) == {pair for pair in numbers if pair[0] in "xyz"[:axes]}
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40)])
+@pytest.mark.parametrize("rooms", [1, 3, 30])
+def test_the_live_table_of_a_server(monkeypatch: pytest.MonkeyPatch, width: int, height: int, rooms: int) -> None:
+    names = [f"room-{number}" for number in range(rooms)]
+    table = ServeTable(ServeView("nowhere", dict.fromkeys(names, PEOPLE)))
+    monkeypatch.setattr(table, "_run", Followed(3))
+    present = [Present(name, names[0], IPV6, 4e5, seat, rtt_ms=1234.5, lost=123456, holds=seat > 1)
+               for seat, name in enumerate(PEOPLE[:3])]  # fmt: skip
+    monkeypatch.setattr(table, "_state", object())
+    monkeypatch.setattr(table, "_ask", lambda: None)
+    table._here = {(each.room, each.seat): each for each in present if each.seat is not None}
+    text = printed(table.table(width, height - 1), width)
+    check(
+        text, width, "name", "state", "since", "rtt", "lost", "proxy", "force", "holds", "comes", "111:06:40", "1234.5"
+    )
+    assert len(text.splitlines()) < height
+    assert ("more seats" in text) is (rooms > 1)
+    assert ("more rooms" in text) is (rooms > 10)
+    assert "room-0: -123.4 +222.2 -999.9 mm, step 1234567, 123456 µs late, 12345 skipped" in text.replace("object ", "")
+
+
+# --- runs -------------------------------------------------------------------------------------------------------------
+
+NOW = datetime(2026, 1, 2, 12, tzinfo=UTC)
+
+
+def listed(number: int, name: str = "") -> ListedRun:
+    briefs = (("good", "good"), ("warn", "not as intended"), ("bad", "not passive"), ("bad", "cut short"))
+    tone, brief = briefs[number % 4]
+    ago = timedelta(seconds=(1.0, 100.0, 1e4, 1e6, 1e8)[number % 5])
+    kinds = ("session", "lab", "replay", "what-if", "comparison")
+    folder = name or f"20260101-1200{number % 60:02}-demo-what-if"
+    return ListedRun(
+        folder, Path(folder), kinds[number % 5], NOW - ago, [None, 3.0, 12345.6][number % 3], PEOPLE[: number % 9],  # type: ignore[arg-type]
+        tone, brief, "a verdict " * 40, 10 ** (number % 10),  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_hundred_runs_are_a_line_each(width: int) -> None:
+    found = [listed(number) for number in range(100)]
+    lines = runs._lines(found, width, NOW)
+    assert len(lines) == 101
+    check(
+        "\n".join(line.plain for line in lines), width, "run", "age", "kind", "people", "verdict", "✗ not passive", "+7"
+    )
+    for run, line in zip(found, lines[1:], strict=True):
+        assert line.plain.startswith(run.name)
+        assert run.kind in line.plain
+        assert run.brief in line.plain
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_run_with_a_long_name_has_two_lines_and_its_whole_name(width: int) -> None:
+    long = "20260101-120000-" + "n" * 30
+    lines = [line.plain for line in runs._lines([listed(2), listed(3, long)], width, NOW)]
+    assert long in lines[2].split()
+    assert len(lines) == (4 if width == 80 else 3)
+    check("\n".join(lines), width, "✗ cut short", "✗ not passive")
+
+
+def test_ages_have_the_unit_that_fits() -> None:
+    ages = {-5.0: "0 s", 59.9: "59 s", 60.0: "1 min", 3599.0: "59 min", 3600.0: "1 h", 86399.0: "23 h", 1e6: "11 d"}
+    assert {seconds: runs._age(seconds) for seconds in ages} == ages
+
+
+# --- networks and servers ---------------------------------------------------------------------------------------------
+
+
+def relay_of(host: str) -> LiveRelay:
+    core = Relay(lambda number, way, origin_ns: configured_link(Link(), way, "", (), origin_ns), 8, 10**9)
+    for port in (65533, 65534, 65535):
+        core.from_client(b"x", (host, port), 0)
+    return LiveRelay(core, ("", 0), ("", 0), Stop(), print)
+
+
+@pytest.mark.parametrize("width", [*WIDTHS, 300])
+@pytest.mark.parametrize("host", ["127.0.0.1", "2001:db8:1111:2222:3333:4444:5555:6666"])
+def test_a_relays_table(width: int, host: str) -> None:
+    text = printed(_table(relay_of(host)), width)
+    headings = (
+        "flow",
+        "client",
+        "way",
+        "sent",
+        "delivered",
+        "lost",
+        "outage",
+        "dropped",
+        "duplicated",
+        "held",
+        "reordered",
+    )
+    check(text, width, *headings, *(f"{host}:{port}".replace(f"{host}", f"[{host}]" if ":" in host else host)
+                                    for port in (65533, 65535)))  # fmt: skip
+    if width == 300:
+        assert len(text.splitlines()) == 10, "one table for a file"
+
+
+@pytest.mark.parametrize("width", [40, *WIDTHS])
+@pytest.mark.parametrize("count", [0, 1234567])
+def test_a_relays_status_is_one_line(monkeypatch: pytest.MonkeyPatch, width: int, count: int) -> None:
+    live = relay_of("127.0.0.1")
+    total = dict.fromkeys(("sent", "delivered", "lost", "outage"), count)
+    monkeypatch.setattr(live.relay, "totals", lambda way: total)
+    line = _status(live, width).replace("\r", "").replace("\x1b[K", "")
+    assert len(line) < width
+    assert "flows: up " in line
+    if width >= 80:
+        assert f"down {count} in, {count} out" in line
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_who_is_there(width: int) -> None:
+    people = [
+        Present(
+            name,
+            "room-" + "r" * 30,
+            IPV6,
+            123456.7,
+            number,
+            f"sim:phantom?hand={'reach&' * 8}",
+            1234.5,
+            None,
+            12.3,
+            99999,
+        )
+        for number, name in enumerate(PEOPLE)
+    ]
+    text = printed(who._tables(people), width)
+    check(
+        text, width, "name", "room", "seat", "address", "since", "rtt ms", "up ms", "lost", "device", IPV6, "34:17:36"
+    )
+    assert text.count("d" * 40) >= 1
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_tokens(width: int) -> None:
+    tokens = [
+        Token(
+            id=f"1f0e18a{number}", hash="0" * 64, role="player", room=f"room-{'r' * 30}", user="u" * 40,
+            device=f"sim:phantom?{'d' * 40}", once=bool(number % 2), start=False, expires=None, created=1, used=None,
+            revoked=None,
+            note="a note " * 12,
+        )
+        for number in range(8)
+    ]  # fmt: skip
+    text = printed(token_list._tables(tokens, 0.0), width)
+    check(
+        text, width, "id", "role", "room", "seat", "device", "good for", "state", "when", "note", "1f0e18a7", "u" * 40
+    )
+
+
+# --- devices ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_devices_are_a_line_each_in_an_order_that_helps(capsys, monkeypatch, width: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert device_list() == 0
+    text = capsys.readouterr().out
+    check(
+        text,
+        width,
+        "address",
+        "axes",
+        "peak",
+        "stiffness",
+        "damping",
+        "rate",
+        "openhaptics:Default Device?model=premium1.0",
+    )
+    assert len(text.splitlines()) <= 62
+    heads = [line.partition(":")[0] for line in text.splitlines() if re.match(r"[a-z]+: ", line)]
+    assert heads[0] == "sim"
+    assert heads[-2:] == ["emulated", "replay"]
+    (phantom,) = [line for line in text.splitlines() if line.startswith("sim:phantom ")]
+    assert phantom.split()[1:] == ["3", "8.5", "1000", "38.4", "8192"]
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(
+    ("name", "verbose"), [("", True), ("sim", False), ("omega", False), ("sim:phantom?hand=hold", False)]
+)
+def test_whole_records_of_devices(capsys, monkeypatch, width: int, name: str, verbose: bool) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert device_list(name, verbose=verbose) == 0
+    text = capsys.readouterr().out
+    check(text, width, "workspace", "continuous", "slope", "felt mass", "own losses")
+    addresses = re.findall(r"^  ([a-z]+:\S*)$", text, re.MULTILINE)
+    if name == "omega":
+        assert [address.rpartition("=")[2] for address in addresses] == ["omega3", "omega6", "omega7"]
+    if name.startswith("sim:"):
+        assert addresses == [name]
+
+
+def test_a_device_that_is_not_there_is_named(cogrip: Callable[..., tuple[int, str, str]]) -> None:
+    code, _, err = cogrip("devices", "list", "phantm")
+    assert code == 2
+    assert "no address has 'phantm' in it" in err
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_what_a_check_found(width: int) -> None:
+    rows = [Row(f"noise of axis {n}, at rest", f"{n}2345.6 counts rms", "at most 1 count, none of them alone", n % 2 == 0, "x")
+            for n in range(8)]  # fmt: skip
+    check(printed(device_check._table(rows), width), width, "measured", "found", "wanted", "12345.6", "✓", "✗")
+
+
+# --- comparisons ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("many", [2, 3, 12])
+def test_runs_side_by_side(width: int, many: int) -> None:
+    summaries = [{**SUMMARY, "seconds": 3.0 + number, "diverged": None} for number in range(many)]
+    labels = [f"20260101-1200{number:02}-a-name-that-is-long-enough-to-be-cut-somewhere" for number in range(many)]
+    text = printed(compared_table(differences(summaries), labels), width)
+    check(text, width, "difference", "least margin of the device port", "not measured", *labels)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_methods(width: int) -> None:
+    numbers = {
+        "runs": 20,
+        "failed": 0,
+        "diverged": 3,
+        "diverged_s": {"median": 1.3, "first": 0.2},
+        "oscillates": 2,
+        "active": 1,
+    }
+    more = {"not_passive": 4, "not_felt": 5, "felt": None, "errors": {}, "reasons": {}}
+    spread = {"median": 12345.6, "worst": 1e9, "low": 0.0, "high": 1e9, "n": 20, "of": 20}
+    rows = [
+        {"network": network, "method": method, **numbers, **more, **{column.measure: spread for column in TABLE}}
+        for network in ("clean", "satellite") for method in ("wave", "paper", "coupling", "tdpa")
+    ]  # fmt: skip
+    summary = {"rows": rows, "asked": {"seeds": list(range(20))}, "run": 160, "sessions": 160}
+    text = printed(methods_table(summary), width)
+    check(text, width, "method", "stability", "created", "coupling", "satellite", "diverged 3/20")
+
+
+# --- lines ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_long_lines_break_between_words_below_a_hanging_indent(monkeypatch: pytest.MonkeyPatch, width: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    console, words = Console(width=width), "warning: " + "a felt-stiffness of 1438 N/m " * 12
+    first, *further = wrapped(words, console).splitlines()
+    assert all(len(line) <= width for line in (first, *further))
+    assert all(line.startswith("  ") and line[2] != " " for line in further)
+    assert " ".join([first, *(line.strip() for line in further)]).split() == words.split()
+    path = "/a/path/" + "x" * 200
+    assert path in wrapped(f"report: {path}", console), "what is copied stays whole"
+
+
+def test_lines_for_a_file_stay_whole(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    with (tmp_path / "file").open("w") as file:
+        say(Console(file=file), "word " * 100 + "end")
+    assert len((tmp_path / "file").read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_stability_says_it_in_lines_that_fit(cogrip, monkeypatch, tmp_path: Path, width: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    (tmp_path / "pair.toml").write_text('[link]\ndelay_ms = 20.0\n[[users]]\nname = "anna"\n[[users]]\nname = "ben"\n')
+    code, out, err = cogrip("stability", "radius", tmp_path / "pair.toml")
+    assert code == 0
+    check(out + err, width, "structural eigenvalues at 1: device position of anna")
+
+
+def test_the_summary_of_a_file_is_what_the_table_shows(run: Path) -> None:
+    summary = json.loads((run / "summary.json").read_text())
+    check(printed(terminal_summary(summary), 80), 80, "anna", "ben", "live")

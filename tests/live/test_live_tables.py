@@ -1,0 +1,113 @@
+"""What `join` and `serve` show at a terminal while they run, and how they leave it."""
+
+import re
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.live.held_arms import DEMO, fairly
+from tests.terminal import Terminal
+
+SIZES = [(80, 24), (120, 40)]
+
+
+@pytest.fixture
+def at_terminal(tmp_path: Path) -> Iterator[Callable[..., Terminal]]:
+    """Start `cogrip ARGUMENTS` at a terminal of its own; whatever still runs at the end of the test is ended."""
+    opened: list[Terminal] = []
+
+    def start(*arguments: object, **size: int) -> Terminal:
+        opened.append(Terminal(*arguments, "--runs", tmp_path / "runs", "--no-report", **size))
+        return opened[-1]
+
+    yield start
+    for terminal in opened:
+        terminal.close()
+
+
+def serving(
+    at_terminal: Callable[..., Terminal], tmp_path: Path, *arguments: object, **size: int
+) -> tuple[Terminal, str]:
+    server = at_terminal("serve", DEMO, "--port", "0", "--state", tmp_path / "state", *arguments, **size)
+    shown = server.see(r"listening on \S+:(\d+)")
+    return server, re.search(r"listening on (\S+:\d+)", shown)[1]
+
+
+@pytest.mark.parametrize(("columns", "lines"), SIZES)
+def test_a_session_is_seen_from_both_ends_and_the_terminal_is_left_as_it_was(at_terminal, tmp_path, columns, lines):
+    size = {"columns": columns, "lines": lines}
+    server, place = serving(at_terminal, tmp_path, "--set", "object.axes=3", **size)
+    anna = at_terminal("join", place, "--name", "anna", **size)
+    # every axis with its sign, and what the network does
+    shown = anna.see(
+        r"x +[+-]\d+\.\d\s[\s\S]*y +[+-][\s\S]*z +[+-]" if columns == 80 else r"x +[+-]\d.*y +[+-]\d.*z +[+-]\d"
+    )
+    for heading in ("hand", "force", "reserve mJ", "trip ms", "up, down", "lost", "ticks", "playout"):
+        assert heading in shown
+    assert anna.screen.hidden
+    assert anna.modes != anna.before, "keys are not echoed into the table"
+    server.see(r"anna +holds +\d+:\d\d +127\.0\.0\.1:\d+ +\d+\.\d +\d+")
+    # proxy and force of each axis; the last line of the drawing is the free seat's
+    shown = server.see(r"anna +holds .*( [+-]\d+\.\d){3}( [+-]\d+\.\d\d){3}\nben +free".replace("( ", "( +"))
+    assert re.search(r"room demo: object .* mm, step \d+, \d+ µs late, \d+ skipped", shown)
+    assert "demo: anna joined from 127.0.0.1" in shown, "lines stand above the table"
+    for person in (anna, server):
+        person.type("\x03")
+        assert person.end() == 0, person.screen.text
+        assert person.modes == person.before
+        assert not person.screen.hidden
+        assert "state  " not in person.screen.text.partition("stopped:")[0], "the table is gone"
+        assert max(map(len, person.screen.text.splitlines())) <= columns
+        assert "Traceback" not in person.screen.text
+
+
+@fairly
+def test_r_and_enter_re_arm_with_the_table_on(start, session, at_terminal):
+    arm = start.arm("arm", "reach&amplitude_m=0.02")
+    anna = at_terminal("join", f"127.0.0.1:{session.port}", "--name", "anna", "--device", arm.address)
+    anna.see(r"live +x")
+    arm.fault("silence 0.2")
+    anna.see("`r` and Enter here")
+    anna.see(r"fault +x")
+    anna.type("what now?\n")
+    anna.type("r\n")
+    anna.see("re-armed: force ramps in")
+    shown = anna.see(r"live +x")
+    assert shown.count("anna in room demo") == 1, "the keys moved no table"
+    assert "what now?" not in shown
+    anna.type("\x03")
+    assert anna.end() == 0, anna.screen.text
+    assert anna.modes == anna.before
+
+
+def test_a_client_that_was_killed_leaves_the_terminal_as_it_was(at_terminal, tmp_path):
+    _, place = serving(at_terminal, tmp_path, "--quiet")
+    anna = at_terminal("join", place, "--name", "anna")
+    anna.see(r"live +x")
+    anna.kill()
+    assert anna.end() == signal.SIGKILL
+    anna.settle(lambda: anna.modes == anna.before and not anna.screen.hidden)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"), [(("--quiet",), "holds cube"), (("--no-record",), "no live table without a recording")]
+)
+def test_no_table_where_none_is_wanted_or_none_can_be(at_terminal, tmp_path, flags, words):
+    server, place = serving(at_terminal, tmp_path, *flags)
+    anna = at_terminal("join", place, "--name", "anna", "--seconds", "0.5", *flags)
+    anna.see(words)
+    assert anna.end() == 0, anna.screen.text
+    server.see("demo: anna left")
+    for person in (anna, server):
+        assert "\x1b[?25l" not in person.written
+        assert "room demo:" not in person.screen.text
+        assert "anna in room demo" not in person.screen.text
+    assert ("no live table" in server.screen.text) is ("--no-record" in flags)
+
+
+def test_a_log_for_programs_has_no_table(at_terminal, tmp_path):
+    server = at_terminal("serve", DEMO, "--port", "0", "--log", "json", "--seconds", "0.5")
+    assert server.end() == 0
+    assert "\x1b[?25l" not in server.written

@@ -1,0 +1,149 @@
+"""A terminal of some size with a command in it: what it shows, keys, how it was left."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+LIMIT_S = 60.0
+_CONTROL = re.compile(r"\x1b\[([?0-9;]*)([A-Za-z])")
+_SHELL = """
+import fcntl, signal, subprocess, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+command = subprocess.Popen([sys.executable, "-m", "cogrip.cli", *sys.argv[1:]])
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.exit(abs(command.wait()))
+"""  # it has the terminal, as a shell has: the command's end is not the terminal's
+
+
+class Screen:
+    """Lines as a terminal shows them, of what rich writes: text, line ends, cursor up, erase line, colours."""
+
+    def __init__(self, columns: int) -> None:
+        self.columns = columns
+        self.lines = [""]
+        self.row = self.column = 0
+        self.hidden = False  # the cursor
+
+    def feed(self, text: str) -> None:
+        at = 0
+        while at < len(text):
+            found = _CONTROL.match(text, at)
+            if found:
+                self._control(found[1], found[2])
+                at = found.end()
+                continue
+            self._put(text[at])
+            at += 1
+
+    def _control(self, numbers: str, letter: str) -> None:
+        if letter == "A":
+            self.row = max(0, self.row - int(numbers or 1))
+        elif letter == "K":
+            self.lines[self.row] = "" if numbers == "2" else self.lines[self.row][: self.column]
+        elif letter in "hl" and numbers == "?25":
+            self.hidden = letter == "l"
+
+    def _put(self, letter: str) -> None:
+        if letter == "\r":
+            self.column = 0
+        elif letter == "\n":
+            self._down()
+        else:
+            if self.column == self.columns:
+                self.column = 0
+                self._down()
+            line = self.lines[self.row].ljust(self.column)
+            self.lines[self.row] = line[: self.column] + letter + line[self.column + 1 :]
+            self.column += 1
+
+    def _down(self) -> None:
+        self.row += 1
+        while len(self.lines) <= self.row:
+            self.lines.append("")
+
+    @property
+    def text(self) -> str:
+        return "\n".join(line.rstrip() for line in self.lines)
+
+
+class Terminal:
+    """A `cogrip` command at a terminal of its own."""
+
+    def __init__(self, *arguments: object, columns: int = 80, lines: int = 24) -> None:
+        self._ours, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+        self._theirs = theirs  # kept, so that one can still ask how the terminal was left
+        self.before = termios.tcgetattr(theirs)
+        environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES", "NO_COLOR")}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", _SHELL, *map(str, arguments)],
+            stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, env={**environment, "TERM": "xterm-256color"},
+        )  # fmt: skip
+        self.screen = Screen(columns)
+        self.written = ""
+
+    def see(self, wanted: str | Callable[[str], bool]) -> str:
+        """Wait until the screen shows something that matches; gives the screen."""
+        fits = wanted if callable(wanted) else lambda text: re.search(wanted, text) is not None
+        until_s = time.monotonic() + LIMIT_S
+        while not fits(self.screen.text):
+            assert time.monotonic() < until_s, f"never showed {wanted!r}, but:\n{self.screen.text}"
+            if select.select([self._ours], [], [], 0.2)[0]:
+                self._take()
+            else:
+                assert self.process.poll() is None, f"ended without {wanted!r}:\n{self.screen.text}"
+        return self.screen.text
+
+    def settle(self, good: Callable[[], bool]) -> None:
+        """Wait until something holds, taking what is still written."""
+        until_s = time.monotonic() + LIMIT_S
+        while not good():
+            assert time.monotonic() < until_s, self.screen.text
+            if select.select([self._ours], [], [], 0.05)[0]:
+                self._take()
+
+    def _take(self) -> None:
+        text = os.read(self._ours, 1 << 16).decode("utf-8", "replace")
+        self.written += text
+        self.screen.feed(text)
+
+    def kill(self) -> None:
+        """End the command at once, not its shell."""
+        pid = self.process.pid
+        (command,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        os.kill(int(command), signal.SIGKILL)
+
+    def type(self, keys: str) -> None:
+        os.write(self._ours, keys.encode())
+
+    @property
+    def modes(self) -> list:
+        return termios.tcgetattr(self._theirs)
+
+    def end(self) -> int:
+        """Wait for the exit code, taking all that is still written."""
+        until_s = time.monotonic() + LIMIT_S
+        while self.process.poll() is None:
+            assert time.monotonic() < until_s, f"did not end, but shows:\n{self.screen.text}"
+            if select.select([self._ours], [], [], 0.05)[0]:
+                self._take()
+        while select.select([self._ours], [], [], 0.0)[0]:
+            self._take()
+        return self.process.returncode
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        os.close(self._ours)
+        os.close(self._theirs)
