@@ -33,6 +33,7 @@ def account_of(core: ClientCore, ticks: TickCount) -> ClientAccount:
         playout=playout,
         delay=_delay(core),
         device=core.port.account(),
+        down_reserve_j=core.down_reserve_j,
     )
 
 

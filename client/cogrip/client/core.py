@@ -469,6 +469,11 @@ class ClientCore:
         return self._past.down_margin_j(self.coupling)
 
     @property
+    def down_reserve_j(self) -> float | None:
+        """Least reserve of the lines down, each after its first second; None where there was none."""
+        return self._past.down_reserve_j(self.coupling)
+
+    @property
     def lost(self) -> int:
         """Frames from the server that were lost so far."""
         return self._past.lost(self.coupling)

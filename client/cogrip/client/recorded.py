@@ -111,6 +111,7 @@ class RecordedClient(ClientCore):
         if type(self._sink) is Nowhere:
             return force
         sample, velocity, coupling, safety = self._sample, tuple(self.velocity_mps), self.coupling, self.safety
+        port = self.port
         position = given = unfit = None
         if sample is not None:
             position = sample.position_m
@@ -127,7 +128,7 @@ class RecordedClient(ClientCore):
             tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], self.down_margin_j,
             rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped, given, unfit,
             sample.age_ticks if sample is not None else 0,
-            self.up_ms, self.down_ms,
+            self.up_ms, self.down_ms, coupling.down_reserve.now_j, port.balance_j + port.reserve_j,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:
