@@ -19,6 +19,7 @@ SEAL_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GC
 MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - SEAL_BYTES
 HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
 TEXT_BYTES = 300  # senders cut a text to this
+LEAVE_TEXT_BYTES = 280  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Session = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
@@ -225,9 +226,9 @@ def padded(hello: Hello) -> bytes:
     return bare + b"\xc5" + zeros.to_bytes(2, "big") + bytes(zeros)
 
 
-def clipped(text: str) -> str:
-    """`text` cut to what a message may carry: TEXT_BYTES of UTF-8."""
-    return text.encode("utf-8", "replace")[:TEXT_BYTES].decode("utf-8", "ignore")
+def clipped(text: str, most_bytes: int = TEXT_BYTES) -> str:
+    """`text` cut to what a message may carry: `most_bytes` of UTF-8."""
+    return text.encode("utf-8", "replace")[:most_bytes].decode("utf-8", "ignore")
 
 
 def shown(text: str) -> str:
