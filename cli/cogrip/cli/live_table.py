@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from cogrip.protocol.recording.reader import Follower, RecordingError
-from cogrip.protocol.recording.records import Record, Row, Step, Tick
+from cogrip.protocol.recording.records import Number, Record, Row, Step, Tick
 from cogrip.server.recorded import step_topic
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
 
@@ -24,7 +24,7 @@ _HEADINGS = (
     "up, down\nms",
     "lost\nframes",
     "late\nticks",
-    "energy\nmargin mJ",
+    "reserve mJ\nup, down,\nline, device",
 )
 
 
@@ -67,7 +67,7 @@ class LiveTable:
                 table.add_row(name, "joining", *[""] * 7)
                 continue
             seat = step.seats[number] if step else None
-            margins = (tick.margin_j, *((seat.up_margin_j, seat.line_margin_j) if seat else ()))
+            up_j, line_j = (seat.up_reserve_j, seat.line_reserve_j) if seat else (None, None)
             lost = tick.lost + (seat.lost if seat else 0)
             table.add_row(
                 name,
@@ -78,9 +78,14 @@ class LiveTable:
                 " ".join(f"{way:.1f}" for way in (tick.up_ms, tick.down_ms) if way is not None),
                 f"{lost}",
                 f"{tick.skipped}",
-                f"{min(0.0, *(margin for margin in margins if margin is not None)) * 1e3:.3f}" if seat else "",
+                _reserves(up_j, tick.reserve_j, line_j, tick.device_reserve_j),
             )
         return table
+
+
+def _reserves(*reserves_j: Number) -> str:
+    """Energy reserves of now, in mJ; a dash where no ledger is kept."""
+    return " ".join("-" if reserve is None else f"{reserve * 1e3:.1f}" for reserve in reserves_j)
 
 
 def _vector(values: Row, scale: float, form: str) -> str:

@@ -8,16 +8,19 @@ from rich.text import Text
 
 from cogrip.protocol.messages import shown
 from cogrip.sim.summary_values import (
+    ROUNDING_J,
     UNKNOWN,
     Summary,
     dig,
     earlier,
     energy,
     is_number,
+    least_reserve,
     name_of,
     number,
     people,
     share,
+    sittings,
     ticks_share,
     vector,
     worst_margin,
@@ -27,7 +30,7 @@ from cogrip.sim.verdict import verdict
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}
 _DASH = "-"
-_NUMBERS = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin", "lost/late\n/dupl.", "up/down/\nrtt99 ms")
+_NUMBERS = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nreserve", "lost/late\n/dupl.", "up/down/\nrtt99 ms")
 _LOOP = ("ticks\nrun", "late p99\nµs")
 
 
@@ -42,9 +45,10 @@ def terminal_summary(summary: Summary) -> Group:
     for user in people(summary):
         before = earlier(user)
         for which, sitting in enumerate((*before, user), 1):
-            table.add_row(*_person({**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting))
+            named = {**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting
+            table.add_row(*_person(named, summary.get("passive") is False))
     table.add_row(*_object(summary))
-    return Group(table, Text(""), verdict_lines(summary))
+    return Group(table, *_devices(summary), Text(""), verdict_lines(summary))
 
 
 def verdict_lines(summary: Summary) -> Group:
@@ -57,20 +61,38 @@ def verdict_lines(summary: Summary) -> Group:
     )
 
 
-def _person(user: dict[str, Any]) -> list[Text]:
-    worst, link, state = worst_margin([{**user, "earlier": None}]), user.get("link"), user.get("state")
+def _person(user: dict[str, Any], overdrawn: bool) -> list[Text]:
+    link, state, alone = user.get("link"), user.get("state"), [{**user, "earlier": None}]
+    worst, least = worst_margin(alone), least_reserve(alone, "line_reserve_j")
+    if overdrawn and worst and worst[0] < -ROUNDING_J:  # more was given out than had come in, maybe in the first second
+        least = worst[0], worst[2]
     rtt = dig(link, "rtt_ms", "p99")
     return [
         Text(shown(name_of(user))),
         _cell(_spaced(user.get("position_m"))),
         _cell(number(user.get("peak_force_n"), digits=2)),
         _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
-        Text(energy(worst[0]) if worst else _DASH),
+        Text(energy(least[0]) if least else _DASH),
         _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
         _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
         *_loop(user.get("ticks")),
         Text(shown(str(state)) if state else _DASH, style=_STATES.get(str(state), "")),
     ]
+
+
+def _devices(summary: Summary) -> list[Text]:
+    """A line on the device ports: the least reserve; the least energy that a hand put in beyond what went into the line."""
+    users = people(summary)
+    reserve, margin = least_reserve(users, "device_reserve_j"), least_reserve(users, "device_margin_j")
+    if margin and margin[0] < -ROUNDING_J:  # in the first second, or with what was forgiven
+        reserve = margin
+    told = [
+        f"{what} {energy(least[0])}" + (f" ({shown(least[1])})" if len(sittings(users)) > 1 else "")
+        for what, least in (("least reserve", reserve), ("least leak", least_reserve(users, "device_leak_j")))
+        if least
+    ]
+    claimed = ", say the clients" if any(user.get("claimed") for user in users) else ""
+    return [Text(f"device ports: {', '.join(told)}{claimed}", style="dim")] if told else []
 
 
 def _object(summary: Summary) -> list[Text]:
