@@ -51,7 +51,7 @@ from cogrip.protocol.messages import (
     foreign_version,
     padded,
 )
-from cogrip.protocol.session import nonce_of
+from cogrip.protocol.session import ClientSession, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
 
 BIG = 2**63 - 1
@@ -319,6 +319,29 @@ def test_a_leave_with_any_texts_fits_once_they_are_cut(reason: str, state: str, 
     leave = Leave(BIG, clipped(reason, LEAVE_TEXT_BYTES), account)
     assert len(encode(leave)) <= MAX_MESSAGE_BYTES
     assert decode(encode(leave)) == leave
+
+
+def test_a_session_leaves_with_the_longest_reason_and_the_largest_account() -> None:
+    session = ClientSession(LARGEST["hello"])  # type: ignore[arg-type]
+    session.state, session.welcome = "seated", LARGEST["welcome"]  # type: ignore[assignment]
+    session.leave("r" * 1000, CLIENT, 0)
+    [datagram] = session.outbox
+    assert len(datagram) == 1178
+    assert decode(datagram) == LARGEST["leave"]
+
+
+def test_accounts_of_older_peers_have_no_reserves() -> None:
+    whole = msgpack.unpackb(encode(LARGEST["leave"]))
+    whole[3][17] = whole[3][17][:6]
+    read = decode(msgpack.packb([*whole[:3], whole[3][:18]]))
+    assert isinstance(read, Leave)
+    assert read.account == msgspec.structs.replace(
+        CLIENT, down_reserve_j=None, device=msgspec.structs.replace(CLIENT.device, reserve_j=None)
+    )
+    farewell = msgpack.unpackb(encode(LARGEST["farewell"]))
+    farewell[3] = farewell[3][:6]
+    seat = decode(msgpack.packb(farewell)).seat  # type: ignore[union-attr]
+    assert seat == msgspec.structs.replace(SEAT, up_reserve_j=None, line_reserve_j=None)
 
 
 def test_a_message_may_have_its_largest_size_and_not_a_byte_more() -> None:

@@ -24,7 +24,7 @@ _HEADINGS = (
     "up, down\nms",
     "lost\nframes",
     "late\nticks",
-    "reserve mJ\nup, down,\nline, device",
+    "reserve mJ\nup, down\nline, port",
 )
 
 
@@ -84,8 +84,9 @@ class LiveTable:
 
 
 def _reserves(*reserves_j: Number) -> str:
-    """Energy reserves of now, in mJ; a dash where no ledger is kept."""
-    return " ".join("-" if reserve is None else f"{reserve * 1e3:.1f}" for reserve in reserves_j)
+    """Two lines of energy reserves of now, in mJ; a dash where no ledger is kept."""
+    up, down, line, port = ["-" if reserve is None else f"{reserve * 1e3:.1f}" for reserve in reserves_j]
+    return f"{up} {down}\n{line} {port}"
 
 
 def _vector(values: Row, scale: float, form: str) -> str:

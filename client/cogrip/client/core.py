@@ -158,7 +158,9 @@ class ClientCore:
         self._past.close(self.coupling)
         self._given_j += self.coupling.given_j
         self._session_id = session
+        least_j = self.coupling.down_margin_j
         self.coupling = coupling = COUPLINGS[self.seat.coupling.kind](self.seat)
+        coupling.down_margin_j = least_j  # the least of all lines: the new one begins with 0
         coupling.set_latency(self._latency)
         coupling.fit(self.capability, self.port.lag_s)
         if self._origin is not None:
@@ -466,7 +468,7 @@ class ClientCore:
     @property
     def down_margin_j(self) -> float | None:
         """Least margin of the lines down so far; None without waves."""
-        return self._past.down_margin_j(self.coupling)
+        return self.coupling.down_margin_j
 
     @property
     def down_reserve_j(self) -> float | None:

@@ -125,7 +125,7 @@ class RecordedClient(ClientCore):
         rtt_ms = self.rtt_ms
         tick = Tick(
             self.tick, late_us, work_us, position, velocity, force, self.work_j, self.port_j,
-            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], self.down_margin_j,
+            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], coupling.down_margin_j,
             rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped, given, unfit,
             sample.age_ticks if sample is not None else 0,
             self.up_ms, self.down_ms, coupling.down_reserve.now_j, port.balance_j + port.reserve_j,

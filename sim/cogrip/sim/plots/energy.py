@@ -17,9 +17,9 @@ _LEDGERS = {
     "leak_j": ("device leak", DOTTED),
 }
 _RESERVES = {
-    "up_reserve_j": ("reserve of the line up", "-"),
-    "down_reserve_j": ("of the line down", DASHED),
-    "line_reserve_j": ("of the whole line", DOTTED),
+    "up_reserve_j": ("reserve, line up", "-"),
+    "down_reserve_j": ("reserve, line down", DASHED),
+    "line_reserve_j": ("reserve, whole line", DOTTED),
 }
 
 
