@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.console import Console
 
+from cogrip.cli.live_table import LiveTable
 from cogrip.protocol.power import LENT_J
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.judgement import passive
@@ -288,3 +291,20 @@ def test_where_no_ledger_is_kept_or_the_session_was_short_nothing_is_said(run: R
     assert passive(summary).sentence == (
         "Passive: no line ever gave out more energy than had been put in, no device's motors either."
     )
+
+
+@pytest.mark.parametrize("kind", ["wave", "coupling"])
+def test_the_live_table_shows_the_reserves_of_now(tmp_path: Path, kind: str) -> None:
+    run_laboratory(session(kind, 1.0), tmp_path)
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(LiveTable(tmp_path, "reserves", ["anna", "ben"]).table())
+    row = next(line for line in capture.get().splitlines() if line.split()[:1] == ["anna"])
+    up, down, line, port = row.split()[-4:]
+    assert float(port) > 100.0
+    if kind == "coupling":
+        assert (up, down) == ("-", "-")
+        return
+    assert float(up) > 0.0
+    assert float(down) == 0.0
+    assert float(line) >= float(up)

@@ -8,8 +8,9 @@ import msgspec
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from cogrip.cli.shown_reserves import HEADING_NOW, reserves_now
 from cogrip.protocol.recording.reader import Follower, RecordingError
-from cogrip.protocol.recording.records import Number, Record, Row, Step, Tick
+from cogrip.protocol.recording.records import Record, Row, Step, Tick
 from cogrip.server.recorded import step_topic
 from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
 
@@ -24,7 +25,7 @@ _HEADINGS = (
     "up, down\nms",
     "lost\nframes",
     "late\nticks",
-    "reserve mJ\nup, down\nline, port",
+    HEADING_NOW,
 )
 
 
@@ -67,7 +68,6 @@ class LiveTable:
                 table.add_row(name, "joining", *[""] * 7)
                 continue
             seat = step.seats[number] if step else None
-            up_j, line_j = (seat.up_reserve_j, seat.line_reserve_j) if seat else (None, None)
             lost = tick.lost + (seat.lost if seat else 0)
             table.add_row(
                 name,
@@ -78,15 +78,9 @@ class LiveTable:
                 " ".join(f"{way:.1f}" for way in (tick.up_ms, tick.down_ms) if way is not None),
                 f"{lost}",
                 f"{tick.skipped}",
-                _reserves(up_j, tick.reserve_j, line_j, tick.device_reserve_j),
+                reserves_now(tick, seat),
             )
         return table
-
-
-def _reserves(*reserves_j: Number) -> str:
-    """Two lines of energy reserves of now, in mJ; a dash where no ledger is kept."""
-    up, down, line, port = ["-" if reserve is None else f"{reserve * 1e3:.1f}" for reserve in reserves_j]
-    return f"{up} {down}\n{line} {port}"
 
 
 def _vector(values: Row, scale: float, form: str) -> str:

@@ -6,24 +6,20 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from cogrip.cli.shown_reserves import device_ports, least_of_line
 from cogrip.protocol.messages import shown
 from cogrip.sim.summary_values import (
-    ROUNDING_J,
     UNKNOWN,
     Summary,
     dig,
     earlier,
-    energy,
     is_number,
-    least_reserve,
     name_of,
     number,
     people,
     share,
-    sittings,
     ticks_share,
     vector,
-    worst_margin,
 )
 from cogrip.sim.verdict import verdict
 
@@ -46,9 +42,10 @@ def terminal_summary(summary: Summary) -> Group:
         before = earlier(user)
         for which, sitting in enumerate((*before, user), 1):
             named = {**sitting, "name": f"{name_of(user)} ({which})"} if before else sitting
-            table.add_row(*_person(named, summary.get("passive") is False))
+            table.add_row(*_person(named, summary))
     table.add_row(*_object(summary))
-    return Group(table, *_devices(summary), Text(""), verdict_lines(summary))
+    devices = [Text(line, style="dim")] if (line := device_ports(summary)) else []
+    return Group(table, *devices, Text(""), verdict_lines(summary))
 
 
 def verdict_lines(summary: Summary) -> Group:
@@ -61,38 +58,20 @@ def verdict_lines(summary: Summary) -> Group:
     )
 
 
-def _person(user: dict[str, Any], overdrawn: bool) -> list[Text]:
-    link, state, alone = user.get("link"), user.get("state"), [{**user, "earlier": None}]
-    worst, least = worst_margin(alone), least_reserve(alone, "line_reserve_j")
-    if overdrawn and worst and worst[0] < -ROUNDING_J:  # more was given out than had come in, maybe in the first second
-        least = worst[0], worst[2]
+def _person(user: dict[str, Any], summary: Summary) -> list[Text]:
+    link, state = user.get("link"), user.get("state")
     rtt = dig(link, "rtt_ms", "p99")
     return [
         Text(shown(name_of(user))),
         _cell(_spaced(user.get("position_m"))),
         _cell(number(user.get("peak_force_n"), digits=2)),
         _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
-        Text(energy(least[0]) if least else _DASH),
+        Text(least_of_line(user, summary)),
         _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
         _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
         *_loop(user.get("ticks")),
         Text(shown(str(state)) if state else _DASH, style=_STATES.get(str(state), "")),
     ]
-
-
-def _devices(summary: Summary) -> list[Text]:
-    """A line on the device ports: the least reserve; the least energy that a hand put in beyond what went into the line."""
-    users = people(summary)
-    reserve, margin = least_reserve(users, "device_reserve_j"), least_reserve(users, "device_margin_j")
-    if margin and margin[0] < -ROUNDING_J:  # in the first second, or with what was forgiven
-        reserve = margin
-    told = [
-        f"{what} {energy(least[0])}" + (f" ({shown(least[1])})" if len(sittings(users)) > 1 else "")
-        for what, least in (("least reserve", reserve), ("least leak", least_reserve(users, "device_leak_j")))
-        if least
-    ]
-    claimed = ", say the clients" if any(user.get("claimed") for user in users) else ""
-    return [Text(f"device ports: {', '.join(told)}{claimed}", style="dim")] if told else []
 
 
 def _object(summary: Summary) -> list[Text]:

@@ -128,7 +128,8 @@ class RecordedClient(ClientCore):
             tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], coupling.down_margin_j,
             rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped, given, unfit,
             sample.age_ticks if sample is not None else 0,
-            self.up_ms, self.down_ms, coupling.down_reserve.now_j, port.balance_j + port.reserve_j,
+            self.up_ms, self.down_ms,
+            reserve_j=coupling.down_reserve.now_j, device_reserve_j=port.balance_j + port.reserve_j,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:
