@@ -174,17 +174,17 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
     laboratory = Laboratory(session(seconds=60.0, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0}))
     frames(laboratory, 200)
     core = laboratory.people[0].core
-    least_j, margin_j = core.down_reserve_j, core.down_margin_j
+    least_j, margin_j = core.line_account()[2], core.down_margin_j
     assert least_j is not None
     assert margin_j is not None
     checkpoints = laboratory.kill()
     frames(laboratory, 20)
     laboratory.restart(checkpoints)
     while core.session.renewed == 0:
-        least_j = core.down_reserve_j
+        least_j = core.line_account()[2]
         laboratory.frame(watch)
     frames(laboratory, 20)
-    assert core.down_reserve_j == least_j, "the new line has no second yet"
+    assert core.line_account()[2] == least_j, "the new line has no second yet"
     assert core.down_margin_j is not None
     assert core.down_margin_j <= margin_j
     assert laboratory.room.seat_account(0).line_reserve_j is None

@@ -158,9 +158,8 @@ class ClientCore:
         self._past.close(self.coupling)
         self._given_j += self.coupling.given_j
         self._session_id = session
-        least_j = self.coupling.down_margin_j
         self.coupling = coupling = COUPLINGS[self.seat.coupling.kind](self.seat)
-        coupling.down_margin_j = least_j  # the least of all lines: the new one begins with 0
+        coupling.down_margin_j = self._past.least_j  # of all lines: the new one begins with 0
         coupling.set_latency(self._latency)
         coupling.fit(self.capability, self.port.lag_s)
         if self._origin is not None:
@@ -471,11 +470,6 @@ class ClientCore:
         return self.coupling.down_margin_j
 
     @property
-    def down_reserve_j(self) -> float | None:
-        """Least reserve of the lines down, each after its first second; None where there was none."""
-        return self._past.down_reserve_j(self.coupling)
-
-    @property
     def lost(self) -> int:
         """Frames from the server that were lost so far."""
         return self._past.lost(self.coupling)
@@ -500,6 +494,6 @@ class ClientCore:
         """As measured at rest on a wall [N/m]."""
         return self._rest.stiffness_npm() if self._rest else None
 
-    def line_account(self) -> tuple[LinkCount, PlayoutAccount | None]:
-        """Count the frames that came down on all lines, and how they were played out."""
-        return self._past.count(self.coupling), self._past.playout_account(self.coupling)
+    def line_account(self) -> tuple[LinkCount, PlayoutAccount | None, float | None]:
+        """Count the frames that came down on all lines; how they were played out; the least reserve after first seconds [J]."""
+        return self._past.account(self.coupling)

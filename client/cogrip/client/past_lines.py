@@ -14,11 +14,13 @@ class PastLines:
         self._lost = 0
         self._count = LinkCount()
         self._playout: PlayoutAccount | None = None
+        self.least_j: float | None = None  # margin down
         self._reserve_j: float | None = None
 
     def close(self, coupling: Coupling) -> None:
         """This line is over. What it had heard of but not played is never played now."""
         self.port_j += coupling.port_j
+        self.least_j = coupling.down_margin_j
         self._reserve_j = self.down_reserve_j(coupling)
         self._lost = self.lost(coupling)
         self._playout = self.playout_account(coupling)
@@ -32,6 +34,10 @@ class PastLines:
     def lost(self, coupling: Coupling) -> int:
         """Frames from the server."""
         return self._lost + coupling.lost()
+
+    def account(self, coupling: Coupling) -> tuple[LinkCount, PlayoutAccount | None, float | None]:
+        """Frames that came down, how they were played out, and the least reserve."""
+        return self.count(coupling), self.playout_account(coupling), self.down_reserve_j(coupling)
 
     def count(self, coupling: Coupling) -> LinkCount:
         before, now = self._count, coupling.count()
