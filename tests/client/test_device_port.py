@@ -165,6 +165,31 @@ def test_an_overdrawn_port_says_so_and_begins_anew() -> None:
     assert tried.account().margin_j == pytest.approx(tried.reserve_j - 50.0), "the verdict does not forget it"
 
 
+def test_the_reserve_of_now_begins_anew_with_the_port_and_its_least_does_not() -> None:
+    """A debt that was forgiven is in the margin for good; what the port may still give is its whole reserve again."""
+    tried = port()
+
+    def second(work_j: float) -> None:
+        for tick in range(DEVICE_HZ + 8):
+            tried.elapse()
+            tried.book(work_j, 0.0)
+            if tick % 8 == 7:
+                tried.end_frame([0.0] * 3, [0.0] * 3, 8 / DEVICE_HZ, 0.0)
+
+    tried.ramped = False
+    tried.book(-0.02, 0.0)
+    assert tried.account().reserve_j is None
+    second(-0.01)
+    assert tried.account().reserve_j == pytest.approx(tried.reserve_j - 0.01)
+    assert tried.account().margin_j == pytest.approx(tried.reserve_j - 0.02)
+    second(-50.0)
+    tried.rearm()
+    second(-50.0)
+    assert tried.balance_j == 0.0
+    assert tried.account().reserve_j == pytest.approx(tried.reserve_j - 50.0)
+    assert tried.account().margin_j == pytest.approx(tried.reserve_j - 50.0)
+
+
 def _shake(tried: DevicePort, turns: int, force_n: float = 2.0, half_ticks: int = 8) -> str:
     """A square wave of the local force alone, riding on 5 N, until it is found."""
     for number in range(turns * half_ticks):

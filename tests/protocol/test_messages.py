@@ -24,6 +24,7 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.messages import (
     DEVICE_BYTES,
     HELLO_BYTES,
+    LEAVE_TEXT_BYTES,
     MAGIC,
     MAX_DATAGRAM_BYTES,
     MAX_MESSAGE_BYTES,
@@ -51,7 +52,7 @@ from cogrip.protocol.messages import (
     foreign_version,
     padded,
 )
-from cogrip.protocol.session import make_hello, nonce_of
+from cogrip.protocol.session import ClientSession, make_hello, nonce_of
 from cogrip.protocol.settings import resolve, seat_settings
 
 BIG = 2**63 - 1
@@ -80,9 +81,10 @@ CLIENT = ClientAccount(
     0.1,
     PLAYOUT,
     DelayAccount(TIMES, TIMES, 0.1, 0.1),
-    DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG),
+    DeviceAccount(True, 0.1, 0.1, 0.1, 0.1, BIG, 0.1),
+    0.1,
 )
-SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT, PLAYOUT, 0.1)
+SEAT = SeatAccount(ROW, 0.1, 0.1, COUNT, PLAYOUT, 0.1, 0.1, 0.1)
 ROOM = RoomAccount(ROW, ROW, 0.1, False, 0.1, TickCount(BIG, BIG, TIMES, TIMES))
 STAMP = Stamp(BIG, BIG, BIG)
 
@@ -108,7 +110,7 @@ LARGEST: dict[str, AnyMessage] = {
     "waves": Waves(BIG, 2**53, (0.1,) * 96, ROW, ROW, 0.1, 0.1, 2**53, STAMP, (0.1,) * 6),
     "state": State(BIG, 2**53, ROW, ROW, 0.1, 2**53, STAMP),
     "heartbeat": Heartbeat(BIG, STAMP),
-    "leave": Leave(BIG, "r" * TEXT_BYTES, CLIENT),
+    "leave": Leave(BIG, "r" * LEAVE_TEXT_BYTES, CLIENT),
     "farewell": Farewell(BIG, "r" * TEXT_BYTES, SEAT, ROOM),
     "view": View(
         BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
@@ -307,17 +309,40 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     assert MAX_MESSAGE_BYTES + SEAL_BYTES == MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
-        "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1180,
-        "farewell": 667, "view": 1008,
+        "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1178,
+        "farewell": 685, "view": 1008,
     }  # fmt: skip
 
 
 @given(texts, short_texts, texts)
 def test_a_leave_with_any_texts_fits_once_they_are_cut(reason: str, state: str, account_reason: str) -> None:
     account = msgspec.structs.replace(CLIENT, state=clipped(state), reason=clipped(account_reason))
-    leave = Leave(BIG, clipped(reason), account)
+    leave = Leave(BIG, clipped(reason, LEAVE_TEXT_BYTES), account)
     assert len(encode(leave)) <= MAX_MESSAGE_BYTES
     assert decode(encode(leave)) == leave
+
+
+def test_a_session_leaves_with_the_longest_reason_and_the_largest_account() -> None:
+    session = ClientSession(LARGEST["hello"])  # type: ignore[arg-type]
+    session.state, session.welcome = "seated", LARGEST["welcome"]  # type: ignore[assignment]
+    session.leave("r" * 1000, CLIENT, 0)
+    [datagram] = session.outbox
+    assert len(datagram) == 1178
+    assert decode(datagram) == LARGEST["leave"]
+
+
+def test_accounts_of_older_peers_have_no_reserves() -> None:
+    whole = msgpack.unpackb(encode(LARGEST["leave"]))
+    whole[3][17] = whole[3][17][:6]
+    read = decode(msgpack.packb([*whole[:3], whole[3][:18]]))
+    assert isinstance(read, Leave)
+    assert read.account == msgspec.structs.replace(
+        CLIENT, down_reserve_j=None, device=msgspec.structs.replace(CLIENT.device, reserve_j=None)
+    )
+    farewell = msgpack.unpackb(encode(LARGEST["farewell"]))
+    farewell[3] = farewell[3][:6]
+    seat = decode(msgpack.packb(farewell)).seat  # type: ignore[union-attr]
+    assert seat == msgspec.structs.replace(SEAT, up_reserve_j=None, line_reserve_j=None)
 
 
 def test_a_message_may_have_its_largest_size_and_not_a_byte_more() -> None:

@@ -106,6 +106,11 @@ def test_a_snapshot_says_what_the_room_knows():
     assert anna.rendered_npm == room.world.stiffness_of(0) > 0.0
     assert (ben.up_delay_s, ben.down_delay_s, ben.clock_offset_s, ben.rendered_npm) == (None, None, None, None)
     assert anna.up_margin_j == room.seats[0].port.up_margin_j
+    assert (anna.up_reserve_j, anna.line_reserve_j) == (
+        room.seats[0].port.up_reserve.now_j,
+        room.seats[0].line_reserve.now_j,
+    )
+    assert None not in (anna.up_reserve_j, anna.line_reserve_j)
     assert (ben.user, ben.seated, ben.frames, ben.rtt_s, ben.up_margin_j) == ("ben", False, LinkCount(), None, None)
 
 

@@ -250,4 +250,6 @@ def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() 
     summary = summary_of(person())
     summary["users"][0]["claimed"] = {"diverged": False, "down_margin_j": 0.0}
     assert passive(summary).tone == "good"
-    assert passive(summary).sentence.endswith("(least margin 0 J), nor, say the clients, any motors.")
+    assert passive(summary).sentence.endswith("than had been put in, nor, say the clients, any motors.")
+    summary["users"][0]["energy"] |= {"line_reserve_j": 2e-3, "device_reserve_j": 0.2}
+    assert passive(summary).sentence.endswith("any motors; least reserve after the first second 2 mJ in a whole line.")

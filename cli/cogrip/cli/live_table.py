@@ -9,8 +9,9 @@ from rich.text import Text
 
 from cogrip.cli.fitted import Fitted, shortened
 from cogrip.cli.followed import FollowedRun, components
+from cogrip.cli.shown_reserves import HEADING_NOW, reserves_now
 
-_HAND = ("hand\nmm", "force\nN", "energy\nmargin mJ")
+_HAND = ("hand\nmm", "force\nN", HEADING_NOW)
 _NETWORK = ("round\ntrip ms", "up, down\nms", "lost\nframes", "late\nticks")
 _NAME_WIDTH = 12
 
@@ -33,21 +34,20 @@ class LiveTable:
         place = " ".join(components(step.object_m, 1e3, "+.1f")) if step else ""
         vectors: list[tuple[list[str], list[str]]] = []
         people: list[list[str]] = []
-        margins: list[str] = []
+        reserves: list[str] = []
         network: list[list[str]] = []
         for number, name in enumerate(self._people):
             tick = self._run.tick(name)
             if tick is None:
                 people.append([name, "joining"])
                 vectors.append(([], []))
-                margins.append("")
+                reserves.append("")
                 network.append([""] * len(_NETWORK))
                 continue
             seat = step.seats[number] if step else None
-            found = (tick.margin_j, *((seat.up_margin_j, seat.line_margin_j) if seat else ()))
             people.append([name, tick.state])
             vectors.append((components(tick.position_m, 1e3, "+6.1f"), components(tick.force_n, 1.0, "+5.2f")))
-            margins.append(f"{min(0.0, *(margin for margin in found if margin is not None)) * 1e3:.3f}" if seat else "")
+            reserves.append(reserves_now(tick, seat))
             network.append(
                 [
                     "" if tick.rtt_ms is None else f"{tick.rtt_ms:.1f}",
@@ -59,8 +59,8 @@ class LiveTable:
 
         def hands(between: str) -> list[list[str]]:
             return [
-                [between.join(hand), between.join(force), margin]
-                for (hand, force), margin in zip(vectors, margins, strict=True)
+                [between.join(hand), between.join(force), reserve]
+                for (hand, force), reserve in zip(vectors, reserves, strict=True)
             ]
 
         def side_by_side() -> list[Table]:

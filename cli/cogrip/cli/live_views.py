@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cogrip.cli.fitted import Fitted, shortened
 from cogrip.cli.followed import AXES, FollowedRun, components
+from cogrip.cli.shown_reserves import HEADING_NOW, reserves_now
 from cogrip.protocol.recording.records import SeatStep, Step
 from cogrip.server.io.control import ControlError, Who, ask
 from cogrip.server.io.state_folder import StateFolder
@@ -19,7 +20,7 @@ from cogrip.server.present import Present
 
 ASK_EVERY_S, ASK_LIMIT_S = 1.0, 0.5
 _TINTS = {"fault": "red", "degraded": "yellow", "free": "dim"}
-_HAND = ("hand\nmm", "force\nN", "least\nreserve mJ")
+_HAND = ("hand\nmm", "force\nN", HEADING_NOW)
 _NETWORK = ("round\ntrip ms", "up, down\nms", "lost\nframes", "late\nticks", "playout\nframes")
 _NAME_WIDTH = 16
 _ROOM_WIDTH = 24
@@ -63,7 +64,7 @@ class JoinTable:
         network = [
             _number(tick.rtt_ms, ".1f"), ways, f"{tick.lost}", f"{tick.skipped}", _number(tick.playout_frames, "d"),
         ]  # fmt: skip
-        reserve = _number(None if tick.margin_j is None else tick.margin_j * 1e3, "+.3f")
+        reserve = reserves_now(tick, None)
         state = Text(tick.state, style=_TINTS.get(tick.state, "green"))
 
         def line(between: str) -> list[Table]:

@@ -11,13 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.fitted import Fitted, marked, shortened
+from cogrip.cli.shown_reserves import device_ports, least_of_line
 from cogrip.protocol.messages import shown
 from cogrip.sim.summary_values import (
     UNKNOWN,
     Summary,
     dig,
     earlier,
-    energy,
     is_number,
     name_of,
     number,
@@ -25,14 +25,13 @@ from cogrip.sim.summary_values import (
     share,
     ticks_share,
     vector,
-    worst_margin,
 )
 from cogrip.sim.verdict import verdict
 
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _STATES = {"fault": "red", "degraded": "yellow"}
 _DASH = "-"
-_HAND = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nmargin")
+_HAND = ("hand\nmm", "peak\nN", "felt/calc.\nN/m", "least\nreserve")
 _NETWORK = ("lost/late\n/dupl.", "up/down/\nrtt99 ms", "ticks\nrun", "late p99\nµs")
 _NAME_WIDTH = 12
 
@@ -50,7 +49,7 @@ class _Row(NamedTuple):
 
 def terminal_summary(summary: Summary) -> Group:
     """What to print of `summary.json`. Whatever is null stands as a dash."""
-    rows = [_person(sitting, which) for user in people(summary) for which, sitting in _sittings(user)]
+    rows = [_person(sitting, which, summary) for user in people(summary) for which, sitting in _sittings(user)]
     rows.append(_object(summary))
     title = Text(shown(str(summary.get("name") or "run")), style="bold")
 
@@ -68,7 +67,9 @@ def terminal_summary(summary: Summary) -> Group:
         first = _table(_HAND, hands(between), rows, states=True)
         return [first, _table(_NETWORK, networks(), rows, states=False)]
 
-    return Group(title, Fitted(side_by_side, lambda: two(" "), lambda: two("\n")), Text(""), verdict_lines(summary))
+    tables = Fitted(side_by_side, lambda: two(" "), lambda: two("\n"))
+    devices = [marked(Text(""), Text(line, style="dim"))] if (line := device_ports(summary)) else []
+    return Group(title, tables, *devices, Text(""), verdict_lines(summary))
 
 
 def verdict_lines(summary: Summary) -> Group:
@@ -100,8 +101,8 @@ def _sittings(user: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
         yield which if before else 0, {**sitting, "name": name_of(user)}
 
 
-def _person(user: dict[str, Any], which: int) -> _Row:
-    worst, link, state = worst_margin([{**user, "earlier": None}]), user.get("link"), user.get("state")
+def _person(user: dict[str, Any], which: int, summary: Summary) -> _Row:
+    link, state = user.get("link"), user.get("state")
     rtt, name = dig(link, "rtt_ms", "p99"), shown(name_of(user))
     number_of = f" ({which})" if which else ""
     return _Row(
@@ -110,7 +111,7 @@ def _person(user: dict[str, Any], which: int) -> _Row:
         [
             _cell(number(user.get("peak_force_n"), digits=2)),
             _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
-            Text(energy(worst[0]) if worst else _DASH),
+            Text(least_of_line(user, summary)),
         ],
         [
             _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),

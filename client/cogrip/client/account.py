@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def account_of(core: ClientCore, ticks: TickCount) -> ClientAccount:
     """The account of a core that has a seat. ticks: of its loop, as its driver counted them."""
-    down, playout = core.line_account()
+    down, playout, reserve_j = core.line_account()
     return ClientAccount(
         position_m=core.position_m,
         force_n=core.force_n,
@@ -33,6 +33,7 @@ def account_of(core: ClientCore, ticks: TickCount) -> ClientAccount:
         playout=playout,
         delay=_delay(core),
         device=core.port.account(),
+        down_reserve_j=reserve_j,
     )
 
 

@@ -159,6 +159,7 @@ class ClientCore:
         self._given_j += self.coupling.given_j
         self._session_id = session
         self.coupling = coupling = COUPLINGS[self.seat.coupling.kind](self.seat)
+        coupling.down_margin_j = self._past.least_j  # of all lines: the new one begins with 0
         coupling.set_latency(self._latency)
         coupling.fit(self.capability, self.port.lag_s)
         if self._origin is not None:
@@ -466,7 +467,7 @@ class ClientCore:
     @property
     def down_margin_j(self) -> float | None:
         """Least margin of the lines down so far; None without waves."""
-        return self._past.down_margin_j(self.coupling)
+        return self.coupling.down_margin_j
 
     @property
     def lost(self) -> int:
@@ -493,6 +494,6 @@ class ClientCore:
         """As measured at rest on a wall [N/m]."""
         return self._rest.stiffness_npm() if self._rest else None
 
-    def line_account(self) -> tuple[LinkCount, PlayoutAccount | None]:
-        """Count the frames that came down on all lines, and how they were played out."""
-        return self._past.count(self.coupling), self._past.playout_account(self.coupling)
+    def line_account(self) -> tuple[LinkCount, PlayoutAccount | None, float | None]:
+        """Count the frames that came down on all lines; how they were played out; the least reserve after first seconds [J]."""
+        return self._past.account(self.coupling)

@@ -32,6 +32,7 @@ from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import DeviceAccount
+from cogrip.protocol.energy_reserve import FIRST_S, known
 from cogrip.protocol.settings import SeatSettings
 
 BRISK_MPS = 1.0  # a late damper borrows from the device's kinetic energy: the reserve holds it up to this speed
@@ -55,6 +56,7 @@ class DevicePort:
 
     balance_j     E, now
     least_j       the least E so far, with all that was forgiven
+    later_j       the least E after the first second: -inf until then, inf until it is booked again
     reserve_j     E_0
     carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
     lag_s         by which a damper acts late (`lag_ticks`)
@@ -67,6 +69,7 @@ class DevicePort:
         self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
         self._rest_ticks, self._goes_on_ticks = round(REST_S / tick_s), round(GOES_ON_S / tick_s)
         self.balance_j = self.least_j = 0.0
+        self.later_j = -inf
         self._given_j = 0.0  # of the last call
         self._own_j = 0.0  # what the device's damping has taken
         self._forgiven_j = 0.0  # to hands while their force was ramped
@@ -115,6 +118,8 @@ class DevicePort:
             self.balance_j = balance = balance + forgiven_j
         if balance - self._forgiven_j < self.least_j:
             self.least_j = balance - self._forgiven_j
+        if balance < self.later_j:
+            self.later_j = balance
 
     def end_frame(self, start_m: Sequence[float], end_m: Sequence[float], frame_s: float, stored_j: float) -> None:
         """Credit the device's own damping with a frame's motion, and cut the balance off. stored_j: in the coupling."""
@@ -127,6 +132,8 @@ class DevicePort:
         if excess_j > 0.0:
             self._cut_j += excess_j
             self.balance_j -= excess_j
+        if self.later_j == -inf and self._tick * self._tick_s >= FIRST_S:
+            self.later_j = inf
 
     @property
     def spare_j(self) -> float:
@@ -245,6 +252,7 @@ class DevicePort:
             leak_j=max(0.0, -self.least_j),
             margin_j=self.least_j + self.reserve_j,
             let_go=self._let_go,
+            reserve_j=known(self.later_j + self.reserve_j),
         )
 
 

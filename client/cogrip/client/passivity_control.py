@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.newest_coupling import NewestCoupling
+from cogrip.protocol.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.power import CHARGE_UP_J, LENT_J
 from cogrip.protocol.running_sum import RunningSum, rounding_share
@@ -69,6 +70,7 @@ class PassivityControl(NewestCoupling[Power]):
         self._rounding = rounding_share(rates.ticks_per_frame)
         self._slack_j = 0.0  # what rounding alone can put W out by
         self.down_margin_j: float | None = 0.0
+        self.down_reserve = EnergyReserve(rates.network_hz)  # W, the least of all axes
         self.controlled = 0  # ticks and axes in which the controller held the force
 
     @property
@@ -137,6 +139,8 @@ class PassivityControl(NewestCoupling[Power]):
         margin = left + self._slack_j
         if self.down_margin_j is None or margin < self.down_margin_j:
             self.down_margin_j = margin
+        if margin < self.down_reserve.least_j:
+            self.down_reserve.least_j = margin
 
     def elapse_absent(self) -> None:
         """One tick has passed without a hand: the proxy stands still."""
@@ -154,9 +158,13 @@ class PassivityControl(NewestCoupling[Power]):
         """The newest force and energy stand from now on; where none came, the last ones go on to."""
         self._frame += 1
         before = self._receiver.heard
-        if not self._receiver.take() or self._receiver.latest is None:
-            return
-        newest = self._receiver.latest
+        if self._receiver.take() and self._receiver.latest is not None:
+            self._hear(self._receiver.latest, before)
+        self.down_reserve.elapse()
+        self.down_reserve.see(min(self.left_j) + self._slack_j)
+
+    def _hear(self, newest: Power, before: int) -> None:
+        """Go by a message from now on; `before` is the number of the one before it."""
         if newest.number != before:  # what was missed comes at once: softly
             self._held = [True] * len(self._held)
         for axis, (now, then) in enumerate(zip(newest.entered_j, self._received, strict=True)):

@@ -14,24 +14,30 @@ class PastLines:
         self._lost = 0
         self._count = LinkCount()
         self._playout: PlayoutAccount | None = None
-        self._margin_j: float | None = None
+        self.least_j: float | None = None  # margin down
+        self._reserve_j: float | None = None
 
     def close(self, coupling: Coupling) -> None:
         """This line is over. What it had heard of but not played is never played now."""
         self.port_j += coupling.port_j
-        self._margin_j = self.down_margin_j(coupling)
+        self.least_j = coupling.down_margin_j
+        self._reserve_j = self.down_reserve_j(coupling)
         self._lost = self.lost(coupling)
         self._playout = self.playout_account(coupling)
         self._count = msgspec.structs.replace(self.count(coupling), pending=0)
 
-    def down_margin_j(self, coupling: Coupling) -> float | None:
-        """The least of all lines, None where there are no waves."""
-        now = coupling.down_margin_j
-        return now if self._margin_j is None or now is None else min(self._margin_j, now)
+    def down_reserve_j(self, coupling: Coupling) -> float | None:
+        """The least after the first second of each line, None where no line was that long."""
+        told = [each for each in (self._reserve_j, coupling.down_reserve.told_j) if each is not None]
+        return min(told, default=None)
 
     def lost(self, coupling: Coupling) -> int:
         """Frames from the server."""
         return self._lost + coupling.lost()
+
+    def account(self, coupling: Coupling) -> tuple[LinkCount, PlayoutAccount | None, float | None]:
+        """Frames that came down, how they were played out, and the least reserve."""
+        return self.count(coupling), self.playout_account(coupling), self.down_reserve_j(coupling)
 
     def count(self, coupling: Coupling) -> LinkCount:
         before, now = self._count, coupling.count()

@@ -111,6 +111,7 @@ class RecordedClient(ClientCore):
         if type(self._sink) is Nowhere:
             return force
         sample, velocity, coupling, safety = self._sample, tuple(self.velocity_mps), self.coupling, self.safety
+        port = self.port
         position = given = unfit = None
         if sample is not None:
             position = sample.position_m
@@ -124,11 +125,12 @@ class RecordedClient(ClientCore):
         rtt_ms = self.rtt_ms
         tick = Tick(
             self.tick, late_us, work_us, position, velocity, force, self.work_j, self.port_j,
-            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], self.down_margin_j,
+            tuple(coupling.sent), coupling.returning, coupling.object_state[: len(force)], coupling.down_margin_j,
             rtt_ms if rtt_ms == rtt_ms else None, self.lost, safety.state, skipped,
             coupling.playout_frames, given, unfit,
             sample.age_ticks if sample is not None else 0,
             self.up_ms, self.down_ms,
+            reserve_j=coupling.down_reserve.now_j, device_reserve_j=port.balance_j + port.reserve_j,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:

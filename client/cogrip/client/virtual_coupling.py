@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from math import inf
 
 from cogrip.client.newest_coupling import NewestCoupling
+from cogrip.protocol.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Frame, Stamp, State
 from cogrip.protocol.running_sum import RunningSum
 from cogrip.protocol.settings import SeatSettings
@@ -32,6 +33,7 @@ class VirtualCoupling(NewestCoupling[State]):
         self.made_j = self.used_j = 0.0
         self._port_j = RunningSum()
         self.down_margin_j: float | None = None
+        self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
 
     @property
     def port_j(self) -> float:

@@ -27,6 +27,7 @@ from math import inf, sqrt
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
+from cogrip.protocol.energy_reserve import EnergyReserve
 from cogrip.protocol.line import LineReceiver
 from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
@@ -88,6 +89,7 @@ class WaveCoupling:
         self._made_now_j = self._used_now_j = 0.0  # since
         self._rounding = rounding_share(rates.ticks_per_frame)
         self.down_margin_j: float | None = 0.0
+        self.down_reserve = EnergyReserve(rates.network_hz)
 
     @property
     def made_j(self) -> float:
@@ -231,9 +233,11 @@ class WaveCoupling:
         if self.implausible:
             self.returning = tuple([min(max(v, -most), most) for v in wave])
         self._share = receiver.share
+        self.down_reserve.elapse()
         if receiver.mark is not None:
             made_j, _, heard = receiver.mark
             margin = made_j - receiver.played_j + self._rounding * made_j
+            self.down_reserve.see(margin)
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
             if heard:

@@ -84,6 +84,7 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
         None  # least of the port's energy balance, its stated reserve included; below 0: not passive
     )
     let_go: int = 0  # times that the force was let go: it oscillated, sat at its limit, or ran out of energy
+    reserve_j: float | None = None  # least of the energy that the port could still give, after the first second
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -107,6 +108,7 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     playout: PlayoutAccount | None = None  # of the frames that came down; None without waves
     delay: DelayAccount = DelayAccount()
     device: DeviceAccount = DeviceAccount()
+    down_reserve_j: float | None = None  # least of the line down, after its first second
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
@@ -118,6 +120,8 @@ class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
     up: LinkCount
     playout: PlayoutAccount | None = None  # of the frames that came up; None without waves
     rendered_npm: float | None = None  # the spring as it was integrated last
+    up_reserve_j: float | None = None  # least of the line up, after its first second
+    line_reserve_j: float | None = None  # of the whole line
 
 
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):

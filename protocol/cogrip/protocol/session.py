@@ -129,7 +129,8 @@ class ClientSession:
     def leave(self, reason: str, account: ClientAccount | None, now_ns: int) -> None:
         """Say goodbye, repeated until the farewell comes or LEAVE_GIVE_UP_NS have passed."""
         if self._step("leave") and self.welcome:
-            self._leave = messages.encode(Leave(self.welcome.session, messages.clipped(reason), account))
+            text = messages.clipped(reason, messages.LEAVE_TEXT_BYTES)
+            self._leave = messages.encode(Leave(self.welcome.session, text, account))
             self._since_ns = self._next_ns = now_ns
             self.poll(now_ns)
 

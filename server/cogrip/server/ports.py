@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.energy_reserve import EnergyReserve
 from cogrip.protocol.line import LineReceiver
 from cogrip.protocol.line_sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
@@ -33,6 +34,7 @@ class WavePort:
         self.origin: Row | None = None  # the hand before its first frame [m]
         self.hand: Row | None = None  # the hand after its newest frame [m]
         self.up_margin_j: float | None = 0.0
+        self.up_reserve = EnergyReserve(seat.rates.network_hz)
         self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None  # of the last second
 
     def receive(self, message: Frame) -> bool:
@@ -58,10 +60,12 @@ class WavePort:
         receiver = self._receiver
         wave = receiver.take(frames)
         self._port_j = None
+        self.up_reserve.elapse(frames)
         if receiver.mark is not None:
             made_j, self._port_j, heard = receiver.mark
             self._brought_j = made_j
             margin = made_j - receiver.played_j + self._rounding * made_j
+            self.up_reserve.see(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
             if heard and self.loops is not None:  # from a returning frame to the step that hears of its being felt
@@ -139,6 +143,7 @@ class StatePort(NewestPort[State]):
         self._row: Row = (0.0,) * (2 * self._axes)
         self.made_j = self.used_j = 0.0
         self.up_margin_j: float | None = None
+        self.up_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, State) or len(message.position_m) != self._axes:

@@ -9,6 +9,7 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
+from cogrip.protocol.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.power import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.running_sum import RunningSum
@@ -31,6 +32,7 @@ class PowerPort(NewestPort[Power]):
         self._out = [RunningSum() for _ in range(axes)]
         self._force = (0.0,) * axes
         self.up_margin_j: float | None = 0.0
+        self.up_reserve = EnergyReserve(seat.rates.network_hz)  # W, the least of all axes
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, Power) or not message.of_axes(self._axes):
@@ -50,6 +52,7 @@ class PowerPort(NewestPort[Power]):
         """An axis after the other: where the proxy is to be [m], how it is to go there [m/s], what may come out [J], and how
         much of what it should have at least, of 1, the client has to take."""
         newest = self._take(frames)
+        self.up_reserve.elapse(frames)
         assert newest is not None  # the seat is on the object since its first message
         self._received = newest.entered_j
         left = [got + self._lent - out.value for got, out in zip(newest.entered_j, self._out, strict=True)]
@@ -76,6 +79,9 @@ class PowerPort(NewestPort[Power]):
                     self.up_margin_j = margin
             elif energy < 0.0:
                 self._in[axis].add(-energy)
+        self.up_reserve.see(
+            min([left + self._rounding * got for left, got in zip(self.left_j, self._received, strict=True)])
+        )
         self._energy.book(net, asked)
 
     @property

@@ -225,6 +225,7 @@ def _seat(room: Room, number: int) -> SeatStep:
     return SeatStep(
         seat.settings.user, True, world.proxy_of(number), world.force_of(number),
         port.up_margin_j, seat.line_margin_j, port.used_j, port.made_j, port.lost,
+        port.up_reserve.now_j, seat.line_reserve.now_j,
     )  # fmt: skip
 
 

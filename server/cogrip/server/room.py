@@ -10,6 +10,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
+from cogrip.protocol.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
@@ -54,6 +55,7 @@ class Seat:
         self.follower: StiffnessFollower | None = None
         self.on_object = False
         self.line_margin_j = 0.0
+        self.line_reserve = EnergyReserve(settings.rates.network_hz)
         self.account: ClientAccount | None = None  # what the client said when it left
         self.last: SeatAccount | None = None  # what we knew when it left
         self.earlier: list[Sitting] = []  # those before, oldest first
@@ -123,6 +125,7 @@ class Room:
             self.world.aim(number, seat.settings.rendered_npm)
         seat.on_object = False
         seat.line_margin_j = 0.0
+        seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
         seat.close_sitting()
         self.world.open_books(number)
         return seat.settings
@@ -248,8 +251,11 @@ class Room:
                 continue
             port.put(tuple(answers[number]))
             port_in_j = port.port_in_j()
+            seat.line_reserve.elapse(frames)
             if port_in_j is not None:
-                seat.line_margin_j = min(seat.line_margin_j, port_in_j - work[number] + port.rounding_j)
+                reserve_j = port_in_j - work[number] + port.rounding_j
+                seat.line_reserve.see(reserve_j)
+                seat.line_margin_j = min(seat.line_margin_j, reserve_j)
             message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
             out.append((seat.address, messages.encode(message)))
         if self.gallery.observers:
@@ -300,6 +306,7 @@ class Room:
         return SeatAccount(
             proxy, seat.port.up_margin_j, seat.line_margin_j, seat.port.count(),
             seat.port.playout_account(), rendered_npm=self.world.stiffness_of(number) if seat.on_object else None,
+            up_reserve_j=seat.port.up_reserve.told_j, line_reserve_j=seat.line_reserve.told_j,
         )  # fmt: skip
 
     def account(self) -> RoomAccount:

@@ -41,6 +41,8 @@ class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     down_delay_s: Number = None
     clock_offset_s: Number = None  # the person's clock beyond the server's
     rendered_npm: Number = None
+    up_reserve_j: Number = None  # now
+    line_reserve_j: Number = None
 
 
 class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
@@ -163,6 +165,7 @@ def _seat(room: "Room", number: int, rtt_ns: int | None) -> SeatSnapshot:
         return SeatSnapshot(
             seat.name, True, port.count(), rtt_s, port.up_margin_j, seat.line_margin_j, limited,
             _seconds(clock.back_ns), _seconds(clock.there_ns), _seconds(clock.offset_ns), stiffness,
+            port.up_reserve.now_j, seat.line_reserve.now_j,
         )  # fmt: skip
     if last is not None:
         return SeatSnapshot(seat.name, False, last.up, None, last.up_margin_j, last.line_margin_j, limited)

@@ -18,6 +18,7 @@ from cogrip.sim.summary_values import (
     earlier,
     energy,
     is_number,
+    least_reserve,
     name_of,
     number,
     overdrawn,
@@ -136,19 +137,23 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
         why = "; ".join(told) or "no end told its energy margin"
         return Judgement("passive", "warn", f"Whether the run was passive is not known: {why}.")
     lent = f" The tank may lend {energy(tank_j)}." if tank_j else ""
-    port = (
-        f"no device's motors either (least margin {energy(device[0])})"
-        if device
-        else "nor, say the clients, any motors"
-    )
+    port = "no device's motors either" if device else "nor, say the clients, any motors"
+    port += _least_reserves(users)
     margin_j, ledger, who = worst
     if margin_j < -ROUNDING_J:
         lender = "its tank" if tank_j else "its passivity controller, E(0),"
         text = f"Passive: the {ledger} of {who} was {energy(-margin_j)} ahead at most, which {lender} had lent; {port}.{lent}"
     else:
-        least = f"(least margin {energy(margin_j)})"
-        text = f"Passive: no line ever gave out more energy than had been put in {least}, {port}.{lent}"
+        text = f"Passive: no line ever gave out more energy than had been put in, {port}.{lent}"
     return Judgement("passive", "good", text)
+
+
+def _least_reserves(users: list[Row]) -> str:
+    """Return the least energy reserves after the first second, "" where no end told."""
+    line, device = least_reserve(users, "line_reserve_j"), least_reserve(users, "device_reserve_j")
+    ours = device if not any(row.get("claimed") for row in users) else None
+    told = [f"{energy(each[0])} {where}" for each, where in ((line, "in a whole line"), (ours, "at a device")) if each]
+    return f"; least reserve after the first second {', '.join(told)}" if told else ""
 
 
 def _not_passive(

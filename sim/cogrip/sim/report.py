@@ -9,9 +9,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from cogrip.protocol.power import LENT_J
 from cogrip.sim.report_tables import dropped_table, people_table, room_table, settings_tables
-from cogrip.sim.summary_values import dig, is_number, number
+from cogrip.sim.summary_values import lent_j, number
 from cogrip.sim.traces import MOST_PEOPLE, Run, load_run
 from cogrip.sim.verdict import verdict
 
@@ -113,10 +112,7 @@ def about(run: Run, first: str) -> str:
 
 def verdict_of(run: Run) -> str:
     """The verdict's sentences, each with its mark."""
-    tank_mj = dig(run.settings, "playout", "tank_mj")
-    if dig(run.settings, "coupling", "kind") == "tdpa":
-        tank_mj = LENT_J * 1e3
-    sentences = verdict(run.summary, tank_mj * 1e-3 if is_number(tank_mj) else None)
+    sentences = verdict(run.summary, lent_j(run.settings))
     items = "".join(
         f"<li class={tone}><span class=mark>{_MARKS[tone]}</span><span>{escape(text)}</span></li>"
         for tone, text in sentences

@@ -122,6 +122,10 @@ _ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
     (
         "Energy",
         (
+            ("least reserve of the line up, after 1 s", "", _energy("up_reserve_j")),
+            ("of the line down", "", _energy("down_reserve_j")),
+            ("of the whole line", "", _energy("line_reserve_j")),
+            ("of the device port", "", _energy("device_reserve_j")),
             ("least margin of the line up", "", _energy("up_margin_j")),
             ("least margin of the line down", "", _energy("down_margin_j")),
             ("least margin of the whole line", "", _energy("line_margin_j")),

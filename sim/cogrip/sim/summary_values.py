@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+from cogrip.protocol.power import LENT_J
+
 Summary = dict[str, Any]
 UNKNOWN = "not known"
 MARGINS = {"up_margin_j": "line up", "down_margin_j": "line down", "line_margin_j": "whole line"}
@@ -93,6 +95,20 @@ def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
 def ledgers(user: dict[str, Any]) -> dict[str, str]:
     """Those that the verdict rests on: not the one that only somebody else's client kept."""
     return {key: words for key, words in MARGINS.items() if key != "down_margin_j" or not user.get("claimed")}
+
+
+def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | None:
+    """(least energy reserve after the first second [J], whose), by its key in `energy`; None where no end told."""
+    found = [(float(value), name_of(user)) for user in sittings(users) if is_number(value := dig(user, "energy", key))]
+    return min(found, default=None)
+
+
+def lent_j(settings: Any) -> float | None:
+    """What each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
+    if dig(settings, "coupling", "kind") == "tdpa":
+        return LENT_J
+    tank_mj = dig(settings, "playout", "tank_mj")
+    return tank_mj * 1e-3 if is_number(tank_mj) else None
 
 
 def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:

@@ -31,6 +31,7 @@ _TICK_SCALARS = ("tick", "late_us", "work_us", "skipped", "rtt_ms", "up_ms", "do
 _TICK_VECTORS = ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down", "object_m")
 _STEP_SCALARS = ("step", "late_us", "work_us", "skipped")
 _SEAT_SCALARS = ("seated", "up_margin_j", "line_margin_j", "up_used_j", "down_made_j", "lost")
+_SEAT_RESERVES = ("up_reserve_j", "line_reserve_j")
 _SEAT_VECTORS = ("proxy_m", "force_n")
 
 
@@ -92,6 +93,8 @@ def tick_trace(end: End) -> Trace:
             table[name] = [getattr(tick, name) for tick in ticks]
         table["leak_j"] = np.array(table["work_j"], dtype=float) - np.array(table["port_j"], dtype=float)
         table["down_margin_j"] = [tick.margin_j or 0.0 for tick in ticks]
+        table["down_reserve_j"] = [tick.reserve_j for tick in ticks]  # not a number in recordings of older versions
+        table["device_reserve_j"] = [tick.device_reserve_j for tick in ticks]
         for name in _TICK_VECTORS:
             _spread(table, name, [getattr(tick, name) for tick in ticks], axes)
         columns.extend(table)
@@ -113,6 +116,8 @@ def step_trace(end: End, room: str) -> Trace:
             seats = [step.seats[number] for step in steps]
             for name in _SEAT_SCALARS:
                 table[f"{number}.{name}"] = [getattr(seat, name) or 0.0 for seat in seats]
+            for name in _SEAT_RESERVES:
+                table[f"{number}.{name}"] = [getattr(seat, name) for seat in seats]
             for name in _SEAT_VECTORS:
                 _spread(table, f"{number}.{name}", [getattr(seat, name) for seat in seats], axes)
         columns.extend(table)

@@ -46,6 +46,8 @@ class Tick(Record, frozen=True, gc=False):
     age_ticks: int = 0  # how old the sample was
     up_ms: Number = None  # one way, as last heard of, as far as the clocks' offset is known
     down_ms: Number = None
+    reserve_j: Number = None  # of the line down, as of this frame: `margin_j` is its least; none without waves
+    device_reserve_j: Number = None  # that the device port may still give
 
 
 class Datagram(Record, frozen=True, gc=False):
@@ -82,7 +84,7 @@ class Event(Record, frozen=True, gc=False):
 
 
 class SeatStep(Record, frozen=True, gc=False):
-    """One seat after a step; margins are the least so far."""
+    """One seat after a step; margins are the least so far, reserves those of now."""
 
     user: str
     seated: bool
@@ -93,6 +95,8 @@ class SeatStep(Record, frozen=True, gc=False):
     up_used_j: Number
     down_made_j: Number
     lost: int
+    up_reserve_j: Number = None
+    line_reserve_j: Number = None
 
 
 class Step(Record, frozen=True, gc=False):

@@ -50,6 +50,12 @@ SEAT_GAUGES: Table[SeatSnapshot] = (
     ("rendered_newtons_per_meter", "The stiffness that is integrated for the seat.", lambda seat: seat.rendered_npm),
     ("up_margin_joules", "Least energy margin of the forward line of this sitting.", lambda seat: seat.up_margin_j),
     ("line_margin_joules", "Least energy margin of the line of this sitting.", lambda seat: seat.line_margin_j),
+    (
+        "up_reserve_joules",
+        "Energy reserve of the forward line now: put in less taken out.",
+        lambda seat: seat.up_reserve_j,
+    ),
+    ("line_reserve_joules", "Energy reserve of the line, both ways, now.", lambda seat: seat.line_reserve_j),
 )
 FRAME_COUNTERS: Table[SeatSnapshot] = (
     ("frames_sent", "Frames whose time has come: applied, late or lost.", lambda seat: seat.frames.sent),

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from cogrip.sim.plots.curves import Line, Window, extent, object_lines, seat_columns
+from cogrip.sim.plots.curves import FORBIDDEN, Line, Window, extent, forbid, object_lines, reserve
 from cogrip.sim.plots.style import (
-    ALARM,
     AXIS_NAMES,
     DASHED,
     INK,
@@ -28,7 +27,7 @@ from cogrip.sim.plots.style import (
     shade,
     title,
 )  # fmt: skip
-from cogrip.sim.summary_values import dig, is_number
+from cogrip.sim.summary_values import lent_j
 from cogrip.sim.traces import Run
 
 MOST_ROWS = 6  # people that are drawn
@@ -36,9 +35,7 @@ _LONG_RUN_S = 30.0  # of a longer one a detail is drawn as well
 _DETAIL_S = 5.0
 _BROADEST, _FINEST = 3.0, 1.0  # line widths of the first run and of the last
 _PALEST = 0.45  # share of the colour in the first run's line
-_LEAST_MARGIN_J = 1e-5  # least height of the margins' axis: below it lies rounding
 _LARGE_J = 5.0
-_FORBIDDEN: Style = {"color": ALARM, "alpha": 0.13, "lw": 0}
 _LONGEST_NAME = 40
 
 
@@ -87,8 +84,8 @@ def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[s
             )
     yield Plot(
         "Energy",
-        "Left, solid the work of each hand, dashed what of it went into the line; right, the least that any of the "
-        "person's lines has had in hand so far: a curve that enters the red has given out energy that nobody put in.",
+        "Left, solid the work of each hand, dashed what of it went into the line; right, the energy "
+        "that the person's line holds, put in less taken out: a curve that enters the red has given out what nobody put in.",
         partial(energies, sides, names),
     )
 
@@ -119,34 +116,36 @@ def forces(sides: Sequence[Side], names: Sequence[str], window: Window | None = 
 
 
 def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
-    """A row a person: ledgers left, least margin of any line so far right [J or mJ]."""
-    books = [(name, [_book(side.run, name) for side in sides]) for name in names]
-    margins = [(name, [least_margin(side.run, name) for side in sides]) for name in names]
-    if not any(lines for _, each in books for lines in each):
+    """A row a person: ledgers left; right the whole line's energy reserve, where a recording tells it [J or mJ]."""
+    books = [[_book(side.run, name) for side in sides] for name in names]
+    reserves = [[(side, line) for side in sides if (line := whole_line(side.run, name)) is not None] for name in names]
+    if not any(lines for each in books for lines in each):
         raise NotDrawnError("no client's recording is here")
-    tanks = [dig(side.run.settings, "playout", "tank_mj") for side in sides]
-    least_j = -1e-3 * max((tank for tank in tanks if is_number(tank)), default=0.0)
-    unit, scale = _unit(line.values for _, each in books for lines in each for line in lines)
-    margin_unit, margin_scale = _unit(line.values for _, each in margins for line in each if line)
-    sheet = Sheet(len(names), 2, row_in=1.9, widths=(1.7, 1.0))
-    for (name, ledgers), (_, least), (left, right) in zip(books, margins, sheet.panels, strict=True):
+    told = any(reserves)
+    unit, scale = _unit(line.values for each in books for lines in each for line in lines)
+    reserve_unit, reserve_scale = _unit(line.values for each in reserves for _, line in each)
+    lent = max((lent_j(side.run.settings) or 0.0 for side in sides), default=0.0)
+    sheet = Sheet(len(names), 1 + told, row_in=1.9, widths=(1.7, 1.0) if told else (1.0,))
+    for name, ledgers, lines_of, panels in zip(names, books, reserves, sheet.panels, strict=True):
         for side, lines in zip(sides, ledgers, strict=True):
             for line in lines:
-                draw(left, line.time, line.values * scale, **side.style, **line.style)
-        lowest = 1.25 * min(
-            -_LEAST_MARGIN_J, least_j, *(float(np.fmin.reduce(line.values)) for line in least if line is not None)
-        )
-        for side, margin in zip(sides, least, strict=True):
-            if margin is not None:
-                draw(right, margin.time, margin.values * margin_scale, **side.style)
-        right.axhspan(lowest * margin_scale, least_j * margin_scale, **_FORBIDDEN)
-        right.set_ylim(lowest * margin_scale, -0.2 * lowest * margin_scale)
-        right.locator_params(axis="y", nbins=4)
-        title(left, label(name))
-        title(right, f"least margin so far [{margin_unit}]")
+                draw(panels[0], line.time, line.values * scale, **side.style, **line.style)
+        title(panels[0], label(name))
+        if told:
+            for side, line in lines_of:
+                draw(panels[1], line.time, line.values * reserve_scale, **side.style)
+            forbid(panels[1], [line for _, line in lines_of], lent, reserve_scale)
+            title(panels[1], f"reserve of the whole line [{reserve_unit}]")
     for panel in sheet.panels[0]:
         panel.set_xlim(*_extent(sides))
-    return sheet.finish("time [s]", [f"energy [{unit}]"] * len(names), _legend(sides))
+    return sheet.finish(
+        "time [s]", [f"energy [{unit}]"] * len(names), [*_legend(sides), *([FORBIDDEN] if told else [])]
+    )
+
+
+def whole_line(run: Run, name: str) -> Line | None:
+    """Energy that a person's line holds: put in at the client, not taken out at the object [J]."""
+    return reserve(run, name, "line_reserve_j") if name in run.names else None
 
 
 def _hand(side: Side, name: str, column: str, scale: float) -> list[tuple[int, Line]]:
@@ -193,28 +192,6 @@ def _book(run: Run, name: str) -> list[Line]:
         Line(trace.time_s, trace.columns["work_j"], {}),
         Line(trace.time_s, trace.columns["port_j"], {"ls": DASHED}),
     ]
-
-
-def least_margin(run: Run, name: str) -> Line | None:
-    """The least of what the person's line up, line down and whole line have had in hand so far [J], as far as known."""
-    waves = dig(run.settings, "coupling", "kind") != "coupling"
-    trace, room = run.clients.get(name), run.room
-    line: Line | None = None
-    if trace is not None and waves:
-        line = Line(trace.time_s, trace.columns["down_margin_j"], {})
-    if room is None:
-        return line
-    for key in ("up_margin_j", "line_margin_j") if waves else ("line_margin_j",):
-        seat = seat_columns(run, run.names.index(name), key)
-        if seat is None:
-            continue
-        if line is None:
-            line = Line(room.time_s, seat[:, 0], {})
-        else:  # the room's newest step at each tick
-            newest = np.searchsorted(room.time_s, line.time, side="right") - 1
-            values = np.where(newest < 0, np.nan, seat[newest, 0])
-            line = Line(line.time, np.fmin(line.values, values), {})
-    return line
 
 
 def _unit(curves: Iterator[Array]) -> tuple[str, float]:

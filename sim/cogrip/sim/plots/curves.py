@@ -1,16 +1,17 @@
 """Curves of a run against its time: who is drawn, from which trace, in what style."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cogrip.sim.plots.style import DASHED, Array, Legend, NotDrawnError, Style, label, person_style
+from cogrip.sim.plots.style import ALARM, DASHED, Array, Legend, NotDrawnError, Style, label, person_style
 from cogrip.sim.traces import MOST_PEOPLE, Run
 
 Window = tuple[float, float]
 PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # the object's end
 _SHORTEST_S = 1e-3  # an axis needs some length
+_LEAST_SPAN_J = 1e-5  # and height: below it lies rounding
 
 
 class Line(NamedTuple):
@@ -34,6 +35,36 @@ def seat_columns(run: Run, number: int, name: str) -> Array | None:
     values = columns[key][:, None] if key in columns else run.room.vector(key)
     values[columns[f"{number}.seated"] == 0.0] = np.nan
     return values
+
+
+RESERVES = ("up_reserve_j", "down_reserve_j", "line_reserve_j")
+
+
+def reserve(run: Run, name: str, key: str) -> Line | None:
+    """One of RESERVES over time [J]; None where nothing tells it, as in recordings of older versions."""
+    if key == "down_reserve_j":
+        trace = run.clients.get(name)
+        values = trace.columns[key] if trace else None
+    else:
+        trace, seat = run.room, seat_columns(run, run.names.index(name), key)
+        values = seat[:, 0] if seat is not None else None
+    if trace is None or values is None or not np.isfinite(values).any():
+        return None
+    return Line(trace.time_s, values, {})
+
+
+FORBIDDEN: tuple[str, Style] = ("energy out of nothing", {"color": ALARM, "alpha": 0.13, "lw": 9})
+
+
+def forbid(panel: Any, lines: Iterable[Line], lent_j: float | None, scale: float) -> None:
+    """Fit a panel to reserves, and shade it where none may be: below 0, or what both directions may lend, `lent_j` each."""
+    border = -2.0 * (lent_j or 0.0)
+    ends = [float(each(line.values)) for line in lines for each in (np.fmin.reduce, np.fmax.reduce)]
+    low, high = min([border, *ends]), max([_LEAST_SPAN_J, *ends])
+    foot, top = low - 0.12 * (high - low), high + 0.05 * (high - low)
+    panel.axhspan(foot * scale, border * scale, **{**FORBIDDEN[1], "lw": 0})
+    panel.set_ylim(foot * scale, top * scale)
+    panel.locator_params(axis="y", nbins=4)
 
 
 def extent(run: Run) -> Window:

@@ -51,8 +51,8 @@ PLOTS = (
         "energy",
         "Energy",
         energies,
-        "Left, where the work of each hand goes; right, the least that each line has had in hand so far: "
-        "a curve that enters the red has given out energy that nobody put in.",
+        "Left, where the work of each hand goes; right, the energy reserve of each line, put in less taken "
+        "out: 0 where all that was put in has come out, and a curve that enters the red has given out what nobody put in.",
     ),
     Plot(
         "link",

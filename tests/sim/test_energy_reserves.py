@@ -1,0 +1,310 @@
+"""Energy reserves in whole sessions: which session would make the one that is shown mislead?"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from cogrip.cli.live_table import LiveTable
+from cogrip.protocol.power import LENT_J
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.judgement import passive
+from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.plots import compared
+from cogrip.sim.plots.energy import energies
+from cogrip.sim.summary import of_laboratory
+from cogrip.sim.summary_values import sittings
+from cogrip.sim.traces import Run, load_run
+
+from tests.sim.reported_runs import printed
+
+LEDGERS = ("up", "down", "line", "device")
+TANK_J = 5e-3
+ROUNDING_J = 1e-12
+
+
+def session(kind: str = "wave", seconds: float = 2.0, **more: Any) -> Settings:
+    users = [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}]
+    stiffness = {"stiffness_npm": 100.0} if kind == "coupling" else {}
+    table = {"name": "reserves", "seconds": seconds, "coupling": {"kind": kind, **stiffness}, "users": users}
+    return resolve({**table, **more})
+
+
+def pairs(laboratory: Laboratory) -> list[tuple[float | None, float | None]]:
+    """(reserve now, margin) of every ledger there is."""
+    found: list[tuple[float | None, float | None]] = []
+    for person in laboratory.people:
+        coupling, port = person.core.coupling, person.core.port
+        found.append((coupling.down_reserve.now_j, person.core.down_margin_j))
+        found.append((port.balance_j + port.reserve_j, port.account().margin_j))
+    for seat in laboratory.room.seats:
+        if seat.port is not None:
+            found.append((seat.port.up_reserve.now_j, seat.port.up_margin_j))
+            found.append((seat.line_reserve.now_j, seat.line_margin_j))
+    return found
+
+
+def watch(laboratory: Laboratory) -> None:
+    """Hold the law at one moment: the reserve of now is no less than the least so far."""
+    for now_j, margin_j in pairs(laboratory):
+        assert now_j is None or margin_j is None or now_j >= margin_j - ROUNDING_J
+
+
+def lawful(summary: dict[str, Any]) -> None:
+    """Hold the law at the end: the least of all is no more than the least after the first second."""
+    for row in sittings(summary["users"]):
+        for ledger in LEDGERS:
+            margin_j, reserve_j = (row["energy"][f"{ledger}_{what}_j"] for what in ("margin", "reserve"))
+            assert reserve_j is None or margin_j <= reserve_j + ROUNDING_J
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    kind=st.sampled_from(["wave", "coupling", "tdpa"]),
+    seconds=st.sampled_from([0.5, 1.5]),
+    tank_mj=st.sampled_from([0.0, 1e3 * TANK_J]),
+    loss=st.sampled_from([0.0, 0.2]),
+    jitter_ms=st.sampled_from([0.0, 10.0]),
+    seed=st.integers(0, 99),
+)
+def test_margin_and_reserve_keep_their_order_whatever_the_session(
+    kind: str, seconds: float, tank_mj: float, loss: float, jitter_ms: float, seed: int
+) -> None:
+    link = {"delay_ms": 10.0, "loss": loss, "jitter_ms": jitter_ms}
+    laboratory = Laboratory(session(kind, seconds, seed=seed, link=link, playout={"tank_mj": tank_mj}))
+    laboratory.run(watch)
+    summary = of_laboratory(laboratory)
+    lawful(summary)
+    long = laboratory.seconds > 1.1
+    for user in summary["users"]:
+        told = {ledger: user["energy"][f"{ledger}_reserve_j"] for ledger in LEDGERS}
+        kept = ("line", "device") if kind == "coupling" else LEDGERS
+        assert all((told[ledger] is not None) is (long and ledger in kept) for ledger in LEDGERS), told
+
+
+def test_a_lossless_line_holds_what_is_on_its_way_and_owes_nothing_down() -> None:
+    laboratory = Laboratory(session())
+    laboratory.run()
+    for user in of_laboratory(laboratory)["users"]:
+        energy = user["energy"]
+        assert energy["down_reserve_j"] == pytest.approx(0.0, abs=ROUNDING_J), "each joule that was sent was played"
+        assert energy["line_reserve_j"] >= energy["up_reserve_j"] > 1e-4
+        assert energy["device_reserve_j"] > 0.1
+
+
+@pytest.mark.parametrize(("kind", "lent_j"), [("wave", TANK_J), ("tdpa", LENT_J)])
+def test_a_line_that_lends_shows_it_in_its_margin_and_is_still_passive(kind: str, lent_j: float) -> None:
+    playout = {"tank_mj": 1e3 * TANK_J, "concealment": "tank", "redundancy": 1}
+    lossy = {"delay_ms": 10.0, "loss": 0.3, "burst_frames": 4.0}
+    laboratory = Laboratory(session(kind, seed=0, link=lossy, playout=playout))
+    laboratory.run(watch)
+    summary = of_laboratory(laboratory)
+    assert summary["passive"] is True
+    assert min(user["energy"][f"{ledger}_margin_j"] for user in summary["users"] for ledger in ("up", "down")) < 0.0
+    assert all(user["energy"]["line_reserve_j"] > -2.0 * lent_j for user in summary["users"])
+    assert "which its" in passive(summary, lent_j).sentence
+    assert "; least reserve after the first second" in passive(summary, lent_j).sentence
+
+
+# Seats that are taken again -------------------------------------------------------------------------------------------
+
+
+def run_until(laboratory: Laboratory, done: Callable[[], bool]) -> None:
+    for _ in range(600):
+        if done():
+            return
+        laboratory.frame(watch)
+    raise AssertionError("it takes too long")
+
+
+def frames(laboratory: Laboratory, count: int) -> None:
+    for _ in range(count):
+        laboratory.frame(watch)
+
+
+def test_whoever_takes_a_seat_anew_has_a_first_second_anew() -> None:
+    laboratory = Laboratory(session(seconds=60.0))
+    frames(laboratory, 200)
+    laboratory.leave(0)
+    run_until(laboratory, lambda: laboratory.people[0].core.session.state == "closed")
+    left = laboratory.room.seat_account(0)
+    assert left.line_reserve_j is not None
+    laboratory.come(0)
+    frames(laboratory, 100)
+    lawful(summary := of_laboratory(laboratory))
+    [before] = summary["users"][0]["earlier"]
+    assert before["energy"]["line_reserve_j"] == left.line_reserve_j
+    assert [summary["users"][0]["energy"][f"{ledger}_reserve_j"] for ledger in LEDGERS] == [None] * 4
+    row = next(line for line in printed(summary, 80).splitlines() if line.startswith("anna (2)"))
+    assert row.split()[5] == "-"
+    frames(laboratory, 100)
+    lawful(summary := of_laboratory(laboratory))
+    assert all(summary["users"][0]["energy"][f"{ledger}_reserve_j"] is not None for ledger in LEDGERS)
+
+
+def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
+    laboratory = Laboratory(session(seconds=60.0))
+    frames(laboratory, 200)
+    seat, core = laboratory.room.seats[0], laboratory.people[0].core
+    least_j = laboratory.room.seat_account(0).line_reserve_j
+    assert least_j is not None
+    laboratory.lose_address(0)
+    run_until(laboratory, lambda: core.session.resumed == 1)
+    frames(laboratory, 30)
+    resumed_j = laboratory.room.seat_account(0).line_reserve_j
+    assert resumed_j is not None
+    assert resumed_j <= least_j, "the same line"
+    laboratory.server.kick("anna")
+    frames(laboratory, 5)
+    assert seat.port is None
+    kicked_j = laboratory.room.seat_account(0).line_reserve_j
+    assert kicked_j is not None
+    assert kicked_j <= resumed_j
+    lawful(of_laboratory(laboratory))
+
+
+def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() -> None:
+    laboratory = Laboratory(session(seconds=60.0, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0}))
+    frames(laboratory, 200)
+    core = laboratory.people[0].core
+    least_j, margin_j = core.line_account()[2], core.down_margin_j
+    assert least_j is not None
+    assert margin_j is not None
+    checkpoints = laboratory.kill()
+    frames(laboratory, 20)
+    laboratory.restart(checkpoints)
+    while core.session.renewed == 0:
+        least_j = core.line_account()[2]
+        laboratory.frame(watch)
+    frames(laboratory, 20)
+    assert core.line_account()[2] == least_j, "the new line has no second yet"
+    assert core.down_margin_j is not None
+    assert core.down_margin_j <= margin_j
+    assert laboratory.room.seat_account(0).line_reserve_j is None
+    lawful(of_laboratory(laboratory))
+
+
+# What is shown --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("reserves")
+    run_laboratory(session(), folder)
+    return load_run(folder)
+
+
+def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summary(run: Run) -> None:
+    assert run.room is not None
+    for number, user in enumerate(run.summary["users"]):
+        ticks = run.clients[user["name"]].columns
+        traces = {
+            "down": (ticks["down_reserve_j"], 1024 - 8),
+            "device": (ticks["device_reserve_j"], 1024),
+            "up": (run.room.columns[f"{number}.up_reserve_j"], 128 - 1),
+            "line": (run.room.columns[f"{number}.line_reserve_j"], 128 - 1),
+        }
+        for ledger, (reserve_j, second) in traces.items():
+            told_j = user["energy"][f"{ledger}_reserve_j"]
+            begun, later = np.nanmin(reserve_j[second:]), np.nanmin(reserve_j[second + second // 16 :])
+            if ledger == "device":  # its least is seen before a frame's own damping is credited
+                begun -= 1e-2 * begun
+            assert begun - ROUNDING_J <= told_j <= later + ROUNDING_J, "a seat's time begins with its first frame"
+            assert np.nanmin(reserve_j) >= user["energy"][f"{ledger}_margin_j"] - ROUNDING_J
+
+
+def columns_without(run: Run, *names: str) -> Run:
+    """The same run as an older version would have recorded it."""
+
+    def older(columns: Any) -> dict[str, Any]:
+        return {
+            key: np.full_like(columns[key], np.nan) if key.endswith(names) else columns[key] for key in list(columns)
+        }
+
+    assert run.room is not None
+    clients = {name: replace(trace, columns=older(trace.columns)) for name, trace in run.clients.items()}
+    return replace(run, clients=clients, room=replace(run.room, columns=older(run.room.columns)))
+
+
+def test_the_plots_draw_the_reserves_as_curves_above_their_border(run: Run) -> None:
+    figure = energies(run)
+    for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+        assert (len(left.lines), len(right.lines)) == (3, 3)
+        heights = [float(np.nanmax(np.asarray(line.get_ydata(), dtype=float))) for line in right.lines]
+        low, high = right.get_ylim()
+        assert low < 0.0 < max(heights) < high
+        assert max(heights) > 0.7 * (high - low), "the curve fills its panel"
+    pair = compared.energies([compared.Side(run, "a", {"color": "C0"})] * 2, ["anna", "ben"])
+    assert [len(panel.lines) for panel in pair.axes] == [4, 2, 4, 2]
+
+
+def test_recordings_of_older_versions_have_no_empty_panel(run: Run) -> None:
+    old = columns_without(run, "reserve_j")
+    assert [len(panel.lines) for panel in energies(old).axes] == [3, 3]
+    pair = compared.energies([compared.Side(old, "a", {"color": "C0"})], ["anna", "ben"])
+    assert [len(panel.lines) for panel in pair.axes] == [2, 2]
+    lost = replace(run, room=None)
+    assert [len(panel.lines) for panel in energies(lost).axes] == [3, 1, 3, 1], "the line down is known to its client"
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_terminal_says_the_least_reserves_and_the_leak(run: Run, width: int) -> None:
+    lines = printed(run.summary, width).splitlines()
+    assert all(len(line) <= width for line in lines)
+    text = " ".join(" ".join(lines).split())
+    assert "reserve" in text
+    assert "margin" not in text
+    assert "device ports: least reserve 2" in text
+    assert "least leak −" in text
+    assert "; least reserve after the first second " in text
+    row = next(line for line in lines if line.startswith("anna"))
+    assert " mJ " in row or " µJ " in row
+
+
+def test_a_negative_margin_is_not_hidden_by_a_reserve(run: Run) -> None:
+    """Both may be so: a line that gave out energy in its first second, a device whose debt was forgiven."""
+    anna, ben = run.summary["users"]
+    line = {**anna, "energy": {**anna["energy"], "line_margin_j": -0.25}}
+    device = {**ben, "energy": {**ben["energy"], "device_margin_j": -0.5}}
+    text = printed({**run.summary, "passive": False, "users": [line, device]}, 120)
+    assert "−250 mJ" in next(row for row in text.splitlines() if row.startswith("anna"))
+    assert "device ports: least reserve −500 mJ (ben)" in text
+    assert "Not passive: the whole line of anna gave out 250 mJ more than had been put in." in text
+    assert "after the first second" not in text
+
+
+def test_where_no_ledger_is_kept_or_the_session_was_short_nothing_is_said(run: Run) -> None:
+    users = [
+        {**user, "energy": {**user["energy"], **dict.fromkeys(f"{each}_reserve_j" for each in LEDGERS)}}
+        for user in run.summary["users"]
+    ]
+    summary = {**run.summary, "users": users}
+    text = printed(summary, 120)
+    assert next(row for row in text.splitlines() if row.startswith("anna")).split()[4] == "-"
+    assert passive(summary).sentence == (
+        "Passive: no line ever gave out more energy than had been put in, no device's motors either."
+    )
+
+
+@pytest.mark.parametrize("kind", ["wave", "coupling"])
+def test_the_live_table_shows_the_reserves_of_now(tmp_path: Path, kind: str) -> None:
+    run_laboratory(session(kind, 1.0), tmp_path)
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(LiveTable(tmp_path, "reserves", ["anna", "ben"]).table())
+    row = next(line for line in capture.get().splitlines() if line.split()[:1] == ["anna"])
+    up, down, line, port = row.split()[-4:]
+    assert float(port) > 100.0
+    if kind == "coupling":
+        assert (up, down) == ("-", "-")
+        return
+    assert float(up) > 0.0
+    assert float(down) == 0.0
+    assert float(line) >= float(up)
