@@ -37,6 +37,7 @@ DESCRIPTIONS = {
     "lost": "network frames from the other end that were lost, so far",
     "state": "state of the client's safety: live, degraded, fault ...",
     "skipped": "ticks or steps that the loop skipped, so far",
+    "playout_frames": "frames that the playout holds back now; null: no waves",
     "given_mps": "velocity that the device gave, where it is not velocity_mps",
     "reserve_j": "energy reserve of the line down, as of this frame; null: no waves",
     "device_reserve_j": "energy that the device port may still give",

@@ -126,14 +126,17 @@ def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
     reserve_unit, reserve_scale = _unit(line.values for each in reserves for _, line in each)
     lent = max((lent_j(side.run.settings) or 0.0 for side in sides), default=0.0)
     sheet = Sheet(len(names), 1 + told, row_in=1.9, widths=(1.7, 1.0) if told else (1.0,))
+    seats = {name: number for number, name in enumerate(sides[0].run.names)}
     for name, ledgers, lines_of, panels in zip(names, books, reserves, sheet.panels, strict=True):
+        tint = colour(seats[name]) if name in seats else INK
         for side, lines in zip(sides, ledgers, strict=True):
-            for line in lines:
-                draw(panels[0], line.time, line.values * scale, **side.style, **line.style)
+            for line in lines:  # dashes tell the two ledgers apart, widths and paleness the runs
+                style = {**side.style, "color": shade(tint, side.share), **line.style}
+                draw(panels[0], line.time, line.values * scale, **style)
         title(panels[0], label(name))
         if told:
             for side, line in lines_of:
-                draw(panels[1], line.time, line.values * reserve_scale, **side.style)
+                draw(panels[1], line.time, line.values * reserve_scale, **side.tinted(tint))
             forbid(panels[1], [line for _, line in lines_of], lent, reserve_scale)
             title(panels[1], f"reserve of the whole line [{reserve_unit}]")
     for panel in sheet.panels[0]:
