@@ -37,18 +37,20 @@ def least_of_line(sitting: dict[str, Any], summary: Summary) -> str:
 
 
 def device_ports(summary: Summary) -> str:
-    """A line on the device ports, "" where nobody told of them: least reserve and least leak, and whose.
-
-    The leak is what a hand put in beyond what went into the line: below 0 the hand was given more.
-    """
+    """A line on the device ports, "" where nobody told of them: least reserve, and most leaked to a hand, and whose."""
     users = people(summary)
     reserve, margin = least_reserve(users, "device_reserve_j"), least_reserve(users, "device_margin_j")
     if margin and margin[0] < -ROUNDING_J:  # in the first second, or with what was forgiven
         reserve = margin
-    told = [
-        f"{what} {energy(least[0])}" + (f" ({shown(least[1])})" if len(sittings(users)) > 1 else "")
-        for what, least in (("least reserve", reserve), ("least leak", least_reserve(users, "device_leak_j")))
-        if least
-    ]
+    leak = least_reserve(users, "device_leak_j")  # below 0: a hand was given more than was taken from it
+
+    def of(least: tuple[float, str]) -> str:
+        return f" ({shown(least[1])})" if len(sittings(users)) > 1 else ""
+
+    told = [f"least reserve {energy(reserve[0])}{of(reserve)}"] if reserve else []
+    if leak:
+        told.append(
+            f"{energy(-leak[0])} leaked to the hand at most{of(leak)}" if leak[0] < 0.0 else "no leak to the hand"
+        )
     claimed = ", say the clients" if any(user.get("claimed") for user in users) else ""
     return f"device ports: {', '.join(told)}{claimed}" if told else ""

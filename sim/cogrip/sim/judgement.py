@@ -291,7 +291,8 @@ def felt(summary: Summary) -> Judgement:
 def _stiffness(held: list[Row]) -> str:
     found = [value for row in held if (value := _value(row, "predicted_stiffness_npm")) is not None]
     if not found:
-        return ""
+        why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
+        return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
     asked = {_value(row, "asked_stiffness_npm") for row in held}
     wanted = next(iter(asked)) if len(asked) == 1 else None
     softer = f" of {wanted:.0f} N/m asked for" if wanted and min(found) < (1.0 - STIFFNESS_JND) * wanted else ""
