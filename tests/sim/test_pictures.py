@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex, to_rgb
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
 from cogrip.protocol.recording.header import versions_here
@@ -201,6 +202,19 @@ def test_what_was_not_computed_is_hatched_and_counted() -> None:
     assert mesh.axes.patch.get_hatch()
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["of 12 cells: 2 not computed, 1 failed, 1 without a number"]
+
+
+@pytest.mark.parametrize(("top", "drawn"), [(0.99, False), (1.01, True)])
+def test_a_map_of_radii_draws_the_limit_of_stability(top: float, drawn: bool) -> None:
+    grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
+    figure = draw_measure(grid, results(grid, RADIUS, lambda cell: 0.9 + (top - 0.9) * cell / 11.0), RADIUS)
+    check(figure)
+    texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert ("limit of stability: radius 1" in texts) == drawn
+    contours = [each for each in figure.axes[0].collections if isinstance(each, QuadContourSet)]
+    assert bool(contours) == drawn
+    for contour in contours:  # 0.9 + 0.01 cell is 1 at cell 10: of the last row, the third value
+        assert ((contour.get_paths()[0].vertices[:, 1] >= 2.0) & (contour.get_paths()[0].vertices[:, 1] <= 3.0)).all()
 
 
 @pytest.mark.parametrize(("value", "said"), [(1.0, "1"), (True, "yes")])

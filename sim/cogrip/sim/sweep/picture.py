@@ -26,6 +26,7 @@ _COLUMNS = 3
 _SAME = 1e-9  # of the largest value: what differs less is one number
 _EMPTY: Style = {"facecolor": "#e5e7eb", "hatch": "////", "edgecolor": FAINT, "lw": 0}
 _FLAT = "#c6d4e1"
+_BORDER: Style = {"color": INK, "lw": 1.4, "ls": "--"}  # of stability, where a spectral radius is 1
 _UNITS = {
     "_s": "s", "_ms": "ms", "_us": "µs", "_hz": "Hz", "_m": "m", "_mm": "mm", "_mps": "m/s", "_n": "N", "_npm": "N/m",
     "_nspm": "Ns/m", "_kg": "kg", "_j": "J", "_mj": "mJ", "_w": "W", "_kbps": "kbit/s", "_rad_s": "rad/s",
@@ -130,7 +131,9 @@ def _maps(
     columns = min(_COLUMNS, len(table))
     rows = -(-len(table) // columns)
     sheet = Sheet(rows, columns, row_in=4.4 if rows == 1 else 3.0)
-    (_, x_edges), (_, y_edges) = _places(across), _places(up)
+    (x_places, x_edges), (y_places, y_edges) = _places(across), _places(up)
+    border = measure.endswith(("_radius", "radius_without_structural"))
+    border = border and across.numeric and up.numeric and bool(np.nanmin(table) < 1.0 < np.nanmax(table))
     flat = _flat(table)
     low, high = (0.0, 1.0) if truth else (float(np.nanmin(table)), float(np.nanmax(table)))
     mesh = None
@@ -143,6 +146,11 @@ def _maps(
         if flat:
             colours = {"cmap": ListedColormap([_FLAT]), "vmin": low - 1.0, "vmax": low + 1.0}
         mesh = panel.pcolormesh(x_edges, y_edges, shown, rasterized=True, **colours)
+        if border and min(shown.shape) > 1:
+            panel.contour(
+                x_places, y_places, shown, levels=[1.0], colors=[_BORDER["color"]], linewidths=_BORDER["lw"],
+                linestyles=_BORDER["ls"],
+            )  # fmt: skip
         _scale(panel, across, "x")
         _scale(panel, up, "y")
         panel.set_xlim(x_edges[0], x_edges[-1])
@@ -152,6 +160,8 @@ def _maps(
         panel.set_visible(False)
     if flat:
         legend = [(f"{names[measure]}, {legend[0][0]}", legend[0][1]), *legend[1:]]
+    if border:
+        legend = [*legend, ("limit of stability: radius 1", _BORDER)]
     figure = sheet.finish(names[across.key], [names[up.key]] * rows, legend)
     assert mesh is not None
     if flat:
