@@ -243,7 +243,7 @@ def test_serve_warns_in_the_words_of_advise(capsys, tmp_path: Path) -> None:
     )
     assert code == 0
     for text in warnings:
-        assert f"warning: room demo: {text}" in out
+        assert text.partition(": ")[2] in out
     _, out, _ = run(capsys, "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report")
     assert "warning" not in out
 

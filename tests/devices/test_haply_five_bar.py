@@ -190,7 +190,7 @@ def test_settings_set_limits_and_home() -> None:
         ("limit_nm", "0.1,0.124", "two numbers, each 0.001 to 0.123"),
         ("limit_nm", "0,0.1", "two numbers, each 0.001 to 0.123"),
         ("home_deg", "361,0", "two numbers, each -360 to 360"),
-        ("peak_force_n", "21", "<= 20"),
+        ("peak_force_n", "21", "at most 20, in N; got '21'"),
         ("motors", "left", "far, near"),
         ("model", "inverse3", "2diy, 2diy-metal, pantograph"),
     ],

@@ -331,7 +331,7 @@ def test_the_machine_has_the_recorded_mass(spoiled: Path, hands: Hands) -> None:
         ("coupling.impedance_nspm", -1.0, "coupling.impedance_nspm: expects a number of at least 0.001"),
         ("users.2.stiffness_npm", 5.0, "there is no user number 2"),
         ("users.0.hand.speed", 5.0, "is a value, not a section"),
-        ("link.loss", 1.0, "link.loss = 1"),
+        ("link.loss", 1.0, "link.loss: expects a number of at most 0.99; got 1.0"),
         ("rates.network_hz", 100, "not a whole multiple"),
     ],
 )
