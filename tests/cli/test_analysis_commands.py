@@ -201,7 +201,7 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
     )
     assert "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device" in out
     assert "note laboratory anna, ben: a spring of 1000 N/m felt like 363 N/m at rest over this link" in out
-    assert "ok laboratory a session of 6 s with these settings: passive and stable" in out
+    assert "ok laboratory a session of 6.25 s with these settings: passive and stable" in out
     assert "conditions velocities as clients estimate them" in out
     assert "b T_c / m = 0.20" in out
     assert (

@@ -44,7 +44,7 @@ def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     lines = [line.split() for line in out.splitlines()]
     table = [line for line in lines if line[:1] in (["clean"], ["own"], ["wave"], ["coupling"])]
     assert [line[0] for line in table[:6]] == ["clean", "wave", "coupling", "own", "wave", "coupling"]
-    assert table[4][1] == "stable"  # what the sampled dampers of 512 Hz leak is not its doing
+    assert table[4][1].startswith("stable")  # what the sampled dampers of 512 Hz leak is not its doing
     assert table[5][1] in ("diverged", "oscillates")
     assert table[5][2].startswith("1/1")
     assert "2 of 4 sessions" in err

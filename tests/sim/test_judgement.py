@@ -78,7 +78,7 @@ def test_a_device_that_gives_more_than_came_in_is_not_passive(margin_j: float | 
         assert passive(each).tone == tone
         assert succeeded(each) is (tone == "good")
     if margin_j == -9.0:
-        assert "the motors of anna gave the hand more energy, 500 mJ at most, than came in" in passive(summary).sentence
+        assert "the device end of anna gave out more energy, 500 mJ at most, than came in" in passive(summary).sentence
         assert passive(summary).brief == "not passive: device of anna −9 J"
 
 

@@ -77,7 +77,11 @@ def advise_command(
             f"{AS_IT_STANDS.conditions}{'; the laboratory sessions have jitter, loss and simulated hands' if checked else ''}",
         )
     )
-    by = " (as sessions in virtual time bear out)" if checked else " (by the model alone)"
+    by = (
+        " (as sessions in virtual time bear out)"
+        if checked and (not change or change.measured)
+        else " (by the model alone)"
+    )
     if change:
         last = f"most helpful{by}: --set {change.setting}: {change.effect}"
     else:
@@ -95,7 +99,10 @@ def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Jso
 
     answer: tuple[Stiffest, Check | None] | None = _watched("looking for the stiffest", look)
     if answer is None:
-        raise BadInput(f"{config}: there is no b up to what the devices carry with which this session is stable")
+        sessions = ", and a session in virtual time bears out" if laboratory else ""
+        raise BadInput(
+            f"{config}: no b and K up to what the devices carry was found with which this session is stable{sessions}"
+        )
     found, checked = answer
     if json:
         write_json({"stiffest": _stiffest_record(found, checked)}, json)
@@ -105,7 +112,7 @@ def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Jso
     reasons = {
         "stability": f"K stays {AMPLE:g} times below {plain(most or 0.0)} N/m, up to which the session is stable",
         "the line": f"K is so large that {100.0 * NEARLY:g} % of what the line lets through is felt",
-        "sessions": "a larger K was not passive and stable in the laboratory",
+        "sessions": "with a larger b or K a session in virtual time was not passive and stable",
         "the device's record": "more is felt than the device's record advises with a larger K or b",
     }
     felt = " and ".join(dict.fromkeys(plain(user.felt_npm) for user in found.advice.users))
@@ -200,6 +207,7 @@ def _record(advice: Advice, session: LinearSession, change: Change | None, check
         ],
         "findings": [{"topic": finding.topic, "level": finding.level, "text": finding.text} for finding in findings],
         "warnings": [finding.text for finding in findings if finding.warns],
+        "laboratory": _judged(checked),
         "change": {"set": change.setting, "effect": change.effect} if change else None,
     }
 
@@ -212,6 +220,7 @@ def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
         "felt_stiffness_npm": found.felt_npm,
         "largest_stable_stiffness_npm": found.limit.stiffness_npm,
         "bounded_by": found.bounded,
+        "laboratory": _judged(checked),
         "users": [
             {
                 "name": user.name,
@@ -221,6 +230,20 @@ def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
             }
             for user in found.advice.users
         ],
+    }
+
+
+def _judged(checked: Check | None) -> dict[str, Any] | None:
+    """Return how the session in virtual time was judged; None where none was run."""
+    if checked is None:
+        return None
+    finding = checked.session
+    return {
+        "seconds": checked.seconds,
+        "passive": checked.passive == "good",
+        "stable": checked.stable == "good",
+        "level": finding.level,
+        "text": finding.text,
     }
 
 

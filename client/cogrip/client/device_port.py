@@ -56,7 +56,7 @@ class DevicePort:
 
     balance_j     E, now
     least_j       the least E so far, with all that was forgiven
-    later_j       the least E after the first second: -inf until then, inf until it is booked again
+    later_j       the same after the first second: -inf until then, inf until it is booked again
     reserve_j     E_0
     carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
     lag_s         by which a damper acts late (`lag_ticks`)
@@ -116,10 +116,11 @@ class DevicePort:
             self._cut_j -= forgiven_j
             self._forgiven_j += forgiven_j
             self.balance_j = balance = balance + forgiven_j
-        if balance - self._forgiven_j < self.least_j:
-            self.least_j = balance - self._forgiven_j
-        if balance < self.later_j:
-            self.later_j = balance
+        earned_j = balance - self._forgiven_j
+        if earned_j < self.least_j:
+            self.least_j = earned_j
+        if earned_j < self.later_j:
+            self.later_j = earned_j
 
     def end_frame(self, start_m: Sequence[float], end_m: Sequence[float], frame_s: float, stored_j: float) -> None:
         """Credit the device's own damping with a frame's motion, and cut the balance off. stored_j: in the coupling."""
@@ -134,6 +135,11 @@ class DevicePort:
             self.balance_j -= excess_j
         if self.later_j == -inf and self._tick * self._tick_s >= FIRST_S:
             self.later_j = inf
+
+    @property
+    def earned_j(self) -> float:
+        """E now, less all that was forgiven."""
+        return self.balance_j - self._forgiven_j
 
     @property
     def spare_j(self) -> float:

@@ -130,7 +130,7 @@ class RecordedClient(ClientCore):
             coupling.playout_frames, given, unfit,
             sample.age_ticks if sample is not None else 0,
             self.up_ms, self.down_ms,
-            reserve_j=coupling.down_reserve.now_j, device_reserve_j=port.balance_j + port.reserve_j,
+            reserve_j=coupling.down_reserve.now_j, device_reserve_j=port.earned_j + port.reserve_j,
         )  # fmt: skip
         self._sink.put(TICK, now_ns, encode(tick))
         if safety.state != self._state:

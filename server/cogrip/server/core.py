@@ -340,7 +340,7 @@ class ServerCore:
         if not seat.hellos.take(0, now_ns):
             self.drop("hello budget")
             return True
-        if seat.record != record_of(hello):
+        if not record_of(hello).is_of(seat.record):
             had = seat.record.device if seat.record else "another device"
             self._refuse(hello.nonce, address, Denied(
                 "device", f"the seat was taken with {had}, and {hello.device} with another record is claimed; join anew",

@@ -14,7 +14,7 @@ from math import inf, sqrt
 
 import msgspec
 
-from cogrip.protocol.messages import NO_BOUND, Hello, Power, State
+from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
 from cogrip.protocol.settings import STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, Settings
 
 BURST_S = 0.25  # of the power a seat may bring in at once
@@ -32,6 +32,14 @@ class Record(msgspec.Struct, frozen=True):
     rate_hz: float
     force_n: float
     speed_mps: float
+
+    def is_of(self, other: "Record | None") -> bool:
+        """True where both are of one device. An older peer, or its checkpoint, tells the first SHORT characters of an address."""
+        if other is None or msgspec.structs.replace(self, device=other.device) != other:
+            return False
+        return self.device == other.device or (
+            min(len(self.device), len(other.device)) == SHORT and self.device[:SHORT] == other.device[:SHORT]
+        )
 
 
 class SeatLimits(msgspec.Struct, frozen=True):

@@ -168,7 +168,7 @@ def _not_passive(
     if device and device[0] < -ROUNDING_J:
         leak = "" if (leak_j := _leak_of(users, device[1])) is None else f", {energy(leak_j)} at most,"
         found.append(
-            f"the motors of {device[1]} gave the hand more energy{leak} than came in and their own damping takes "
+            f"the device end of {device[1]} gave out more energy{leak} than came in and the device's own damping takes "
             f"(margin {energy(device[0])})."
         )
         brief.append(f"device of {device[1]} {energy(device[0])}")

@@ -10,19 +10,21 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import islice
-from math import ceil
+from math import ceil, isfinite
 from typing import Literal
 
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from cogrip.devices.for_user import make_for
+from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import is_real
-from cogrip.protocol.settings import Settings, User, resolve
+from cogrip.devices.settings import parse_address
+from cogrip.protocol.settings import Settings, User, not_passive, resolve
 from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.judgement import Tone, passive, stable
+from cogrip.sim.judgement import felt as felt_as_intended
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.methods.felt import measure_felt
 from cogrip.sim.summary import of_laboratory
@@ -31,8 +33,9 @@ Values = tuple[float | None, ...]
 """Felt stiffness [N/m], one a seed; None where nothing came to rest."""
 LINES = 6  # of a network that draws its fates: as many people times seeds; one that does not is the same every time
 MOST_SEEDS = 3
-SESSION_S = 6.0
-EASED = (0.7, 0.7, 0.7)  # of K, one after the other, where a session is not stable
+SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
+SHORT_S = 3.0  # a session that tells little
+EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
 MOST_CHANGES = 4  # that are tried in the laboratory before none is given
 WAYS: tuple[Literal["up", "down"], ...] = ("up", "down")
 _LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
@@ -43,9 +46,10 @@ _TONES: tuple[Tone, ...] = tuple(_LEVELS)
 class Check:
     """Sessions of some settings.
 
-    passive, stable: how the session was judged; said: the sentences of those that are not good
+    passive, stable: how the session was judged; said: the sentences of these, and of how it felt, that are not good
     felt_npm: of each person with a spring, in the order of the settings: a value a seed, None where nothing came to rest;
     empty where no balanced load can be put on (one person alone at a free object)
+    begun_s: when the last of hands and the first of periodic outages have begun, of those that the settings' time reaches
     stand_ins: people whose hardware a simulated device stood in for
     """
 
@@ -55,6 +59,7 @@ class Check:
     felt_npm: dict[str, Values]
     asked_npm: dict[str, float]
     seconds: float
+    begun_s: float
     stand_ins: tuple[str, ...]
 
     def missed(self, asked_npm: dict[str, float]) -> float | None:
@@ -74,8 +79,18 @@ class Check:
             f" ({', '.join(self.stand_ins)}: a simulated device stood in for the hardware)" if self.stand_ins else ""
         )
         text = f"a session of {self.seconds:g} s with these settings{people}: "
-        text += "passive and stable" if worst == "good" else " ".join(self.said)
-        return Finding("laboratory", text, _LEVELS[worst])
+        text += "passive and stable. " if worst == "good" else ""
+        text = f"{text}{' '.join(self.said)}".rstrip(". ")
+        text += f"; {self.beyond}" if self.beyond else ""
+        doubt = worst == "good" and (self.beyond or self.said)
+        return Finding("laboratory", text, "note" if doubt else _LEVELS[worst])
+
+    @property
+    def beyond(self) -> str:
+        """What of the settings the session did not reach, "" if it reached all."""
+        if self.begun_s > self.seconds:
+            return f"what begins at {self.begun_s:g} s, hands or outages, is beyond it"
+        return f"less than {SHORT_S:g} s tell little" if self.seconds < SHORT_S else ""
 
     def felt(self, expected_npm: Mapping[str, float] | None = None) -> tuple[Finding, ...]:
         """Say what stiffness was felt; people of the same numbers in one sentence.
@@ -83,7 +98,7 @@ class Check:
         expected_npm: by name, what it is held against; else what the settings ask for.
         """
         if not self.felt_npm:
-            text = "the felt stiffness was not measured: nothing holds against one person's load at a free object"
+            text = "the felt stiffness was not measured: these people cannot hold the object still against each other"
             return (Finding("laboratory", text, "note"),)
         expected = expected_npm or self.asked_npm
         alike: dict[tuple[float, float, Values], list[str]] = {}
@@ -116,11 +131,11 @@ def check(settings: Settings) -> Check:
     """Run the sessions. Raises DeviceError for a device that cannot be had."""
     stand_ins = tuple(user.name for user in settings.users if is_real(user.device))
     settings = replace(settings, users=tuple(_stand_in(settings, user) for user in settings.users))
-    seconds = min(SESSION_S, settings.seconds)
+    seconds = min(settings.seconds, max(SESSION_S, min(LONGEST_S, _begun_s(settings) + SESSION_S)))
     laboratory = Laboratory(replace(settings, seconds=seconds))
     laboratory.run()
     summary = of_laboratory(laboratory)
-    judged = passive(summary), stable(summary)
+    judged = passive(summary), stable(summary), felt_as_intended(summary)
     felt: dict[str, list[float | None]] = {}
     asked: dict[str, float] = {}
     seeds = min(MOST_SEEDS, ceil(LINES / len(settings.users))) if _draws(settings) else 1
@@ -130,7 +145,8 @@ def check(settings: Settings) -> Check:
             asked[person.person] = person.asked_npm
     return Check(
         judged[0].tone, judged[1].tone, tuple(each.sentence for each in judged if each.tone != "good"),
-        {name: tuple(values) for name, values in felt.items()}, asked, seconds, stand_ins,
+        {name: tuple(values) for name, values in felt.items()}, asked, seconds,
+        _begun_s(settings), stand_ins,
     )  # fmt: skip
 
 
@@ -141,6 +157,26 @@ def _draws(settings: Settings) -> bool:
     return any(way.jitter_ms or way.loss or way.duplicate or way.reorder for way in ways) or any(
         map(link.trace_of, WAYS)
     )
+
+
+def _begun_s(settings: Settings) -> float:
+    """Return when everything has begun that begins late: hands that wait, and outages."""
+    begun: list[tuple[float, float]] = []  # when each begins, and when it has begun
+    for user in settings.users:
+        query = parse_address(f"sim:hand?hand={user.hand}").query | parse_address(address_of(user)).query
+        begun += [(float(query[key]),) * 2 for key in ("delay_s", "start_s") if _is_number(query.get(key, ""))]
+    for way in WAYS:
+        profile = settings.link.direction(way)
+        begun.append((profile.outage_every_s, profile.outage_every_s + profile.outage_s))
+        begun += [(start_s, start_s + length_s) for start_s, length_s in settings.link.script(way)]
+    return max((end_s for start_s, end_s in begun if start_s < settings.seconds), default=0.0)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _stand_in(settings: Settings, user: User) -> User:
@@ -178,8 +214,10 @@ def checked_change(
         missed = after.missed(asked)
         if worse:
             continue
+        if "bad" in (after.passive, after.stable):  # what is broken is not called helped
+            continue
         if before is None or missed is None:
-            return change
+            return dataclasses.replace(change, measured=False)
         only_feel = change.after.key()[:2] == change.before.key()[:2]
         if round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
             return dataclasses.replace(
@@ -195,15 +233,15 @@ def checked_stiffest(
 ) -> tuple[Stiffest, Check] | None:
     """Return the stiffest felt session that is passive and stable in the laboratory, too; None where the model finds none.
 
-    K comes down until a session is judged no worse than warned of; the check of the softest that was tried says if none was.
+    b and K come down until a session is; of a coupling that is not passive by construction only stability is asked. None also
+    where none of what was tried is.
     """
     found = stiffest(settings, progress)
     if found is None:
         return None
-    checked = check(found.settings)
-    for share in EASED:
-        if "bad" not in (checked.passive, checked.stable):
-            break
-        found = eased(found, share)
-        checked = check(found.settings)
-    return found, checked
+    for damper_share, stiffness_share in EASED:
+        tried = found if damper_share == stiffness_share == 1.0 else eased(found, damper_share, stiffness_share)
+        checked = check(tried.settings)
+        if checked.stable != "bad" and (checked.passive != "bad" or not_passive(settings)):
+            return tried, checked
+    return None

@@ -45,6 +45,7 @@ class Change:
     value: Any
     before: Score
     after: Score
+    measured: bool = True  # where sessions looked at all: the felt stiffness is theirs
 
     @property
     def setting(self) -> str:

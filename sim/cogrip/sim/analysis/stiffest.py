@@ -9,7 +9,7 @@ stiffest by whoever feels least.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import msgspec
@@ -73,16 +73,24 @@ def stiffest(settings: Settings, progress: Callable[[int, int], None] = lambda t
     return max(found, key=lambda each: (round(each.felt_npm, 6), -each.damper_nspm), default=None)
 
 
-def eased(found: Stiffest, share: float) -> Stiffest:
-    """Return the same with a share of its K: where sessions did not bear it out."""
+def eased(found: Stiffest, damper_share: float, stiffness_share: float) -> Stiffest:
+    """Return the same with a share of its b and of its K: where sessions did not bear it out."""
     key = damper_of(found.settings.coupling).key
-    stiffness_npm = rounded_down(share * found.stiffness_npm)
-    settings, overrides = _resolved(found.settings, key, found.damper_nspm, stiffness_npm)
-    overrides = {**found.overrides, **overrides}
-    return replace(
-        found, settings=settings, overrides=overrides, stiffness_npm=stiffness_npm, bounded="sessions",
-        advice=advise(settings, ample),
-    )  # fmt: skip
+    damper_nspm, stiffness_npm = (
+        rounded_down(damper_share * found.damper_nspm),
+        rounded_down(stiffness_share * found.stiffness_npm),
+    )
+    settings, overrides = _resolved(found.settings, key, damper_nspm, stiffness_npm)
+    limit = largest_stable(LiftedModel(linear_session(settings)), relative=_NEAR, beyond=False)
+    return Stiffest(
+        settings,
+        {**found.overrides, **overrides},
+        damper_nspm,
+        stiffness_npm,
+        "sessions",
+        limit,
+        advise(settings, ample),
+    )
 
 
 def _with(settings: Settings, key: str, damper_nspm: float) -> Stiffest | None:
