@@ -34,7 +34,7 @@ class Record(msgspec.Struct, frozen=True):
     speed_mps: float
 
     def is_of(self, other: "Record | None") -> bool:
-        """True where both are of one device. An older peer, or its checkpoint, tells the first SHORT characters of an address."""
+        """True where both are of one device: an older peer, or its checkpoint, tells the first SHORT characters alone."""
         if other is None or msgspec.structs.replace(self, device=other.device) != other:
             return False
         return self.device == other.device or (
