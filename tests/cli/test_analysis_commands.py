@@ -196,7 +196,7 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
     out = " ".join(out.split())
     assert code == 0
     assert (
-        "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 Ns/m"
+        "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 N s/m"
         in out
     )
     assert "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device" in out
@@ -205,7 +205,7 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
     assert "conditions velocities as clients estimate them" in out
     assert "b T_c / m = 0.20" in out
     assert (
-        "b = 20 of at most 25.6 Ns/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg"
+        "b = 20 of at most 25.6 N s/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg"
         in out
     )
     assert "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %" in out
@@ -265,7 +265,7 @@ def test_figures_by_name(capsys, tmp_path: Path) -> None:
     names = {f"{name}.{suffix}" for name in ("fig4", "fig5", "decimators") for suffix in ("png", "svg", "csv")}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert "the paper's scheme at 10 ms: 501 N/m measured, 501 predicted" in out
-    assert "compensated, b = 20 Ns/m at 10 ms: 1000 N/m measured, 1000 predicted" in out
+    assert "compensated, b = 20 N s/m at 10 ms: 1000 N/m measured, 1000 predicted" in out
     assert "devices of 0.045 kg: 567, 567, 567, 567 N/m; devices of 0.1 kg: 1978, 1299, 716, 325 N/m" in out
 
 

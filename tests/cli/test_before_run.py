@@ -9,7 +9,7 @@ from tests.cli.spoiled_runs import Cogrip
 
 DEMO = str(Path(__file__).resolve().parents[2] / "configs" / "demo.toml")
 STIFF_ARM = ("--set", "coupling.impedance_nspm=50")
-WORDS = "anna, ben: b = 50 Ns/m is more than device sim:phantom carries"
+WORDS = "anna, ben: b = 50 N s/m is more than device sim:phantom carries"
 CURE = "set coupling.impedance_nspm to 25.6 or less; --allow-unstable runs it all the same"
 
 

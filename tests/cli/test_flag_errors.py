@@ -87,5 +87,5 @@ def test_what_is_refused_is_not_warned_of_as_well(cogrip: Cogrip, tmp_path: Path
     code, out, err = cogrip("lab", DEMO, *twice, "--runs", tmp_path)
     assert (code, out) == (2, "")
     (last,) = [line for line in err.splitlines() if "is more than device serial:vintage carries" in line]
-    assert last.startswith("cogrip: refused: anna, ben: b = 20 Ns/m")
+    assert last.startswith("cogrip: refused: anna, ben: b = 20 N s/m")
     assert err.splitlines()[-1] == last

@@ -93,7 +93,7 @@ def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_
     """Both ends say the same words; the server warns, the client gives the seat back before it opens the device."""
     outside = ["--set", "coupling.impedance_nspm=60", "--set", "users.0.device=sim:ideal"]
     server, port = serve(DEMO, *outside)
-    text = server.hear(r"warning: room demo: (anna: b = 60 Ns/m is more than .*)")[1]
+    text = server.hear(r"warning: room demo: (anna: b = 60 N s/m is more than .*)")[1]
     hold = [
         "join", f"127.0.0.1:{port}", "--name", "anna", "--device", "sim:ideal?hand=hold", "--seconds", "0.5",
         *leaving(tmp_path / "anna"),

@@ -56,7 +56,7 @@ def test_the_device_bound_from_both_sides() -> None:
     below, above = (advise(settings_of(coupling__impedance_nspm=b)) for b in (51.0, 51.4))
     assert below.warnings == ()
     assert len(above.warnings) == 2
-    assert "b = 51.4 Ns/m is more than device sim:ideal carries: b T_c / m = 0.50" in above.warnings[0]
+    assert "b = 51.4 N s/m is more than device sim:ideal carries: b T_c / m = 0.50" in above.warnings[0]
     assert "set coupling.impedance_nspm to 51.2 or less" in above.warnings[0]
 
 
@@ -154,7 +154,7 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
 
 @pytest.mark.parametrize(("b", "key"), [(20.0, "coupling.impedance_nspm"), (25.6, "playout.frames")])
 def test_slack_against_jitter_is_given_up_last(b: float, key: str) -> None:
-    """As much felt stiffness comes of the largest b that the device carries: 25.6 Ns/m."""
+    """As much felt stiffness comes of the largest b that the device carries: 25.6 N s/m."""
     people = [{"name": name, "device": "sim:phantom?hand=hold"} for name in ("a", "b")]
     table = {"coupling": {"impedance_nspm": b}, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": people}
     change = best_change(resolve(table), advise(resolve(table)))

@@ -111,9 +111,8 @@ def test_a_seat_that_nobody_took_has_nothing_to_tell() -> None:
     [
         (None, "good", "363 N/m at rest, predicted"),
         (471.0, "good", "363 N/m at rest, predicted"),
-        (472.0, "good", "363 N/m at rest of 472 N/m asked for, predicted"),
-        (1452.0, "good", "363 N/m at rest of 1452 N/m asked for, predicted"),
-        (1453.0, "warn", "anna feels 363 N/m at rest of 1453 N/m asked for"),
+        (472.0, "warn", "Softer than asked for: 363 N/m at rest of 472 N/m asked for, predicted, not measured."),
+        (1453.0, "warn", "Softer than asked for: 363 N/m at rest of 1453 N/m asked for, predicted, not measured."),
     ],
 )
 def test_what_was_asked_for_stands_beside_what_was_felt(asked_npm: float | None, tone: str, words: str) -> None:

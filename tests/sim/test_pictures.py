@@ -147,7 +147,7 @@ def test_every_figure_could_stand_in_a_paper(make: Any) -> None:
 def test_the_legend_of_the_wall_names_every_line() -> None:
     texts = [text.get_text() for text in wall_page().figure.legends[0].get_texts()]
     assert texts == [
-        "the paper's scheme", "ours, b = 20 Ns/m", "compensated, b = 20 and 30 Ns/m (left and right)",
+        "the paper's scheme", "ours, b = 20 N s/m", "compensated, b = 20 and 30 N s/m (left and right)",
         "hand, and the force on it", "proxy at the wall",
     ]  # fmt: skip
 

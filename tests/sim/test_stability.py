@@ -136,7 +136,7 @@ def test_a_direction_without_length_is_refused(direction: tuple[float, float]) -
 
 @pytest.mark.parametrize(("impedance", "stable"), [(90.0, True), (95.0, False)])
 def test_the_bare_device_holds_below_b_tc_over_m_of_2(impedance: float, stable: bool) -> None:
-    """Theory 3.6: 0.045 kg holds at 90 Ns/m, diverges at 95."""
+    """Theory 3.6: 0.045 kg holds at 90 N s/m, diverges at 95."""
     light = session("passive", 0, {"coupling.impedance_nspm": impedance, "users.0.device_mass_kg": 0.045})
     model = LiftedModel(light)
     assert verdict(model).stable == stable
@@ -263,7 +263,7 @@ def test_an_unstable_session_stays_unstable() -> None:
 
 
 def test_free_motion_that_is_slow_to_end_is_not_taken_for_a_freedom() -> None:
-    """A damper of 1e-6 Ns/m moves an eigenvalue from 1 by 1e-8: it is no freedom then, and still counted as stable."""
+    """A damper of 1e-6 N s/m moves an eigenvalue from 1 by 1e-8: it is no freedom then, and still counted as stable."""
     found = verdict(LiftedModel(session("passive", 1, {"object.damping_nspm": 1e-6})))
     assert len(found.structural) == 3
     assert 0.9999999 < found.decaying < 1.0

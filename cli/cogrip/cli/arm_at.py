@@ -23,7 +23,7 @@ def arm_at(address: str) -> ArmDevice:
     if not isinstance(device, ArmDevice):
         raise BadInput(
             f"{address}: there is nothing to calibrate or check here: this is for arms on serial:, haply: and hid:, "
-            "all others know their pose, or their maker's tools do"
+            "all others know their pose, or their maker's tools do; `cogrip devices conform` tries any driver"
         )
     return device
 

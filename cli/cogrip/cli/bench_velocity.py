@@ -33,8 +33,8 @@ def bench_velocity(
 
     Alpha-beta with each memory, an adaptive window of as many samples, alpha-beta whose memory follows the speed, and what the
     client runs with. Error, delay and noise are those on the recorded hands; slow is the noise below 10 mm/s; newtons are at
-    b = 20 Ns/m. b is the largest with which a session of two such devices, loosely held, comes to rest. * has the least noise
-    of those whose b is at least 25 Ns/m, or 90 % of the largest where none reaches that.
+    b = 20 N s/m. b is the largest with which a session of two such devices, loosely held, comes to rest. * has the least noise
+    of those whose b is at least 25 N s/m, or 90 % of the largest where none reaches that.
 
     Parameters
     ----------
@@ -72,10 +72,10 @@ def _table(name: str, record: Capability, found: Sequence[Found]) -> Table:
     table = Table(
         title=f"{name}: {1e3 * record.apparent_mass_kg:g} g, {1e3 * record.resolution_m:.3g} mm, "
         f"{record.latency_ticks} ticks old; memory {memory_for(record, tick_s):.3f}",
-        caption=f"bounds of b: {bounds}; carries {carried.impedance_nspm:.3g} Ns/m",
+        caption=f"bounds of b: {bounds}; carries {carried.impedance_nspm:.3g} N s/m",
     )
     table.add_column("estimator", no_wrap=True)
-    for column in ("error mm/s", "delay ms", "slow mm/s", "noise mm/s", "force N", "peak N", "b Ns/m"):
+    for column in ("error mm/s", "delay ms", "slow mm/s", "noise mm/s", "force N", "peak N", "b N s/m"):
         table.add_column(column, justify="right")
     best = chosen(found)
     for one in found:

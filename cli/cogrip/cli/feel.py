@@ -27,7 +27,7 @@ def feel(
 ) -> int:
     """Felt stiffness, damping and inertia at low frequency, and where the time goes; with --out the impedance to 64 Hz.
 
-    In free motion without contact, alone with the object, on a wall, and with everybody else holding on (300 N/m, 5 Ns/m).
+    In free motion without contact, alone with the object, on a wall, and with everybody else holding on (300 N/m, 5 N s/m).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def feel(
 def _tell(session: LinearSession, user: int) -> None:
     console = Console(highlight=False)
     table = Table(title=f"what {session.people[user].name} feels, the device apart")
-    for column in ("", "stiffness (N/m)", "damping (Ns/m)", "inertia (kg)"):
+    for column in ("", "stiffness (N/m)", "damping (N s/m)", "inertia (kg)"):
         table.add_column(column, justify="right")
     for condition in conditions(session, user, np.array([1.0])):
         slow = condition.slow

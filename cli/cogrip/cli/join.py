@@ -22,7 +22,7 @@ from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
-from cogrip.client.io.calls import Calls, JoinError, Server, find
+from cogrip.client.io.calls import Calls, JoinError, RefusedError, Server, find
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.arm.driver import ArmDevice
@@ -35,7 +35,7 @@ from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.session import IN_ORDER, ClientSession, make_hello
+from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.protocol.version import VERSION
 from cogrip.sim.analysis.advice import advise_seat
@@ -169,7 +169,9 @@ def join(
         try:
             ended = client.run()
         except OverloadError as error:
-            raise Problem(_refused(str(error), address)) from None
+            raise BadInput(_refused(str(error), address)) from None
+        except RefusedError as error:
+            raise BadInput(str(error)) from None
         except (JoinError, DeviceError) as error:
             raise Problem(str(error)) from None
         screen.close()
@@ -325,7 +327,8 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
         console.print(f"{user}: the session is over, no force is left: {ended.ended}", markup=False)
     if not ended.failed and not well:
         console.print(f"{user}: not a good run: {why_not(summary)}", markup=False)
-    return 0 if well and not ended.failed and not ended.ended.startswith(IN_ORDER) else 1
+    cut_short = ended.ended.startswith(IN_ORDER) and SECONDS_OVER not in ended.ended
+    return 0 if well and not ended.failed and not cut_short else 1
 
 
 def _judge(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from cogrip.client.handle import Handle
-from cogrip.client.io.calls import POLL_S, Calls, JoinError
+from cogrip.client.io.calls import POLL_S, Calls, JoinError, RefusedError
 from cogrip.client.recorded import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import Capability, Device, DeviceError
@@ -108,7 +108,7 @@ class LiveClient:
             self._keep_seat()
             if refused := self.judge(seat, core.capability):
                 self._leave(refused, core.account(TickCount()))
-                raise JoinError(refused)
+                raise RefusedError(refused)
             self._keep_seat()
             recorder = self._record(seat)
             self._keep_seat()

@@ -49,6 +49,7 @@ RESUME_GIVE_UP_NS = 10_000_000_000  # nothing heard for so long: nor does it try
 LEAVE_EVERY_NS = 100_000_000
 LEAVE_GIVE_UP_NS = 600_000_000
 
+SECONDS_OVER = "its --seconds are over"  # of a server whose time was set: no session is cut short
 IN_ORDER = "the server was stopped"  # with this begins the farewell of a server that was told to end
 
 FOR_CLIENTS = (Waves, State, Power, View)  # as a union it would be made anew for every datagram

@@ -25,6 +25,7 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.sink import Nowhere
+from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Doorkeeper, OpenDoor
@@ -186,7 +187,7 @@ class LiveServer:
         end_ns = None if self.seconds is None else self._start_ns + round(self.seconds * 1e9)
         while not self.stop.reason:
             if end_ns is not None and clock() >= end_ns:
-                self.stop.reason = "stopped (its --seconds are over)"
+                self.stop.reason = f"stopped ({SECONDS_OVER})"
             due_ns = min(pacer.next_due_ns for pacer in pacers.values())
             remaining_ns = due_ns - SPIN_NS - clock()
             if remaining_ns > 0:

@@ -43,8 +43,7 @@ MOST_MOVED = 0.01
 """Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
 STIFFNESS_JND = 0.23
 """Share by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
-LITTLE_FELT = 0.25
-"""Share of the stiffness asked for, below which what is felt at rest is something else than what was meant."""
+SOFTER = "Softer than asked for"
 LEAST_FELT_N = 0.05
 """Peak force below which a hand has felt nothing: about the smallest that a finger notices."""
 
@@ -285,7 +284,24 @@ def felt(summary: Summary) -> Judgement:
         return Judgement("felt as intended", "warn", text)
     if not any((_value(row, "peak_force_n") or 0.0) >= LEAST_FELT_N for row in held):
         return Judgement("felt as intended", "warn", "Nothing was felt: no hand met a force.")
+    if softer := _softer(held):
+        return Judgement("felt as intended", "warn", f"{SOFTER}: {softer}.", "softer than asked")
     return Judgement("felt as intended", "good", f"Felt as intended{_stiffness(held)}.")
+
+
+def _softer(held: list[Row]) -> str:
+    """Whose stiffness at rest, measured or else predicted, a hand tells from the one asked for; the worst of them."""
+    found = []
+    for row in held:
+        measured, predicted = _value(row, "felt_stiffness_npm"), _value(row, "predicted_stiffness_npm")
+        asked, rest = _value(row, "asked_stiffness_npm"), predicted if measured is None else measured
+        if asked and rest is not None and rest < (1.0 - STIFFNESS_JND) * asked:
+            how = "predicted, not measured" if measured is None else "as measured"
+            found.append((rest / asked, f"{rest:.0f} N/m at rest of {asked:.0f} N/m asked for, {how}", name_of(row)))
+    if not found:
+        return ""
+    _, worst, name = min(found)
+    return worst if len({text for _, text, _ in found}) == 1 and len(found) == len(held) else f"{worst} ({name})"
 
 
 def _stiffness(held: list[Row]) -> str:
@@ -293,13 +309,10 @@ def _stiffness(held: list[Row]) -> str:
     if not found:
         why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
         return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
-    asked = {_value(row, "asked_stiffness_npm") for row in held}
-    wanted = next(iter(asked)) if len(asked) == 1 else None
-    softer = f" of {wanted:.0f} N/m asked for" if wanted and min(found) < (1.0 - STIFFNESS_JND) * wanted else ""
     low, high = min(found), max(found)
     span = f"{low:.0f}" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f}"
     measured = all(_value(row, "felt_stiffness_npm") is not None for row in held)
-    return f"; {span} N/m at rest{softer}, {'felt as predicted' if measured else 'predicted, not measured'}"
+    return f"; {span} N/m at rest, {'felt as predicted' if measured else 'predicted, not measured'}"
 
 
 def _worst_reasons(held: list[Row]) -> Iterator[str]:
@@ -316,9 +329,6 @@ def _worst_reasons(held: list[Row]) -> Iterator[str]:
         measured, predicted = _value(row, "felt_stiffness_npm"), _value(row, "predicted_stiffness_npm")
         if measured is not None and predicted is not None and abs(measured - predicted) > STIFFNESS_JND * predicted:
             yield f"{name_of(row)} felt {measured:.0f} N/m at rest, where {predicted:.0f} N/m is predicted"
-        asked, rest = _value(row, "asked_stiffness_npm"), predicted if measured is None else measured
-        if asked and rest is not None and rest < LITTLE_FELT * asked:
-            yield f"{name_of(row)} feels {rest:.0f} N/m at rest of {asked:.0f} N/m asked for"
 
 
 def not_predicted(row: Row) -> str:

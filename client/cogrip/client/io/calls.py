@@ -26,6 +26,10 @@ class JoinError(Exception):
     """No seat was had. The text says why and what to do."""
 
 
+class RefusedError(JoinError):
+    """The client's own judgement refuses the settings that the server gave the seat."""
+
+
 @dataclass(frozen=True, slots=True)
 class Server:
     """Where a server is: as it was asked for, and as a socket takes it."""

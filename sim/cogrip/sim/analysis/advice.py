@@ -21,10 +21,11 @@ from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, hoped_stable, largest_stable, verdict
-from cogrip.sim.judgement import LITTLE_FELT, STIFFNESS_JND
+from cogrip.sim.judgement import STIFFNESS_JND
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
+LITTLE_FELT = 0.25  # of the stiffness asked for: what is felt at rest warns below it
 HEAVY_KG = 0.25  # that a line adds to free motion: a mug of coffee
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
@@ -169,7 +170,7 @@ def _stability(session: LinearSession, found: Verdict, limit: Limit, stiffness_n
         return Finding("stability", text, "warning", refused=True)
     if not found.stable:
         reach = "" if limit.stiffness_npm is None else f"; it is up to {plain(limit.stiffness_npm)} N/m"
-        text = f"NOT stable: spectral radius {found.decaying:.6g} at {plain(stiffness_npm)} N/m{reach}"
+        text = f"NOT stable: spectral radius {found.decaying:.6g} at {plain(stiffness_npm)} N/m with nobody holding on{reach}"
         return Finding("stability", text, "warning")
     if limit.stiffness_npm is None:
         return Finding("stability", "stable, and at any stiffness" if limit.searched_to_npm else "stable")
@@ -248,7 +249,7 @@ def _seat(user: UserAdvice, seat: SeatSettings, record: Capability, section: str
         yield Finding(
             "device",
             f"{user.name}: {damper.symbol} T_c / m = {user.b_tc_over_m:.2f}; {damper.symbol} = {damper.value_nspm:g} of "
-            f"at most {carried.impedance_nspm:.3g} Ns/m, its {carried.bound} bound, where {bound_words(carried, record)}",
+            f"at most {carried.impedance_nspm:.3g} N s/m, its {carried.bound} bound, where {bound_words(carried, record)}",
         )
     if user.felt_npm > record.stiffness_npm * (1.0 + 1e-9):
         yield Finding(
@@ -281,7 +282,7 @@ def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
         return f"{text}; compensation is possible (it would render {plain(user.compensated_npm)} N/m)"
     if user.enough_impedance_nspm is not None:
         return (
-            f"{text}; compensation is out of reach at b = {seat.coupling.impedance_nspm:g} Ns/m, "
+            f"{text}; compensation is out of reach at b = {seat.coupling.impedance_nspm:g} N s/m, "
             f"b > {user.enough_impedance_nspm:.3g} would do"
         )
     return text

@@ -35,7 +35,7 @@ def feel_page(session: LinearSession, user: int) -> Page:
         ("gives energy", _GIVES),
     ]
     name = label(session.people[user].name)
-    figure = sheet.finish("frequency [Hz]", ["impedance |F / v| [Ns/m]", "phase [°]"], legend)
+    figure = sheet.finish("frequency [Hz]", ["impedance |F / v| [N s/m]", "phase [°]"], legend)
     caption = (
         f"What {name}'s hand feels of the object, over frequency, beside direct contact with the same spring, damper, mass and "
         "other hands. A phase between -90 and 90 degrees gives no energy."

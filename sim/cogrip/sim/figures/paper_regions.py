@@ -30,7 +30,7 @@ MASS_DELAYS_FRAMES = (0.0, 1.0, 4.0)
 
 
 def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: float = OBJECT_KG) -> Settings:
-    """P section VI: b = 20, B = 10 Ns/m, no device damping, 1024 and 128 Hz; two users alike. The masses are ours."""
+    """P section VI: b = 20, B = 10 N s/m, no device damping, 1024 and 128 Hz; two users alike. The masses are ours."""
     people = [
         {"name": name, "device": "sim:ideal", "hand": "push", "device_mass_kg": device_kg}
         for name in ("user 1", "user 2")
@@ -54,7 +54,7 @@ def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
         told.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
     figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
     caption = (
-        f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 Ns/m, "
+        f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 N s/m, "
         f"no device damping, object {OBJECT_KG:g} kg "
         "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
         f"{'; '.join(told)}. Every line is traced and verified on both sides."

@@ -95,8 +95,8 @@ def extent(outline: Outline) -> str:
 def caption_of(regions: Sequence[Region], conditions: str) -> str:
     session = regions[0].session
     people = "; ".join(
-        f"{person.name}: device {person.device_mass_kg:g} kg, b = {person.impedance_nspm:g} Ns/m, "
-        f"B = {person.damping_nspm:g} Ns/m"
+        f"{person.name}: device {person.device_mass_kg:g} kg, b = {person.impedance_nspm:g} N s/m, "
+        f"B = {person.damping_nspm:g} N s/m"
         for person in session.people
     )
     thing = "a fixed wall" if session.fixed else f"object {session.object_mass_kg:g} kg"

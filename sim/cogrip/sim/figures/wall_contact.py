@@ -47,7 +47,7 @@ class Contact:
 def wall_settings(td_ms: float, **overrides: Any) -> Settings:
     """P section VII with the numbers of its section VI, the scheme apart;
 
-    the device has 1 Ns/m, as a real one would, to come to rest.
+    the device has 1 N s/m, as a real one would, to come to rest.
     """
     person = {
         "name": "user", "device": "sim:ideal", "hand": f"push&force_n={FORCE_N:g}&start_s=0.05",
@@ -62,10 +62,10 @@ def contacts() -> list[Contact]:
     found = []
     for td_ms in TD_MS:
         found.append(_run("the paper's scheme", td_ms, wall_settings(td_ms, **scheme_overrides("paper"))))
-        found.append(_run("ours, b = 20 Ns/m", td_ms, wall_settings(td_ms)))
+        found.append(_run("ours, b = 20 N s/m", td_ms, wall_settings(td_ms)))
         b = _enough_impedance(td_ms)
         compensated = wall_settings(td_ms, **{"coupling.compensate": True, "coupling.impedance_nspm": b})
-        found.append(_run(f"compensated, b = {b:g} Ns/m", td_ms, compensated))
+        found.append(_run(f"compensated, b = {b:g} N s/m", td_ms, compensated))
     return found
 
 
@@ -123,7 +123,7 @@ def _named(contacts: Sequence[Contact]) -> str:
     if len(names) == 1:
         return next(iter(names))
     values = " and ".join(f"{contact.settings.coupling.impedance_nspm:g}" for contact in contacts)
-    return f"{contacts[0].name.partition(',')[0]}, b = {values} Ns/m (left and right)"
+    return f"{contacts[0].name.partition(',')[0]}, b = {values} N s/m (left and right)"
 
 
 def _of(found: list[Contact], td_ms: float) -> list[Contact]:
@@ -158,4 +158,4 @@ def _enough_impedance(td_ms: float) -> float:
         except SettingsError:
             continue
         return float(b)
-    raise ValueError(f"no impedance below 200 Ns/m compensates {ceil(td_ms)} ms")
+    raise ValueError(f"no impedance below 200 N s/m compensates {ceil(td_ms)} ms")

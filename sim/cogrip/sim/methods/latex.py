@@ -73,7 +73,8 @@ def _caption(summary: Mapping[str, Any]) -> str:
         f"{numbers}. {symbols}. Bold: least in absolute value of the methods that are stable on that network. "
         f"--: not measured, or at least half of the sessions diverged; of ${_SYMBOLS[FELT]}$ also where at least half diverged "
         "or oscillate, or at least half of the probes never came to rest. div.: sessions that diverged, and when (median); "
-        "osc.: sessions that oscillate between hands at rest; act.: sessions driven by created energy until hands rest."
+        "osc.: sessions that oscillate between hands at rest; act.: sessions driven by created energy until hands rest; "
+        "n.p.: sessions in which an energy ledger went below zero."
     )
 
 
@@ -85,6 +86,8 @@ def _stability(row: Row) -> str:
         words.append(f"osc. {row['oscillates']}/{runs}")
     if row["active"]:
         words.append(f"act. {row['active']}/{runs}")
+    if row["not_passive"]:
+        words.append(f"n.p. {row['not_passive']}/{runs}")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
     return ", ".join(words) or ("stable" if runs else "--")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cogrip.sim.judgement import felt
+from cogrip.sim.judgement import SOFTER, felt
 from cogrip.sim.methods.watch import Array, Trace
 from cogrip.sim.summary_values import Summary, is_number, people, worst_margin
 
@@ -166,6 +166,7 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     seen = any(user.get("oscillates") is True for user in users)  # at a device port, whenever that was
     oscillates = not diverged and (seen or is_oscillating(swing, created_at_rest_j(trace) * 1e3))
     felt_so = felt(summary)
+    softer = felt_so.sentence.startswith(SOFTER)  # the felt stiffness has a column of its own
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
     leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
     made_mj = created_mj - leak_mj  # by the method itself, at least
@@ -177,7 +178,9 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
         "oscillates": oscillates,
         "active": not diverged and not oscillates and is_active(made_mj, put_in_j(trace.work_j) * 1e3),
         "passive": summary["passive"],
-        "not_felt": felt_so.sentence if felt_so.tone == "warn" and not diverged and not oscillates else "",
+        "not_felt": felt_so.sentence
+        if felt_so.tone == "warn" and not softer and not diverged and not oscillates
+        else "",
         "margin_mj": worst[0] * 1e3 if worst else None,
         "leak_mj": leak_mj,
         "created_mj": created_mj,

@@ -8,7 +8,7 @@ from cogrip.sim.traces import Run
 
 
 def link(run: Run) -> Figure:
-    """Round-trip time [ms], and frames that have not come so far, in each direction."""
+    """Round-trip time [ms], and frames that were lost so far, in each direction: late ones are not."""
     if not shown(run):
         raise NotDrawnError("nobody is named")
     sheet = Sheet(2, row_in=1.9)
@@ -30,4 +30,4 @@ def link(run: Run) -> Figure:
         ("up: to the object", {"color": FAINT, "ls": DASHED}),
         ("band: from the least to the largest", {"facecolor": FAINT, "alpha": 0.35, "lw": 0}),
     )
-    return sheet.finish("time [s]", ["round trip [ms]", "missing [frames]"], legend)
+    return sheet.finish("time [s]", ["round trip [ms]", "lost [frames]"], legend)

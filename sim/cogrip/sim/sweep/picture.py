@@ -22,6 +22,7 @@ from cogrip.sim.sweep.grid import Axis, Grid
 from cogrip.sim.sweep.measures import PREFIX
 
 MOST_PANELS = 9
+MOST_TICKS = 8
 _COLUMNS = 3
 _SAME = 1e-9  # of the largest value: what differs less is one number
 _EMPTY: Style = {"facecolor": "#e5e7eb", "hatch": "////", "edgecolor": FAINT, "lw": 0}
@@ -29,7 +30,7 @@ _FLAT = "#c6d4e1"
 _BORDER: Style = {"color": INK, "lw": 1.4, "ls": "--"}  # of stability, where a spectral radius is 1
 _UNITS = {
     "_s": "s", "_ms": "ms", "_us": "µs", "_hz": "Hz", "_m": "m", "_mm": "mm", "_mps": "m/s", "_n": "N", "_npm": "N/m",
-    "_nspm": "Ns/m", "_kg": "kg", "_j": "J", "_mj": "mJ", "_w": "W", "_kbps": "kbit/s", "_rad_s": "rad/s",
+    "_nspm": "N s/m", "_kg": "kg", "_j": "J", "_mj": "mJ", "_w": "W", "_kbps": "kbit/s", "_rad_s": "rad/s",
     "_frames": "frames",
 }  # fmt: skip
 
@@ -196,6 +197,10 @@ def _places(axis: Axis) -> tuple[Array, Array]:
 def _scale(panel: Axes, axis: Axis, which: str) -> None:
     if axis.log:
         (panel.set_xscale if which == "x" else panel.set_yscale)("log")
+    if axis.numeric and len(axis.values) <= MOST_TICKS:  # the values computed, and no others
+        names = [_text(value) for value in axis.values]
+        (panel.set_xticks if which == "x" else panel.set_yticks)([float(value) for value in axis.values], names)
+        (panel.xaxis if which == "x" else panel.yaxis).minorticks_off()
     if not axis.numeric:
         places = list(range(len(axis.values)))
         names = [_text(value) for value in axis.values]
