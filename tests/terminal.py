@@ -25,6 +25,14 @@ sys.exit(abs(command.wait()))
 """  # it has the terminal, as a shell has: the command's end is not the terminal's
 
 
+_JOBS = """
+import fcntl, os, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.environ["PS1"] = "$ "
+os.execvp("sh", ["sh", "-i"])
+"""
+
+
 class Screen:
     """Lines as a terminal shows them, of what rich writes: text, line ends, cursor up, erase line, colours."""
 
@@ -79,6 +87,8 @@ class Screen:
 class Terminal:
     """A `cogrip` command at a terminal of its own."""
 
+    _program = _SHELL
+
     def __init__(self, *arguments: object, columns: int = 80, lines: int = 24) -> None:
         self._ours, theirs = pty.openpty()
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
@@ -86,7 +96,7 @@ class Terminal:
         self.before = termios.tcgetattr(theirs)
         environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES", "NO_COLOR")}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _SHELL, *map(str, arguments)],
+            [sys.executable, "-c", self._program, *map(str, arguments)],
             stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, env={**environment, "TERM": "xterm-256color"},
         )  # fmt: skip
         self.screen = Screen(columns)
@@ -147,3 +157,19 @@ class Terminal:
         self.process.wait()
         os.close(self._ours)
         os.close(self._theirs)
+
+
+class JobShell(Terminal):
+    """A shell at a terminal of its own, with jobs: a line typed is a command."""
+
+    _program = _JOBS
+
+    def drawing(self) -> int:
+        """Return the process id of what draws the live table of the only command here."""
+        (command,) = _children(self.process.pid)
+        (found,) = (pid for pid in _children(command) if b"live_process" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        return found
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]

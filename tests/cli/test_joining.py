@@ -1,6 +1,7 @@
 """What `cogrip join` is told by a link or an address, before anything is sent; and what an observer is shown."""
 
 import io
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -11,6 +12,7 @@ from cogrip.cli import join
 from cogrip.cli.look_on import Every, line, table
 from cogrip.cli.problem import BadInput
 from cogrip.client.io.calls import Calls
+from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.device import Device
 from cogrip.protocol import messages
@@ -252,3 +254,12 @@ def test_drawing_keeps_its_pace() -> None:
     for now_ns in range(0, 1000, 30):
         every.show(seeing(None), now_ns)
     assert drawn == [0, 120, 240, 360, 480, 600, 720, 840, 960]
+
+
+def test_a_replay_of_nothing_asks_for_no_seat(run: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LiveClient, "run", lambda _: pytest.fail("the server was asked"))
+    code, out, err = cogrip("join", "127.0.0.1:1", "--device", f"replay:{run}#user=anna&start_s=500")
+    assert (code, out) == (2, "")
+    assert "from 500 s to 0.5" in err
+    assert "there is nothing to play; the recording is 0.5" in err
+    assert err.count("\n") == 1

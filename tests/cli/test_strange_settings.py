@@ -1,6 +1,7 @@
 """Settings and hands that no session has: one line that names the file and the cure, and exit code 2."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -64,3 +65,21 @@ def test_a_recorded_hand_that_lasts_for_ever(tmp_path: Path, cogrip: Cogrip, las
     code, _, problems = cogrip("lab", path, "--runs", tmp_path / "runs")
     assert code == 2
     assert "s long, and 14400 s is the most" in " ".join(problems.split())
+
+
+@pytest.mark.parametrize("command", ["lab", "advise", "serve"])
+def test_settings_that_may_never_end(tmp_path: Path, cogrip: Cogrip, command: str) -> None:
+    os.mkfifo(path := tmp_path / "f.toml")
+    code, out, problems = cogrip(command, path)
+    assert (code, out) == (2, "")
+    assert problems == (
+        f"cogrip: {path}: is no regular file; give a settings file, or a name of `cogrip configs`, such as demo\n"
+    )
+
+
+def test_settings_that_a_shell_pipes(cogrip: Cogrip) -> None:
+    ours, theirs = os.pipe()
+    os.write(theirs, shipped("demo").read_bytes())
+    os.close(theirs)
+    assert cogrip("advise", f"/dev/fd/{ours}")[0] == 0
+    os.close(ours)

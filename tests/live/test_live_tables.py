@@ -1,14 +1,18 @@
 """What `join` and `serve` show at a terminal while they run, and how they leave it."""
 
+import os
 import re
+import shlex
 import signal
+import sys
+import termios
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.live.held_arms import DEMO, fairly
-from tests.terminal import Terminal
+from tests.terminal import JobShell, Terminal
 
 SIZES = [(80, 24), (120, 40)]
 
@@ -111,3 +115,80 @@ def test_a_log_for_programs_has_no_table(at_terminal, tmp_path):
     server = at_terminal("serve", DEMO, "--port", "0", "--log", "json", "--seconds", "0.5")
     assert server.end() == 0
     assert "\x1b[?25l" not in server.written
+
+
+@pytest.fixture
+def shell() -> Iterator[JobShell]:
+    jobs = JobShell()
+    jobs.see(r"\$")
+    yield jobs
+    jobs.close()
+
+
+def command(tmp_path: Path, *arguments: object) -> str:
+    folders = ("--state", tmp_path / "state", "--runs", tmp_path / "runs", "--no-report")
+    words = (sys.executable, "-m", "cogrip.cli", "serve", DEMO, "--port", "0", *folders, *arguments)
+    return shlex.join(map(str, words))
+
+
+def echoes(terminal: Terminal) -> bool:
+    return bool(terminal.modes[3] & termios.ECHO)
+
+
+def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(shell, tmp_path):
+    shell.type(f"{command(tmp_path, '--seconds', '1.5')} &\n")
+    shell.see("listening on")
+    assert shell.modes == shell.before
+    shell.type("echo typed-$((40 + 2))\n")
+    shell.see(r"typed-\$")  # what is typed is seen
+    shell.see("typed-42")
+    shell.see("object")  # the summary
+    shell.type("wait; echo over-$((1 + 1))\n")
+    shell.see("over-2")
+    assert "\x1b[?25l" not in shell.written
+    assert "nothing is recorded yet" not in shell.written
+    assert shell.modes == shell.before
+
+
+def test_a_job_from_the_background_draws_once_it_is_fetched(shell, tmp_path):
+    shell.type(f"{command(tmp_path)} &\n")
+    shell.see("listening on")
+    shell.type("fg\n")
+    shell.see(r"ben +free")
+    assert not echoes(shell)
+    shell.type("\x03")
+    shell.settle(lambda: shell.modes == shell.before and not shell.screen.hidden)
+
+
+def test_a_stopped_job_gives_the_terminal_back_and_takes_it_again(shell, tmp_path):
+    shell.type(f"{command(tmp_path)}\n")
+    shell.see(r"ben +free")
+    assert not echoes(shell)
+    shell.type("\x1a")
+    shell.see("Stopped")
+    assert shell.modes == shell.before
+    assert not shell.screen.hidden
+    assert "ben  free" not in shell.screen.text, "the table is gone"
+    written = len(shell.written)
+    shell.type("echo typed-$((40 + 2))\n")
+    shell.see("typed-42")
+    assert "\x1b[" not in shell.written[written:], "nothing is drawn over the prompt"
+    shell.type("fg\n")
+    shell.see(r"ben +free")
+    shell.settle(lambda: not echoes(shell))
+    shell.type("\x1a")
+    shell.settle(lambda: shell.modes == shell.before)
+    shell.see("Stopped")
+    shell.type("kill -9 %1; echo killed-$((1 + 1))\n")
+    shell.see("killed-2")
+    assert shell.modes == shell.before
+
+
+@pytest.mark.parametrize("key", ["\x03", "\x1a"])
+def test_a_drawing_that_was_killed_leaves_no_silent_terminal(shell, tmp_path, key):
+    shell.type(f"{command(tmp_path)}\n")
+    shell.see(r"ben +free")
+    assert not echoes(shell)
+    os.kill(shell.drawing(), signal.SIGKILL)
+    shell.type(key)
+    shell.settle(lambda: shell.modes == shell.before and not shell.screen.hidden)

@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from cogrip.protocol.accounts import (
     ClientAccount,
@@ -22,6 +23,7 @@ from cogrip.sim.judgement import came, felt, judgements, passive, stable, succee
 from cogrip.sim.lab_run import run_laboratory
 from cogrip.sim.run_folder import summary_text
 from cogrip.sim.summary import UserRecord, summarise
+from cogrip.sim.verdict import verdict
 
 CLIENT = ClientAccount(
     position_m=(0.0,), force_n=(1.0,), peak_force_n=2.0, travel_m=0.1, felt_stiffness_npm=None, predicted_stiffness_npm=363.0,
@@ -86,7 +88,8 @@ def test_what_was_never_told_is_not_good() -> None:
     untold = {
         "nothing was told of the device port of anna": person(device=DeviceAccount()),
         "the server told nothing of the line of anna": person(seat=None),
-        "nothing was heard from the client of anna": UserRecord("anna", None, SEAT),
+        "no account was told by the client of anna": UserRecord("anna", None, SEAT),
+        "nothing was heard from the client of anna": UserRecord("anna", None, replace(SEAT, up=LinkCount())),
     }
     for words, user in untold.items():
         summary = summary_of(user)
@@ -215,7 +218,8 @@ def session(**changes: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("axes", [1, 3])
 def test_an_ordinary_session_is_all_good(axes: int) -> None:
-    assert tones(session(object={"axes": axes}, link={"delay_ms": 10.0})) == "good good good"
+    asked = {"stiffness_npm": 300.0}  # which a delay of 10 ms leaves at 240 N/m
+    assert tones(session(object={"axes": axes}, link={"delay_ms": 10.0}, coupling=asked)) == "good good good"
 
 
 def test_frames_that_come_too_late_are_not_felt_as_intended() -> None:
@@ -252,3 +256,9 @@ def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() 
     assert passive(summary).sentence.endswith("than had been put in, nor, say the clients, any motors.")
     summary["users"][0]["energy"] |= {"line_reserve_j": 2e-3, "device_reserve_j": 0.2}
     assert passive(summary).sentence.endswith("any motors; least reserve after the first second 2 mJ in a whole line.")
+
+
+@pytest.mark.parametrize(("received", "words"), [(1000, "told no account"), (0, "was never heard")])
+def test_a_client_without_an_account_was_heard_if_frames_of_it_were(received: int, words: str) -> None:
+    summary = summary_of(UserRecord("ben", None, replace(SEAT, up=LinkCount(received=received))))
+    assert ("warn", f"The client of ben {words}: what it alone knows is missing.") in verdict(summary)

@@ -370,3 +370,9 @@ def test_a_scheme_that_does_not_fit_the_object_is_refused(scheme: str) -> None:
 def test_a_delay_out_of_bounds_is_refused(frames: float) -> None:
     with pytest.raises(ModelError, match="out of 0 to 256"):
         linear_session(resolve({}), delay_frames=frames, estimated=False)
+
+
+def test_one_frame_is_no_frames() -> None:
+    session = linear_session(resolve({"link": {"delay_ms": 1.0}, "users": [{"name": "a"}]}), estimated=False)
+    (note,) = rounding_notes(session)
+    assert note.endswith("or 1 frame")

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -12,6 +11,7 @@ from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
 from cogrip.cli.question import AS_IT_STANDS, Devices, Overrides, Question
 from cogrip.cli.settings_file import load, with_people
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, plain
@@ -149,7 +149,7 @@ def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
 
 def _print(rows: Iterable[Row], last: str) -> None:
     """Level, topic and text in columns, the text wrapped within its own."""
-    console = Console(highlight=False)
+    console = make_console()
     table = Table.grid(padding=(0, 2, 0, 0))
     tones = {"warning": "yellow", "note": "cyan", "ok": "green"}
     for level, topic, text in rows:
@@ -161,7 +161,7 @@ def _print(rows: Iterable[Row], last: str) -> None:
 
 def _watched(doing: str, work: Callable[[Callable[[int, int], None]], Any]) -> Any:
     """Do it; on a terminal, say so meanwhile."""
-    errors = Console(stderr=True, highlight=False)
+    errors = make_console(stderr=True)
     with errors.status(doing) as status:
         return work(lambda tried, total: status.update(f"{doing}: {tried} of {total} tried"))
 

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from cogrip.cli.fitted import say
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.devices.registry import FAMILIES, is_real
 from cogrip.protocol.settings import Settings
@@ -112,7 +112,7 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(texts: Iterable[str]) -> None:
-    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    errors = make_console(stderr=True, soft_wrap=True)
     for text in texts:
         say(errors, f"warning: {text}")
 

@@ -4,12 +4,12 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.own_settings import refuse_own
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import override
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import resolve
 from cogrip.protocol.settings_table import SettingsError
@@ -67,14 +67,14 @@ def bench_concealment(
     overrides
         Override a setting: section.key=value. Repeatable; those of the link are the storm's alone.
     """
-    console = Console(highlight=False)
+    console = make_console()
     changes = tuple(override(text) for text in overrides)
     setup = Setup(60.0 * minutes, people, axes, object_kind, frames, seed, overrides=changes)
     check(setup)
     stop = Stop()
     trials = _run(setup, stop)
     if stop.reason:
-        Console(stderr=True, highlight=False).print(f"{stop.reason}: nothing is told without all {len(ROWS)} rows")
+        make_console(stderr=True).print(f"{stop.reason}: nothing is told without all {len(ROWS)} rows")
         return 130
     said = [f"{minutes:g} virtual minutes", f"{people} people", object_kind, f"{axes} axes", f"playout {frames} frames"]
     title = ", ".join([*said, f"seed {seed}", *overrides])

@@ -19,6 +19,7 @@ from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
 from cogrip.cli.shipped_settings import shipped
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.settings import Settings
 from cogrip.sim.run_folder import SUMMARY, write_settings
 
@@ -77,7 +78,7 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
     """
     if not 3.0 <= seconds <= 3600.0:
         raise BadInput(f"--seconds {seconds:g} is outside 3 to 3600")
-    console = Console(highlight=False, stderr=json == "-")
+    console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
     cube = load(shipped("demo"))
     wall = load(shipped("demo"), ["object.kind=wall"])

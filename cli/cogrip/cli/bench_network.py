@@ -17,6 +17,7 @@ from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.network_load import Echoed, Load, LoadError, Person, make_people
 from cogrip.cli.network_server import HOST, Job, Kind, Process, Reading, settings_of
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.channel import PlainChannel
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.sealed_call import SealedCall
@@ -97,7 +98,7 @@ def bench_network(
         raise BadInput(f"--seconds {seconds:g} is outside 1 to 600")
     if not 1 <= per_room <= 256 or not 1 <= axes <= 3:
         raise BadInput("bench network needs 1 to 256 people a room, and 1 to 3 axes")
-    console = Console(highlight=False, stderr=json == "-")
+    console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
     before = os.getloadavg()[0]
     if before > QUIET_LOAD:

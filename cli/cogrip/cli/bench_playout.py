@@ -3,11 +3,12 @@
 from typing import Annotated, Any, get_args
 
 from cyclopts import Parameter
-from rich.console import Console, Group
+from rich.console import Group
 from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.playout import cost, weight_frames
@@ -59,7 +60,7 @@ def bench_playout(
     for name in profile:
         if name not in PROFILES:
             raise BadInput(f"--profile {name}: is none of {', '.join(PROFILES)}")
-    console = Console(highlight=False, stderr=json == "-")
+    console = make_console(stderr=json == "-")
     rows = []
     for name in PROFILES:
         if not profile or name in profile:

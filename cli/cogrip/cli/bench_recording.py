@@ -21,6 +21,7 @@ from cogrip.cli.hours_written import HoursWritten, write_hours
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
 from cogrip.cli.shipped_settings import shipped
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.settings import Settings
@@ -74,7 +75,7 @@ def bench_recording(*, blocks: int = 16, seconds: float = 5.0, people: int = 2, 
     """
     if blocks < 4 or blocks % 4 or seconds < 1.0 or not 1 <= people <= 3:
         raise BadInput("bench recording needs 4, 8, 12 ... blocks of at least 1 s, and 1 to 3 people")
-    console = Console(highlight=False)
+    console = make_console()
     settings = load(shipped("three-users"))
     console.print(f"{blocks} sessions of {seconds:g} s, {people} of {len(settings.users)} seats, 3 axes")
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:

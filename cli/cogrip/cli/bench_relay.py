@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.bench_network import two_cores
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.relay_echo import HOST, NETWORK_HZ, STAMP, receive, stamped
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.settings import resolve
 from cogrip.protocol.weather import PROFILES, ProfileName
@@ -90,7 +90,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
         raise BadInput(f"--seconds {seconds:g} is outside 1 to 600")
     if not sys.platform.startswith("linux"):
         raise Problem("bench relay reads the kernel's own times of receipt, which only Linux gives")
-    console = Console(highlight=False, stderr=json == "-")
+    console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
     before = os.getloadavg()[0]
     with ExitStack() as stack:

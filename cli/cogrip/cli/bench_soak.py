@@ -24,6 +24,7 @@ from cogrip.cli.process_memory import Growth, family_of, memory_kb
 from cogrip.cli.settings_file import load
 from cogrip.cli.shipped_settings import shipped
 from cogrip.cli.summary_table import terminal_summary
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.settings import Settings
@@ -72,7 +73,7 @@ def bench_soak(
         raise BadInput(f"--minutes {minutes:g}: from 0.05 to 1440")
     settings = load(config or shipped("three-users"), overrides)
     settings = msgspec.structs.replace(settings, link=Link(), seconds=minutes * 60.0)
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     folder = new_run_folder(runs, f"soak-{settings.name}")
     write_settings(folder, settings)
     stop = Stop()

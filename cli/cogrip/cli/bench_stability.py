@@ -5,9 +5,9 @@ import time
 from typing import Literal
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
@@ -30,7 +30,7 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
     cells
         Cells a side of the dense grid.
     """
-    console = Console(highlight=False)
+    console = make_console()
     table = Table(title=f"outline against a {cells} x {cells} grid, two users, {len(DELAYS_FRAMES)} delays")
     for column in ("scheme", "outlines", "points", "eigvals of the grid", "with matrices", "ratio", "with matrices"):
         table.add_column(column, justify="right")

@@ -15,6 +15,7 @@ from cogrip.cli.own_settings import refuse_own
 from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import override
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.methods.method import ChoiceError, choose
@@ -98,11 +99,11 @@ def bench_storms(
         raise BadInput(f"--workers {workers} must be at least 1")
     matrix = _matrix(profiles, people, stiffness, seeds, seconds, loose_seeds, overrides)
     jobs = matrix.jobs()
-    console, stop, results = Console(highlight=False, soft_wrap=True, stderr=json == "-"), Stop(), dict[int, Result]()
+    console, stop, results = make_console(soft_wrap=True, stderr=json == "-"), Stop(), dict[int, Result]()
     console.width = max(console.width, LEAST_WIDTH)  # in a file, too: no cell is cut
     with on_signals(stop), Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TimeRemainingColumn(), console=Console(stderr=True), transient=True,
+        TimeRemainingColumn(), console=make_console(stderr=True), transient=True,
     ) as bar, LocalWorkers(workers or processors(), stop, run_cells, at_once) as these:  # fmt: skip
         task = bar.add_task("sessions", total=len(jobs))
         for result in these.run(jobs):

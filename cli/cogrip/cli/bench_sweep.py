@@ -3,11 +3,11 @@
 import time
 
 import msgspec
-from rich.console import Console
 
 from cogrip.cli.problem import BadInput
 from cogrip.cli.settings_file import load
 from cogrip.cli.shipped_settings import shipped
+from cogrip.cli.terminal_console import make_console
 from cogrip.sim.sweep.cell import Job
 from cogrip.sim.sweep.local import LocalWorkers
 
@@ -30,7 +30,7 @@ def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int
     """
     if cells < _BLOCKS or jobs < 2:
         raise BadInput(f"bench sweep needs at least {_BLOCKS} cells and 2 jobs")
-    console = Console(highlight=False)
+    console = make_console()
     base = msgspec.to_builtins(load(shipped("demo"), [f"seconds={seconds}"]))
     all_jobs = [Job(cell, base, {"coupling.stiffness_npm": 200.0 + 2.0 * cell}, COLUMNS) for cell in range(cells)]
     blocks = [all_jobs[start::_BLOCKS] for start in range(_BLOCKS)]

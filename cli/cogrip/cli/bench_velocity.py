@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.client.velocity import AlphaBeta, impedance_bounds, largest_impedance, memory_for
 from cogrip.devices.device import Capability
 from cogrip.sim.velocity.comparison import Found, chosen, compare, devices
@@ -51,7 +51,7 @@ def bench_velocity(
         motions = recorded_hands(data, RATE_HZ)
     except NoHandsError as error:
         raise BadInput(f"--data {data}: {error}") from None
-    console = Console(highlight=False, stderr=json == "-")
+    console = make_console(stderr=json == "-")
     answer: dict[str, Any] = {"devices": {}}
     for name, record in every.items():
         if not device or name in device:

@@ -17,6 +17,7 @@ from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import load, try_hands, with_people
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.methods.cell import run_cells
@@ -75,7 +76,7 @@ def compare_methods(
     runs
         Folder in which that is made.
     """
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = make_console(stderr=True, soft_wrap=True)
     asked = _prepare(config, overrides, hands, methods, profiles, seeds)
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers} must be at least 1")
@@ -179,11 +180,11 @@ def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Co
     if json:
         write_json(finite(summary), json)
     if json != "-":
-        shown = Console(highlight=False)
+        shown = make_console()
         if not has_width(shown):  # a pipe has no width of its own
-            shown = Console(highlight=False, width=_PIPED_WIDTH)
+            shown = make_console(width=_PIPED_WIDTH)
         shown.print(methods_table(summary))
-    where = console if json == "-" else Console(highlight=False, soft_wrap=True)
+    where = console if json == "-" else make_console(soft_wrap=True)
     where.print(f"report: {folder.path / REPORT}", markup=False)
     return bool(_failed(summary, console)) or ours_failed(summary)
 

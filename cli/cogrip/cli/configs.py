@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from cyclopts import App
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.shipped_settings import SUFFIX, no_such_settings, shipped, shipped_names, summary_of
+from cogrip.cli.terminal_console import make_console
 
 configs = App(
     name="configs",
@@ -24,7 +24,7 @@ def list_configs() -> None:
     table.add_column()
     for name in shipped_names():
         table.add_row(name, summary_of(name))
-    Console(highlight=False).print(table)
+    make_console().print(table)
 
 
 @configs.command

@@ -19,6 +19,7 @@ from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, try_hands, with_people
 from cogrip.cli.shipped_settings import shipped
 from cogrip.cli.summary_table import terminal_summary
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.judgement import succeeded
@@ -68,7 +69,7 @@ def demo(
         refuse_hardware([user.device for user in settings.users])
     try_hands(settings)
     check_settings(settings, allow_unstable)
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     folder = new_run_folder(runs, settings.name)
     stop = Stop()
     with on_signals(stop):
@@ -149,9 +150,9 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
             console.print(f"{user.name}: ended early: {early}", markup=False)
     for name, how in failed.items():
         console.print(f"{name}: {how}; see {_log(folder, name)}", markup=False)
-    travel = summary["object"]["travel_m"] or 0.0
-    moved = travel > MOVED_M or settings.object.kind == "wall"
-    if not moved:
+    travel = summary["object"]["travel_m"]  # None where the server left no account of the object
+    moved = settings.object.kind == "wall" or (travel is not None and travel > MOVED_M)
+    if not moved and travel is not None:
         console.print(f"the object did not really move: {travel * 1e3:.2f} mm")
     console.print(f"report: {report}")
     if stop.reason:

@@ -8,6 +8,7 @@ from rich.console import Console
 from cogrip.cli.arm_at import arm_at, termination_raised, wait_for_enter
 from cogrip.cli.device_conform import Clock
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.identification import RATE_HZ, force_within, identify
 from cogrip.devices.device import DeviceError
@@ -31,7 +32,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
     damping
         Identify damping and friction instead. Off by default: the motors move the arm, by themselves.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     arm = arm_at(address)
     if damping:
         return _identify(arm, address, console, yes=yes)

@@ -9,6 +9,7 @@ from rich.text import Text
 from cogrip.cli.arm_at import arm_at, termination_raised, wait_for_enter
 from cogrip.cli.fitted import say
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.arm.check import Measured, Row, verdict
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.model import ArmModel
@@ -38,7 +39,7 @@ def device_check(
     yes
         Do not ask whether the arm is free.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     if not 0.0 < current_ma <= MOST_TEST_MA:
         raise BadInput(f"--current-ma {current_ma:g}: give more than 0 and at most {MOST_TEST_MA:g}")
     if not 0.0 <= moving_s <= MOST_MOVING_S:

@@ -2,10 +2,9 @@
 
 import time
 
-from rich.console import Console
-
 from cogrip.cli.arm_at import wait_for_enter
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.registry import axes_of, is_real, make, record_of
@@ -33,7 +32,7 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
     yes
         Do not ask whether a real device is free.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     try:
         count = axes_of(address) if axes is None else axes
         device = make(address, axes=count)

@@ -7,9 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
-from rich.console import Console
-
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.machines import MACHINES, make_firmware
 from cogrip.devices.io.pseudo_terminal import PseudoTerminal
@@ -65,7 +64,7 @@ def device_emulate(
     if link is not None and link.exists() and not (is_socket(str(link)) if kind == "hid" else link.is_symlink()):
         what = "socket" if kind == "hid" else "link"
         raise BadInput(f"--link {link}: is there already and no {what}; name another one, it would be replaced")
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     try:
         firmware = make_firmware(machines[name], parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
     except DeviceError as error:

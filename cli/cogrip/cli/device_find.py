@@ -1,7 +1,6 @@
 """`cogrip devices find`: what is plugged in here."""
 
-from rich.console import Console
-
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.plugged_in import FINDERS
 
@@ -10,7 +9,7 @@ UNKNOWN = "(no address)"
 
 def device_find() -> int:
     """Look for force-feedback devices, and print the address of each; nothing is opened."""
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     found = 0
     for what, finder in FINDERS.items():
         try:

@@ -12,6 +12,7 @@ from rich.text import Text
 from cogrip.cli.fitted import say
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.devices.registry import (
     FAMILIES,
@@ -61,7 +62,7 @@ def device_list(
     if json is not None:
         write_json(_as_json(listings, summaries), json)
         return 0
-    console = Console(highlight=False)
+    console = make_console()
     grouped = {
         scheme: [each for each in listings if _scheme(each) == scheme] for scheme in sorted(summaries, key=_rank)
     }

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io import punctuality
 from cogrip.protocol.io.punctuality import Machine, Punctuality
 from cogrip.protocol.io.realtime import PRIORITY
@@ -113,13 +114,13 @@ def doctor(*, seconds: float = 1.0, json: Annotated[str | None, Parameter(allow_
     """
     if not 0.05 <= seconds <= 600.0:
         raise BadInput(f"--seconds {seconds:g} is outside 0.05 to 600: so long is each row measured")
-    console = Console()
+    console = make_console()
     found: list[Punctuality] = []
     columns = (TextColumn("{task.description:<32}"), BarColumn(), TimeRemainingColumn())
     interrupted = False
     machine = punctuality.examine()
     # The bar redraws twice a second only: its thread would disturb what is measured.
-    with Progress(*columns, console=Console(stderr=True), transient=True, refresh_per_second=2) as progress:
+    with Progress(*columns, console=make_console(stderr=True), transient=True, refresh_per_second=2) as progress:
         task = progress.add_task("measuring", total=len(punctuality.RATES_HZ) * len(punctuality.SETUPS))
         try:
             for each in punctuality.survey(seconds):
@@ -145,6 +146,6 @@ def doctor(*, seconds: float = 1.0, json: Annotated[str | None, Parameter(allow_
     if json != "-":
         _render(console, machine, found, advice)
     if interrupted:
-        Console(stderr=True).print("stopped by Ctrl-C: the tables hold what was measured until then")
+        make_console(stderr=True).print("stopped by Ctrl-C: the tables hold what was measured until then")
         return _INTERRUPTED
     return 0

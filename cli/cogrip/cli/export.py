@@ -6,6 +6,7 @@ from rich.console import Console
 
 from cogrip.cli.opened_run import opened
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.sim.export import Exported, ExportError, Format
 from cogrip.sim.export import export as export_run
 from cogrip.sim.records import RunRecords
@@ -31,7 +32,7 @@ def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool
         Export the datagrams too, as hexadecimal text.
     """
     records = opened(run)
-    console, errors = Console(highlight=False, soft_wrap=True), Console(stderr=True, highlight=False, soft_wrap=True)
+    console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     into = out or records.folder
     try:
         with errors.status("exporting"):

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import AS_IT_STANDS, Overrides, Question
+from cogrip.cli.terminal_console import make_console
 from cogrip.sim.analysis.delay_budget import budget, total_s
 from cogrip.sim.analysis.feel import conditions
 from cogrip.sim.analysis.linear_session import LinearSession
@@ -55,12 +55,12 @@ def feel(
             paths = save_page(out, feel_page(session, user))
         except OSError as error:
             raise Problem(f"--out {out}: cannot be written: {error}") from None
-        Console(stderr=True, highlight=False, soft_wrap=True).print("written: " + ", ".join(map(str, paths)))
+        make_console(stderr=True, soft_wrap=True).print("written: " + ", ".join(map(str, paths)))
     return 0
 
 
 def _tell(session: LinearSession, user: int) -> None:
-    console = Console(highlight=False)
+    console = make_console()
     table = Table(title=f"what {session.people[user].name} feels, the device apart")
     for column in ("", "stiffness (N/m)", "damping (N s/m)", "inertia (kg)"):
         table.add_column(column, justify="right")

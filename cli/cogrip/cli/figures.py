@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from rich.console import Console
-
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.sim.figures.page import save_page
 from cogrip.sim.figures.registry import FIGURES
 
@@ -21,7 +20,7 @@ def figures(*names: str, out: Path = Path("figures")) -> int:
     out
         Folder to write into. Files of these names are written anew, others are left alone.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     known = {entry.name: entry for entry in FIGURES}
     for name in names:
         if name not in known:
@@ -29,7 +28,7 @@ def figures(*names: str, out: Path = Path("figures")) -> int:
     for entry in FIGURES:
         if names and entry.name not in names:
             continue
-        with Console(stderr=True).status(f"drawing {entry.name}"):
+        with make_console(stderr=True).status(f"drawing {entry.name}"):
             page = entry.make()
         try:
             paths = save_page(out, page)

@@ -52,7 +52,10 @@ def above_zero(flag: str, value: float | None) -> None:
 
 
 def _coerced(error: CoercionError, token: Any) -> str:
-    name = token.keyword or (error.argument.name if error.argument is not None else "argument")
+    names = error.argument.names if error.argument is not None else ()
+    name = token.keyword or next(iter(names), "argument")
+    if len(name.lstrip("-")) == 1:  # -m says no unit, --minutes does
+        name = next((long for long in names if len(long.lstrip("-")) > 1), name)
     kind, given = error.target_type, token.value
     if _shown(given) is SECRET:
         return f"{name}: expects another value than {SECRET}"

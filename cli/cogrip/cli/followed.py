@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from struct import error
 from typing import TypeVar
 
 import msgspec
+import zstandard
 
 from cogrip.protocol.recording.reader import Follower, RecordingError
 from cogrip.protocol.recording.records import Record, Row, Step, Tick
@@ -39,6 +41,8 @@ class FollowedRun:
             message = follower.look().get(topic)
         except (OSError, RecordingError):  # not there yet, not whole yet, or gone
             return None
+        except (ValueError, IndexError, zstandard.ZstdError, error):  # a damaged chunk: what came before it stands
+            message = follower.newest.get(topic) if follower else None
         return msgspec.json.decode(message.payload, type=kind) if message else None
 
 

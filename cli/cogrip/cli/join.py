@@ -22,6 +22,7 @@ from cogrip.cli.look_on import look_on
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load
+from cogrip.cli.terminal_console import make_console
 from cogrip.client.io.calls import Calls, JoinError, RefusedError, Server, find
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
@@ -132,7 +133,7 @@ def join(
         Show no live table at a terminal, only lines.
     """
     above_zero("--seconds", seconds)
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     settings = load(config, overrides) if config else None
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
@@ -368,13 +369,15 @@ def _refused(words: str, address: str) -> str:
 
 
 def _check_hand(device: Device, address: str, name: str, seconds: float | None) -> None:
-    """Raises BadInput for a simulated or recorded hand that cannot be meant; warns of an unlikely one."""
+    """Raises BadInput for a simulated or recorded hand that cannot be meant or played; warns of an unlikely one."""
     if not address.startswith(HELD_BY_NOBODY):
         return
     try:
         rate_hz = min(device.capability.rate_hz, USUAL_HZ)
         found = hand_findings(name or "this hand", address, device, rate_hz, seconds or LOOKED_AHEAD_S)
-    except DeviceError:
+    except DeviceError as error:
+        if isinstance(device, ReplayedDevice):  # at any rate: nothing is in its span, or the recording is damaged
+            raise BadInput(str(error)) from None
         return  # the seat's rate may be the one that fits; the session says what is wrong
     tell_implausible(found)
 

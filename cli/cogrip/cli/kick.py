@@ -3,10 +3,10 @@
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.server.io.control import MOST_REASON, MOST_WORD, Kick, ask
 from cogrip.server.io.state_folder import StateError
@@ -51,5 +51,5 @@ def kick(
         raise Problem(str(error)) from None
     if not answer.ok:
         raise Problem(f"kick: {answer.text}")
-    Console(highlight=False, soft_wrap=True).print(answer.text, markup=False)
+    make_console(soft_wrap=True).print(answer.text, markup=False)
     return 0

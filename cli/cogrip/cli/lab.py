@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cogrip.cli.before_run import AllowUnstable, check_settings
 from cogrip.cli.new_run import new_run_folder
 from cogrip.cli.settings_file import load, refuse_real, try_hands, with_people
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.judgement import succeeded
 from cogrip.sim.lab_run import run_laboratory
@@ -51,7 +51,7 @@ def lab(
     refuse_real(settings)
     try_hands(settings)
     check_settings(settings, allow_unstable)
-    console = Console(stderr=True)
+    console = make_console(stderr=True)
     folder = None if json else new_run_folder(runs, settings.name)
     with on_signals(Stop()) as stop, Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
@@ -71,8 +71,8 @@ def lab(
         assert folder is not None
         with console.status("writing the report"):
             report = write_report(folder)
-        Console().print(terminal_summary(summary))
-        Console().print(f"report: {report}", highlight=False)
+        make_console().print(terminal_summary(summary))
+        make_console().print(f"report: {report}")
     if outcome.diverged:
         console.print(f"diverged: {outcome.diverged}", highlight=False)
     if outcome.interrupted:

@@ -5,10 +5,10 @@ import sys
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
-from rich.console import Console
 
 from cogrip.cli.flag_errors import words_of
 from cogrip.cli.problem import Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     if arguments is None:  # this is a process of its own: those that it starts import nothing from where it stands
         os.environ[SAFE_PATH] = "1"
-    errors = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+    errors = make_console(stderr=True, soft_wrap=True)
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:

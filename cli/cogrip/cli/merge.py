@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from rich.console import Console
-
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.merge import merge as merge_recordings
 
@@ -19,7 +18,7 @@ def merge(*folders: Path, out: Path) -> int:
     out
         The new folder.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     if len(folders) < 2:
         raise BadInput("merge: name at least two folders, the server's and a client's")
     try:

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from rich.console import Console
-
 from cogrip.cli.problem import BadInput
 from cogrip.cli.recover import recover_what_was_cut
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.records import RunRecords, open_run
 
@@ -13,7 +12,7 @@ from cogrip.sim.records import RunRecords, open_run
 def opened(path: Path) -> RunRecords:
     """The run's recordings, those that were cut short recovered first. Raises BadInput."""
     try:
-        recover_what_was_cut(path, Console(stderr=True, highlight=False, soft_wrap=True))
+        recover_what_was_cut(path, make_console(stderr=True, soft_wrap=True))
         return open_run(path)
     except (RecordingError, FileNotFoundError) as error:
         raise BadInput(str(error)) from None

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from cogrip.cli.fitted import say
 from cogrip.cli.problem import BadInput
 from cogrip.cli.settings_file import load
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings
 from cogrip.sim.analysis.lifted_model import LiftedModel
@@ -80,7 +80,7 @@ class Question:
     @staticmethod
     def tell_rounding(*sessions: LinearSession) -> None:
         """On stderr, what was done about delays that are no whole number of ticks or frames."""
-        console = Console(stderr=True, highlight=False, soft_wrap=True)
+        console = make_console(stderr=True, soft_wrap=True)
         for note in dict.fromkeys(note for session in sessions for note in rounding_notes(session)):
             say(console, f"note: {note}")
 

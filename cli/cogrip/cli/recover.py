@@ -5,6 +5,7 @@ from pathlib import Path
 from rich.console import Console
 
 from cogrip.cli.problem import BadInput, Problem
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import RecordingError
@@ -20,7 +21,7 @@ def recover(file: Path, /) -> int:
     file
         A .mcap file; of a run folder, every recording in it that was not closed.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     try:
         if not file.exists():
             raise BadInput(f"{file}: there is no such file; name a run folder or a .mcap file")

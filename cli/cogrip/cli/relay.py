@@ -18,6 +18,7 @@ from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.log_lines import LogLines
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import from_flags, load
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
@@ -103,7 +104,7 @@ def relay(
     def make_link(number: int, way: Way, origin_ns: int) -> LinkEmulator:
         return configured_link(link, way, f"{seed}/{number}/{way}", script[way], origin_ns)
 
-    console = Console(highlight=False, soft_wrap=True, stderr=json == "-")
+    console = make_console(soft_wrap=True, stderr=json == "-")
     if not has_width(console):
         console.width = PIPED_WIDTH
     lines = LogLines(stream=sys.stderr if json == "-" else sys.stdout)
@@ -131,7 +132,7 @@ def relay(
     if console.is_terminal:
         lines.put("\n")
     told = StringIO()  # to be put with the lines: it may find no reader either
-    end = Console(file=told, width=console.width, force_terminal=console.is_terminal, highlight=False, soft_wrap=True)
+    end = make_console(file=told, width=console.width, force_terminal=console.is_terminal, soft_wrap=True)
     end.print(f"ended: {stop.reason}", markup=False)
     end.print(_table(live))
     _print_rest(live, end)

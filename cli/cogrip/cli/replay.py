@@ -18,6 +18,7 @@ from cogrip.cli.problem import BadInput
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import override, try_hands
 from cogrip.cli.summary_table import verdict_lines
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Recording, RecordingError
@@ -72,7 +73,7 @@ def replay(
     if overrides and verify:
         raise BadInput("replay: --set changes the world, so it goes with --what-if; --verify plays what was recorded")
     records = opened(run)
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     if verify:
         return _verify(records, console, json)
     if json:

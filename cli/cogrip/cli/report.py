@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from rich.console import Console
-
 from cogrip.cli.compared_table import compared_table
 from cogrip.cli.problem import BadInput
 from cogrip.cli.recover import recover_what_was_cut
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.comparison import ComparisonError, Difference, labels_of
 
@@ -29,7 +28,7 @@ def report(*run: Path, out: Path | None = None) -> int:
         is replaced, any other file is not.
     """
     _check(run, out)
-    console, errors = Console(highlight=False, soft_wrap=True), Console(stderr=True, highlight=False, soft_wrap=True)
+    console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     for folder in run:
         with suppress(FileNotFoundError):  # none is here: the page says so
             recover_what_was_cut(folder, errors)

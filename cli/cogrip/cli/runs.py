@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.cells import cell_len
-from rich.console import Console
 from rich.text import Text
 
 from cogrip.cli.fitted import has_width, padded, shortened
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.messages import shown
 from cogrip.sim.judgement import Tone
@@ -48,11 +48,11 @@ def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
         write_json({"folder": str(folder), "runs": [_record(run) for run in found]}, json)
         return 0
     if found:
-        console = Console(highlight=False, soft_wrap=True)
+        console = make_console(soft_wrap=True)
         for line in _lines(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
             console.print(line)
     else:
-        Console(stderr=True, highlight=False).print(f"no runs in {folder}", markup=False)
+        make_console(stderr=True).print(f"no runs in {folder}", markup=False)
     return 0
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from cogrip.cli.before_run import together
 from cogrip.cli.leave_files import leave_files
@@ -22,6 +21,7 @@ from cogrip.cli.log_lines import LogLines
 from cogrip.cli.new_run import live_run_folder
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.settings_file import load as load_settings
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -177,7 +177,7 @@ def _draw(
     screen: LiveScreen, lines: LogLines, rooms: Sequence[Settings], recorded: Path | None, state: StateFolder | None
 ) -> None:
     """Show the rooms below the lines, at a terminal where people read them."""
-    if lines.form != "text" or not may_draw(Console()):
+    if lines.form != "text" or not may_draw(make_console()):
         return
     if recorded is None:
         lines.say("no live table without a recording")
@@ -237,7 +237,7 @@ def _conclude(
 ) -> int:
     """Leave a summary for each room; beside a log for programs it is told on standard error. Returns the exit code."""
     programs = lines.form == "json"
-    console = Console(highlight=False, soft_wrap=True, stderr=programs)
+    console = make_console(soft_wrap=True, stderr=programs)
     if lines.lost:
         losses["log line"] = lines.lost
     well = True

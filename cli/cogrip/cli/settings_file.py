@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from rich.console import Console
 
 from cogrip.cli.problem import BadInput
 from cogrip.cli.shipped_settings import SUFFIX, is_name, no_such_settings, shipped, shipped_names
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for
 from cogrip.devices.registry import is_real
@@ -31,6 +31,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     text = ""
     try:
         file = _file_of(path)
+        _refuse_endless(file)
         text = file.read_text(encoding="utf-8")
         table = json.loads(text) if file.suffix == ".json" else tomllib.loads(text)
     except FileNotFoundError:
@@ -67,9 +68,15 @@ def _file_of(path: Path) -> Path:
         return path
     file, here = shipped(path.name), path.with_suffix(SUFFIX)
     if here.is_file() and not here.samefile(file):
-        errors = Console(stderr=True, highlight=False, soft_wrap=True)
+        errors = make_console(stderr=True, soft_wrap=True)
         errors.print(f"note: {path} is the one that comes with cogrip; write {here} for the file in this folder")
     return file
+
+
+def _refuse_endless(file: Path) -> None:
+    """Raises BadInput for a pipe or device by its name, which may never end; what a shell opened (`<(...)`, -) may be one."""
+    if file.exists() and not (file.is_file() or file.is_dir() or str(file).startswith(("/dev/stdin", "/dev/fd/"))):
+        raise BadInput(f"{file}: is no regular file; give a settings file, or a name of `cogrip configs`, such as demo")
 
 
 def _cure(path: Path) -> str:

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from cyclopts import App
-from rich.console import Console
 
 from cogrip.cli.fitted import say
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import AS_IT_STANDS, Overrides, Question
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import largest_stable, verdict
@@ -53,7 +53,7 @@ def radius(
         }
         write_json(answer, json)
         return 0
-    console = Console(highlight=False)
+    console = make_console()
     say(console, f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
     say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
     say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
@@ -102,7 +102,7 @@ def limit(
         text = f"stable up to {found.stiffness_npm:.6g} N/m"
     if found.stable_again:
         text += ", and again at some stiffness beyond"
-    console = Console(highlight=False)
+    console = make_console()
     say(console, f"{_SCHEMES[model.session.scheme]}: {text}")
     say(console, f"({question.conditions})")
     return 0
@@ -162,7 +162,7 @@ def region(
         raise BadInput(f"--out: {error}") from None
     except OSError as error:
         raise Problem(f"--out {out}: cannot be written: {error}") from None
-    console = Console(highlight=False)
+    console = make_console()
     say(console, f"({question.conditions})")
     for each in found:
         doubt = "" if each.outline.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"

@@ -14,6 +14,7 @@ from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.question import Overrides
 from cogrip.cli.settings_file import load, try_hands
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.plots.style import NotDrawnError, png
 from cogrip.sim.sweep.folder import FolderError, SweepFolder
@@ -64,7 +65,7 @@ def sweep(
     address
         The cluster's address; else $RAY_ADDRESS, else a new one on this machine.
     """
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = make_console(stderr=True, soft_wrap=True)
     asked = _prepare(config, overrides, vary, measure)
     stop = Stop()
     workers = _workers(cluster, address, jobs, stop)

@@ -4,13 +4,13 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.fitted import Fitted, columns_table, has_width
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import Problem
 from cogrip.cli.state_at import Port, State, state_at
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import TokenFile
@@ -34,9 +34,9 @@ def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = N
         write_json({"folder": str(folder.path), "tokens": [_as_json(token, now_s) for token in tokens]}, json)
         return 0
     if not tokens:
-        Console(stderr=True, highlight=False, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
+        make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
         return 0
-    console = Console(highlight=False)
+    console = make_console()
     if not has_width(console):
         console.width = _PIPED_WIDTH
     console.print(_tables(tokens, now_s))

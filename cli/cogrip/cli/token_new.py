@@ -8,11 +8,11 @@ from datetime import time as day_time
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
+from cogrip.cli.terminal_console import make_console
 from cogrip.devices.registry import schemes
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
 from cogrip.protocol.messages import DEVICE_BYTES, Role
@@ -89,7 +89,7 @@ def token_new(
         raise BadInput(f"token new: {error}") from None
     except StateError as error:
         raise Problem(str(error)) from None
-    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    errors = make_console(stderr=True, soft_wrap=True)
     if doubt := _doubt(device):
         errors.print(f"warning: {doubt}", markup=False)
     if json is not None:

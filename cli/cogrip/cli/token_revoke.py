@@ -7,6 +7,7 @@ from rich.console import Console
 
 from cogrip.cli.problem import BadInput, Problem
 from cogrip.cli.state_at import Port, State, state_at
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.server.io.control import ControlError, NotRunningError, Reload, ask
 from cogrip.server.io.state_folder import StateError, StateFolder
@@ -44,7 +45,7 @@ def token_revoke(*ids: str, state: State = None, port: Port = DEFAULT_PORT) -> i
         raise BadInput(f"token revoke: {error} (nothing was changed)") from None
     except StateError as error:
         raise Problem(str(error)) from None
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     for ident in dict.fromkeys(wanted):
         console.print(f"{ident} {'was revoked before' if ident in already else 'is revoked'}", markup=False)
     return _tell_server(folder, console)

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-from rich.console import Console
 from rich.table import Table
 
 from cogrip.cli.fitted import Fitted, columns_table, has_width
 from cogrip.cli.json_answer import Json, write_json
 from cogrip.cli.problem import Problem
 from cogrip.cli.state_at import Port, State, check_known, check_words, server_at, state_at
+from cogrip.cli.terminal_console import make_console
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.messages import shown
 from cogrip.server.io.control import MOST_WORD, Who, ask
@@ -46,7 +46,7 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
         people = [{name: getattr(each, name) for name in Present.__struct_fields__} for each in answer.people]
         write_json({"folder": str(folder.path), "people": people, "said": answer.text}, json)
         return 0
-    console = Console(highlight=False, soft_wrap=True)
+    console = make_console(soft_wrap=True)
     if not has_width(console):
         console.width = _PIPED_WIDTH
     if answer.people:

@@ -206,7 +206,8 @@ def _untold(row: Row) -> list[str]:
     """Return what is missing of one sitting before it can be called passive, as what stands before `of <name>`."""
     margins = [dig(row, "energy", key) for key in ("up_margin_j", "down_margin_j")]
     if row.get("state") is None:
-        return ["nothing was heard from the client"]
+        received = dig(row, "link", "up", "received")
+        return ["no account was told by the client" if received else "nothing was heard from the client"]
     missing = []
     if margins == [None, None]:
         missing.append("no energy ledger was kept on the network")

@@ -49,7 +49,8 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
     for user in people(summary):
         state, reason = user.get("state"), user.get("reason")
         if state is None:
-            yield "warn", f"The client of {name_of(user)} was never heard: what it alone knows is missing."
+            silent = "told no account" if dig(user, "link", "up", "received") else "was never heard"
+            yield "warn", f"The client of {name_of(user)} {silent}: what it alone knows is missing."
         elif state in ("fault", "degraded") and not summary.get("diverged"):
             said = ", its client says" if user.get("claimed") else ""
             yield (

@@ -217,7 +217,10 @@ def _rounding(way: OneWay, rates: Rates) -> str:
         text += f", no whole number: taken as {ticks:g}, as a receiver sees it at its next tick"
     if way.frame_wait_ticks:
         border = ticks + way.frame_wait_ticks
-        text += f"; it is played at the next frame border, after {border:g} ticks or {border / rates.ticks_per_frame:g} frames"
+        frames = border / rates.ticks_per_frame
+        text += (
+            f"; it is played at the next frame border, after {border:g} ticks or {frames:g} frame{'s' * (frames != 1)}"
+        )
     return text
 
 
