@@ -32,8 +32,7 @@ def test_on_a_link_without_chance_the_laboratory_feels_what_is_calculated() -> N
     found = check(settings)
     for user in advise(settings).users:
         assert found.felt_npm[user.name] == pytest.approx((user.felt_npm,), rel=0.01)
-    assert (found.passive, found.stable, found.session.level) == ("good", "good", "note")
-    assert "Softer than asked for: 413 N/m" in found.session.text
+    assert (found.passive, found.stable, found.session.level) == ("good", "good", "ok")
 
 
 def test_jitter_and_loss_are_in_what_is_told(wifi: tuple[Settings, Check]) -> None:

@@ -23,7 +23,7 @@ from cogrip.protocol.settings import Settings, User, not_passive, resolve
 from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
-from cogrip.sim.judgement import Tone, passive, stable
+from cogrip.sim.judgement import SOFTER, Tone, passive, stable
 from cogrip.sim.judgement import felt as felt_as_intended
 from cogrip.sim.laboratory import Laboratory
 from cogrip.sim.methods.felt import measure_felt
@@ -144,7 +144,7 @@ def check(settings: Settings) -> Check:
             felt.setdefault(person.person, []).append(person.felt_npm)
             asked[person.person] = person.asked_npm
     return Check(
-        judged[0].tone, judged[1].tone, tuple(each.sentence for each in judged if each.tone != "good"),
+        judged[0].tone, judged[1].tone, tuple(each.sentence for each in judged if each.tone != "good" and not each.sentence.startswith(SOFTER)),
         {name: tuple(values) for name, values in felt.items()}, asked, seconds,
         _begun_s(settings), stand_ins,
     )  # fmt: skip
