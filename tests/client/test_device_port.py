@@ -1,7 +1,7 @@
 """The device port: the energy ledger and its controllers, by their equations, from both sides, and for any law and motion."""
 
 from dataclasses import replace
-from math import hypot, inf, sqrt
+from math import hypot, sqrt
 
 import numpy as np
 import pytest
@@ -138,9 +138,11 @@ def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back() -> None:
     tried = port()
     tried.ramped = True
     tried.book(-0.01, -0.5)
-    assert tried.spare_j == inf
     assert tried.balance_j == pytest.approx(-0.01)
+    assert tried.earned_j == pytest.approx(-0.51)
+    assert tried.spare_j == pytest.approx(tried.earned_j + 0.05), "it may be sent no more: half the mass, at 1 m/s"
     tried.ramped = False
+    assert tried.spare_j == pytest.approx(tried.balance_j + 0.05)
     tried.book(-0.03, -0.5)
     assert tried.balance_j == pytest.approx(-0.03)
     tried.ramped = True

@@ -249,3 +249,25 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
         assert one.core.port.balance_j >= -one.core.port.reserve_j
         assert one.core.port._forgiven_j < 20.0, "what ramps left to the line"
     assert people[0].core.safety.counts["force clipped"] > 0
+
+
+@pytest.mark.parametrize("kind", ["cube", "wall"])
+@pytest.mark.parametrize("force_n", [1.0, 1.5, 2.0])
+def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
+    """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
+    hands = ({"hand": f"push&force_n={force_n}"}, {"hand": "hold"})
+    settings = room(users=hands, object={"kind": kind}, link={"delay_ms": 20.0}, playout={"frames": 1})
+    for one in felt(settings):
+        assert one.core.safety.state == "live"
+        assert one.account.device.margin_j is not None
+        assert one.account.device.margin_j > 0.0
+        assert abs(one.core.position_m[0]) < 0.03
+
+
+def test_whoever_leaves_a_push_alone_is_followed_by_no_energy() -> None:
+    """The partner leaves while the other pushes 1.6 N: the hand runs off, the device gives nothing that did not come in."""
+    laboratory = Laboratory(room(users=({"hand": "push&force_n=1.6"}, {"hand": "hold"})))
+    laboratory.run(None, lambda lab: lab.leave(1) if lab.seconds >= 1.5 and not lab.people[1].going else None)
+    margin_j = laboratory.people[0].core.port.account().margin_j
+    assert margin_j is not None
+    assert margin_j > 0.0

@@ -118,7 +118,7 @@ def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Jso
     felt = " and ".join(dict.fromkeys(plain(user.felt_npm) for user in found.advice.users))
     shown = [finding for finding in found.advice.findings if finding.topic in ("device", "free motion")]
     rows = [
-        ("", "stiffest", f"{felt} N/m felt at rest, calculated without jitter and loss"),
+        ("", "stiffest", f"{_in_sessions(checked)}{felt} N/m felt at rest, calculated without jitter and loss"),
         ("", "settings", " ".join(f"--set {Change.written(key, value)}" for key, value in found.overrides.items())),
         ("", "bound", reasons[found.bounded]),
         *_rows([*shown, *_seen(checked, {user.name: user.felt_npm for user in found.advice.users})], people),
@@ -231,6 +231,14 @@ def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
             for user in found.advice.users
         ],
     }
+
+
+def _in_sessions(checked: Check | None) -> str:
+    """Say first what sessions felt where that is a range: jitter and loss soften it."""
+    told = [value for values in checked.felt_npm.values() for value in values if value is not None] if checked else []
+    if not told or max(told) < 1.01 * min(told):
+        return ""
+    return f"{plain(min(told), 3)} to {plain(max(told), 3)} N/m felt at rest in sessions over this link; "
 
 
 def _judged(checked: Check | None) -> dict[str, Any] | None:

@@ -143,8 +143,11 @@ class DevicePort:
 
     @property
     def spare_j(self) -> float:
-        """Energy that the line may be sent in a frame, beyond what it brought. Unbounded while the force is ramped."""
-        return inf if self.ramped else self.balance_j + self._free_j
+        """Energy that the line may be sent in a frame, beyond what it brought.
+
+        While the force is ramped all that was forgiven counts: a hand that pushes then must not load the line for nothing.
+        """
+        return (self.earned_j if self.ramped else self.balance_j) + self._free_j
 
     # The controllers
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from math import ceil, isfinite
 from typing import Literal
 
@@ -21,7 +21,7 @@ from cogrip.devices.registry import is_real
 from cogrip.devices.settings import parse_address
 from cogrip.protocol.settings import Settings, User, not_passive, resolve
 from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
-from cogrip.sim.analysis.advice_change import Change, ranked_changes
+from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.judgement import SOFTER, Tone, passive, stable
 from cogrip.sim.judgement import felt as felt_as_intended
@@ -136,6 +136,8 @@ def check(settings: Settings) -> Check:
     laboratory.run()
     summary = of_laboratory(laboratory)
     judged = passive(summary), stable(summary), felt_as_intended(summary)
+    # how soft it is, the static load says
+    said = tuple(each.sentence for each in judged if each.tone != "good" and not each.sentence.startswith(SOFTER))
     felt: dict[str, list[float | None]] = {}
     asked: dict[str, float] = {}
     seeds = min(MOST_SEEDS, ceil(LINES / len(settings.users))) if _draws(settings) else 1
@@ -144,7 +146,7 @@ def check(settings: Settings) -> Check:
             felt.setdefault(person.person, []).append(person.felt_npm)
             asked[person.person] = person.asked_npm
     return Check(
-        judged[0].tone, judged[1].tone, tuple(each.sentence for each in judged if each.tone != "good" and not each.sentence.startswith(SOFTER)),
+        judged[0].tone, judged[1].tone, said,
         {name: tuple(values) for name, values in felt.items()}, asked, seconds,
         _begun_s(settings), stand_ins,
     )  # fmt: skip
@@ -199,33 +201,41 @@ def checked_change(
 ) -> Change | None:
     """Return the change that helps most by the model among those that sessions bear out; None for none.
 
-    Borne out: judged no worse than before, and the felt stiffness as measured nearer to what was asked; where the change is
-    for fewer warnings, or for a further reach, no further from it. Its scores hold the measured feel.
+    Borne out: passive and stable, or judged no worse than before, and the felt stiffness as measured nearer to what was asked;
+    where the change is for a further reach, no further from it; for fewer warnings that does not count. Its scores hold the
+    measured feel. A playout that follows the jitter is tried too, whatever the model, which knows none, says of it.
     """
     table = to_builtins(settings)
     asked = {user.name: user.asked_npm for user in now.users}
     before = checked.missed(asked)
-    for change in islice(ranked_changes(settings, now, progress), MOST_CHANGES):
+    tried = islice(ranked_changes(settings, now, progress), MOST_CHANGES)
+    found: list[Change] = []
+    if settings.playout.frames != "auto" and _draws(settings):
+        tried = chain([change_to(settings, now, "playout.frames", "auto")], tried)
+    for change in tried:
         after = check(resolve(table, {change.key: change.value}))
+        fewer = change.after.warnings < change.before.warnings
         worse = any(
             _TONES.index(new) > _TONES.index(old)
             for new, old in ((after.passive, checked.passive), (after.stable, checked.stable))
         )
         missed = after.missed(asked)
-        if worse:
+        if worse and not fewer:
             continue
         if "bad" in (after.passive, after.stable):  # what is broken is not called helped
             continue
         if before is None or missed is None:
             return dataclasses.replace(change, measured=False)
         only_feel = change.after.key()[:2] == change.before.key()[:2]
-        if round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
-            return dataclasses.replace(
-                change,
-                before=dataclasses.replace(change.before, missed=before),
-                after=dataclasses.replace(change.after, missed=missed),
+        if fewer or round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
+            scores = (
+                dataclasses.replace(change.before, missed=before),
+                dataclasses.replace(change.after, missed=missed),
             )
-    return None
+            found.append(dataclasses.replace(change, before=scores[0], after=scores[1]))
+            if change.value != "auto":
+                break
+    return min(found, key=lambda change: (change.after.warnings, change.after.missed), default=None)
 
 
 def checked_stiffest(

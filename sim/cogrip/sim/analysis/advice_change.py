@@ -70,7 +70,20 @@ class Change:
                 f"{100.0 * before.missed:.0f} %"
             )
         text = "; ".join(parts) or "it would stay stable further up"
-        return f"{text}, as long as no loop wakes late" if self.key == "playout.frames" else text
+        return (
+            text if self.key != "playout.frames" or self.value == "auto" else f"{text}, as long as no loop wakes late"
+        )
+
+
+def change_to(settings: Settings, now: Advice, key: str, value: Any) -> Change:
+    """A change by name, as the model scores it. Raises SettingsError or ModelError."""
+    asked = [user.asked_npm for user in now.users]
+    return Change(
+        key,
+        value,
+        _score(now, asked),
+        _score(advise(resolve(msgspec.to_builtins(settings), {key: value}), ample), asked),
+    )
 
 
 def ranked_changes(
