@@ -220,7 +220,7 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
 
 
 def test_advice_the_other_way_round(capsys) -> None:
-    """What it names is what `advise` then says of these settings, and what a session in virtual time feels."""
+    """`advise` says the same of the settings that it names, and a session in virtual time feels it."""
     found = answer(capsys, "advise", DEMO, "--for-stiffness")["stiffest"]
     sets = [word for setting in found["set"] for word in ("--set", setting)]
     there = answer(capsys, "advise", DEMO, "--no-laboratory", *sets)

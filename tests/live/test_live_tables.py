@@ -1,4 +1,4 @@
-"""What `join` and `serve` show at a terminal while they run, and how they leave it."""
+"""Live tables of `join` and `serve` at a terminal, and how they leave it."""
 
 import os
 import re

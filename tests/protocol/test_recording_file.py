@@ -193,7 +193,7 @@ def test_the_validator_tells_what_does_not_fit():
 
 
 def viewer_types(schema: dict[str, Any]) -> None:
-    """What Foxglove's own parser of schemas asks for, field by field: else it refuses the whole channel."""
+    """Rules of Foxglove's own parser of schemas, field by field: else it refuses the whole channel."""
     for name, field in schema["properties"].items():
         assert field["type"] in ("boolean", "string", "number", "integer", "object", "array"), name
         inner = field["items"] if field["type"] == "array" else field

@@ -1,4 +1,4 @@
-"""What every picture and page keeps to, so that it can stand in a paper: units, legends, colours, nothing cut off."""
+"""Rules of every picture and page, so that it can stand in a paper: units, legends, colours, nothing cut off."""
 
 import json
 import re

@@ -108,7 +108,7 @@ def _scheme(listing: Listing) -> str:
 
 
 def _rank(scheme: str) -> tuple[int, str]:
-    """What everybody has stands first, then hardware by name, then what stands in for it."""
+    """Devices in order: what everybody has first, then hardware by name, then what stands in for it."""
     return (0 if scheme == "sim" else 2 + _LAST.index(scheme) if scheme in _LAST else 1), scheme
 
 
@@ -118,7 +118,7 @@ def _untried(scheme: str) -> bool:
 
 
 def _widths(listings: Sequence[Listing], width: int) -> list[int]:
-    """Of the columns, so that all tables stand below one heading; an address gives way where there is no room."""
+    """Widths of the columns, so that all tables stand below one heading; an address gives way where there is no room."""
     first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *map(_cells, listings), strict=True)]
     return [min(first, width - sum(numbers) - len(numbers)), *numbers]
 

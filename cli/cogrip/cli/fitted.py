@@ -89,7 +89,7 @@ def padded(text: str, width: int, *, right: bool = False) -> str:
 
 
 def has_width(console: Console) -> bool:
-    """Whether lines are read on something that is so many columns wide: a pipe or a file is not."""
+    """Return whether lines are read on something that is so many columns wide: a pipe or a file is not."""
     return console.is_terminal or "COLUMNS" in os.environ
 
 

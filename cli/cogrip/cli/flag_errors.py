@@ -1,4 +1,4 @@
-"""What is wrong with the words of a command line, in the style of all other errors: the thing, what it expects, what it got."""
+"""Errors of the words of a command line, in the style of all other errors: the thing, what it expects, what it got."""
 
 import difflib
 from typing import Any, Literal, get_args, get_origin

@@ -21,7 +21,7 @@ _NOT_ITS = ("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP", "SIGTTOU", "SIGTSTP")
 
 
 def may_draw(console: Console) -> bool:
-    """Whether the console is a terminal on which a table can be drawn over."""
+    """Return whether the console is a terminal on which a table can be drawn over."""
     return sys.platform != "win32" and sys.stdout.isatty() and console.is_terminal and not console.is_dumb_terminal
 
 

@@ -1,4 +1,4 @@
-"""What `join` and `serve` show while they run: read from recordings and from what the server answers `cogrip who`."""
+"""Live views of `join` and `serve`: read from recordings and from what the server answers `cogrip who`."""
 
 import time
 from collections.abc import Sequence
@@ -115,7 +115,7 @@ class ServeTable:
         )
 
     def _ask(self) -> None:
-        """What the server answers `cogrip who`, once a second; the last answer stands where it does not answer."""
+        """Ask the server what it answers `cogrip who`, once a second; the last answer stands where it does not answer."""
         now_s = time.monotonic()
         if self._state is None or now_s < self._asked_s + ASK_EVERY_S:
             return

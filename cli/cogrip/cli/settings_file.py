@@ -80,7 +80,7 @@ def _refuse_endless(file: Path) -> None:
 
 
 def _cure(path: Path) -> str:
-    """What to give in place of a file that does not exist."""
+    """Say what to give in place of a file that does not exist."""
     if is_name(path):
         return no_such_settings(path.name)
     ours = {str(path.with_name(f"{name}{SUFFIX}")): f"{name}, which comes with cogrip" for name in shipped_names()}

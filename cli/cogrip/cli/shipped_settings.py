@@ -30,7 +30,7 @@ def summary_of(name: str) -> str:
 
 
 def is_name(path: Path) -> bool:
-    """Whether `path` is a bare name, such as `demo`: neither a folder nor a suffix in it."""
+    """Return whether `path` is a bare name, such as `demo`: neither a folder nor a suffix in it."""
     return len(path.parts) == 1 and not path.suffix
 
 

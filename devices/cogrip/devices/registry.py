@@ -103,7 +103,7 @@ def describe(*, axes: int = 1) -> tuple[Listing, ...]:
 
 
 def is_real(address: str) -> bool:
-    """Whether `address` names hardware, and none of the stand-ins of its driver. Raises DeviceError."""
+    """Return whether `address` names hardware, and none of the stand-ins of its driver. Raises DeviceError."""
     parsed = parse_address(address)
     family = _family(parsed.scheme, address)
     return family.real and f"{parsed.scheme}:{parsed.name}" not in family.stand_ins

@@ -1,4 +1,4 @@
-"""What a setting, a key of a device address or a flag takes, in plain words: one style for all of them.
+"""Plain words for what a setting, a key of a device address or a flag takes: one style for all of them.
 
 coupling.stiffness_npm: expects a number of at least 0, in N/m; got '500N/m'
 """

@@ -7,7 +7,7 @@ felt      a static load on the same link (`methods/felt.py`), once a seed: what 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain, islice
 from math import ceil, isfinite
@@ -87,7 +87,7 @@ class Check:
 
     @property
     def beyond(self) -> str:
-        """What of the settings the session did not reach, "" if it reached all."""
+        """Say what of the settings the session did not reach, "" if it reached all."""
         if self.begun_s > self.seconds:
             return f"what begins at {self.begun_s:g} s, hands or outages, is beyond it"
         return f"less than {SHORT_S:g} s tell little" if self.seconds < SHORT_S else ""
@@ -208,7 +208,7 @@ def checked_change(
     table = to_builtins(settings)
     asked = {user.name: user.asked_npm for user in now.users}
     before = checked.missed(asked)
-    tried = islice(ranked_changes(settings, now, progress), MOST_CHANGES)
+    tried: Iterable[Change] = islice(ranked_changes(settings, now, progress), MOST_CHANGES)
     found: list[Change] = []
     if settings.playout.frames != "auto" and _draws(settings):
         tried = chain([change_to(settings, now, "playout.frames", "auto")], tried)

@@ -104,7 +104,7 @@ def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | 
 
 
 def lent_j(settings: Any) -> float | None:
-    """What each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
+    """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
     if dig(settings, "coupling", "kind") == "tdpa":
         return LENT_J
     tank_mj = dig(settings, "playout", "tank_mj")

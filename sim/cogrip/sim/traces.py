@@ -198,7 +198,7 @@ def _try(read: Callable[[End], Trace], end: End, notes: list[str]) -> Trace | No
 
 
 def _versions(records: RunRecords) -> tuple[str, ...]:
-    """What ran each end; who ran it is named where that is not the same for all."""
+    """Versions that ran each end; who ran it is named where that is not the same for all."""
     ends = {"server": records.server, **records.clients}
     found: dict[str, list[str]] = {}
     for who, end in ends.items():

@@ -43,7 +43,7 @@ class Table:
         raise unknown("column", name, self.names, where)
 
     def scale(self, at: int, units: Mapping[str, float], given: float | None, key: str) -> float:
-        """What one unit of a column is in SI: as `given`, else by the unit in its name, else 1. Raises DeviceError."""
+        """Return one unit of a column in SI: as `given`, else by the unit in its name, else 1. Raises DeviceError."""
         if given is not None:
             return given
         name = self.names[at]

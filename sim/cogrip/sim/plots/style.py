@@ -186,7 +186,7 @@ class Sheet:
 
 
 def _handle(style: Style) -> Line2D | Patch:
-    """What a legend shows: an area where the style is one, else a line."""
+    """Return the handle of a legend: an area where the style is one, else a line."""
     return Patch(**style) if "facecolor" in style else Line2D([], [], **style)
 
 

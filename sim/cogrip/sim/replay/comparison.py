@@ -1,4 +1,4 @@
-"""What is noted now, held against what was recorded: message for message, byte for byte.
+"""Comparison of what is recorded now with what was recorded: message for message, byte for byte.
 
 Files of an earlier cogrip leave out the fields that are at their defaults; these count as there.
 """
