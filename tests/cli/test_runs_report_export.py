@@ -24,6 +24,7 @@ from cogrip.sim.run_list import ListedRun, list_runs
 SETTINGS: dict[str, Any] = {
     "name": "short",
     "seconds": 1.0,
+    "coupling": {"stiffness_npm": 100.0},  # felt as asked: the line is six times stiffer
     "link": {"delay_ms": 10, "loss": 0.1},
     "playout": {"frames": 2},
     "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}],
@@ -31,7 +32,7 @@ SETTINGS: dict[str, Any] = {
 IDEAL = [{"name": "anna", "device": "sim:ideal"}, {"name": "ben", "hand": "hold", "device": "sim:ideal"}]
 OTHERS: dict[str, dict[str, Any]] = {
     "20260101-120000-first": {},
-    "20260101-120001-soft": {"coupling": {"stiffness_npm": 200.0}},
+    "20260101-120001-soft": {"coupling": {"stiffness_npm": 50.0}},
     "20251231-235959-spring": {"coupling": {"kind": "coupling", "stiffness_npm": 2000.0}},
     "20260101-090000-apart": {
         "coupling": {"stiffness_npm": 1e5, "server_step": "paper"}, "link": {"delay_ms": 31.25}, "playout": {},
