@@ -119,7 +119,7 @@ def _age(seconds: float) -> str:
 
 
 def _length(seconds: float) -> str:
-    """Return that of a session."""
+    """Length of a session, in few digits."""
     return (
         f"{seconds:.1f} s" if seconds < 99.95 else f"{seconds:.0f} s" if seconds < 9999.5 else f"{seconds / 3600:.1f} h"
     )
