@@ -397,3 +397,12 @@ def test_export_overwrites_nothing(runs, capsys):
     assert main(["export", str(runs / FIRST), "--to", "csv"]) == 2
     assert f"{table} exists, and nothing is overwritten" in said(capsys)
     assert [path.name for path in (runs / FIRST).glob("*.csv")] == [table.name]
+
+
+def test_a_run_that_was_softer_than_asked_is_listed_so(tmp_path: Path) -> None:
+    folder = tmp_path / "20260101-120000-stiff"
+    folder.mkdir()
+    run_laboratory(resolve({**SETTINGS, "coupling": {"stiffness_npm": 1000.0}}), folder)
+    (found,) = list_runs(tmp_path, is_being_written)
+    assert (found.tone, found.brief) == ("warn", "softer than asked")
+    assert "softer than asked" in found.verdict

@@ -99,7 +99,7 @@ def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_
         *leaving(tmp_path / "anna"),
     ]  # fmt: skip
     person = run(*hold)
-    assert person.end() == 1, person.said
+    assert person.end() == 2, person.said
     assert f"refused: {text}; the settings are the server's; --allow-unstable" in person.said
     person = run(*hold, "--allow-unstable")
     assert person.end() == 0, person.said

@@ -43,7 +43,7 @@ MOST_MOVED = 0.01
 """Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
 STIFFNESS_JND = 0.23
 """Share by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
-SOFTER = "Softer than asked for"
+SOFTER, SOFTER_BRIEF = "Softer than asked for", "softer than asked"
 LEAST_FELT_N = 0.05
 """Peak force below which a hand has felt nothing: about the smallest that a finger notices."""
 
@@ -286,7 +286,7 @@ def felt(summary: Summary) -> Judgement:
     if not any((_value(row, "peak_force_n") or 0.0) >= LEAST_FELT_N for row in held):
         return Judgement("felt as intended", "warn", "Nothing was felt: no hand met a force.")
     if softer := _softer(held):
-        return Judgement("felt as intended", "warn", f"{SOFTER}: {softer}.", "softer than asked")
+        return Judgement("felt as intended", "warn", f"{SOFTER}: {softer}.", SOFTER_BRIEF)
     return Judgement("felt as intended", "good", f"Felt as intended{_stiffness(held)}.")
 
 

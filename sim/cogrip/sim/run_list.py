@@ -12,7 +12,7 @@ from cogrip.protocol.messages import all_shown, shown
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
-from cogrip.sim.judgement import Judgement, Tone, came, judgements, stable, unjudged
+from cogrip.sim.judgement import SOFTER_BRIEF, Judgement, Tone, came, judgements, stable, unjudged
 from cogrip.sim.run_folder import SETTINGS, SUMMARY, client_recording
 from cogrip.sim.run_kind import Kind, Word, comparison_words, is_comparison, kind_of
 from cogrip.sim.summary_values import Summary, dig, is_number, name_of, people
@@ -187,6 +187,8 @@ def _of_summary(summary: Summary) -> Iterator[Word]:
 def _short(judgement: Judgement, summary: Summary) -> str:
     """The word for a judgement that is not good."""
     if judgement.name == "felt as intended":
+        if judgement.brief == SOFTER_BRIEF:
+            return SOFTER_BRIEF
         return "not as intended" if judgement.brief else "not known"
     if judgement.tone == "warn":
         return "not known"
