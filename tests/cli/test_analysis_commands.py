@@ -56,7 +56,7 @@ def test_limit_is_the_contract_to_the_letter(capsys) -> None:
 
 @pytest.mark.parametrize("more", [[], ["--set", "link.delay_ms=60"], ["--set", "coupling.kind=coupling"]])
 def test_advice_and_limit_and_sweep_name_one_stiffness(capsys, tmp_path: Path, more: list[str]) -> None:
-    """Whoever asks up to which K a session is stable is told the same, and that it is of the estimated velocity."""
+    """All three tell the same K up to which a session is stable, and that it is of the estimated velocity."""
     advised = answer(capsys, "advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
     limit = answer(capsys, "stability", "limit", DEMO, *more)["largest_stable_stiffness_npm"]
     assert 0.0 < limit < 1e4

@@ -114,6 +114,8 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
                     live.console.print(
                         f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}"
                     )
+        if not console.is_terminal:
+            console.print()  # a live table ends its last line on terminals alone
     finally:
         children = {"server": server, **clients}
         for name in end_all(children, ["server"]):
