@@ -5,6 +5,7 @@ usage: python3 dev.py COMMAND [ARGS...]
   setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable
   demo       set up, then `cogrip demo ARGS`
   test       set up, then `pytest ARGS`; without ARGS the whole suite, on two processes
+  bench      set up, then a benchmark: `python3 dev.py bench --help` lists them
   lint       set up, then check format, style, types and import contracts
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
   run        set up, then any command of the environment: `python3 dev.py run cogrip --help`
@@ -72,6 +73,11 @@ def test(*args: str) -> int:
     return setup() or _become("pytest", *(args or ("-n", "2", "--dist", "worksteal")))
 
 
+def bench(*args: str) -> int:
+    os.chdir(ROOT)
+    return setup() or _become("python", "-m", "tests.bench", *args)
+
+
 def lint(*args: str) -> int:
     """Run every linter, also after one has failed, and name the ones that did."""
     if args:
@@ -121,6 +127,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "setup": setup,
     "demo": demo,
     "test": test,
+    "bench": bench,
     "lint": lint,
     "rerecord": rerecord,
     "run": run,

@@ -29,7 +29,7 @@ pytest.register_assert_rewrite(
     "tests.protocol.foreign_peers",
     "tests.protocol.spec_page",
     "tests.protocol.two_ends",
-    "tests.server.fuzzed_doors",
+    "tests.server.fuzzed_channels",
     "tests.server.recorded_rooms",
-    "tests.server.sealed_wire",
+    "tests.server.encrypted_network",
 )

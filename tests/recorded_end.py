@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from cogrip.client.recorded import RecordedClient
+from cogrip.client.recorder import RecordedClient
 from cogrip.protocol import messages
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Heartbeat, Power, Stamp, State, Waves
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.sink import Held, encode
-from cogrip.server.recorded import RecordedServer
-from cogrip.sim.replay.verify import Verdict, verify
+from cogrip.server.recorder import RecordedServer
+from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.recording_files import written
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.shipped_settings import shipped
+from cogrip.cli.session.shipped_settings import shipped
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
@@ -89,7 +89,7 @@ def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
 def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
     ran_in(folder, "lab", shipped("demo"), "--set", "seconds=0.5", "--runs", tmp_path / "runs")
     (run,) = (tmp_path / "runs").iterdir()
-    at_once = "import os, cogrip.cli.replay\ncogrip.cli.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
+    at_once = "import os, cogrip.cli.runs.replay\ncogrip.cli.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
     assert "bit by bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)
 
 

@@ -76,7 +76,7 @@ def test_drivers_are_the_same_in_both_contracts() -> None:
     protected = next(contract for contract in contracts if contract["type"] == "protected")
     drivers = {line.split(" -> ")[0].removesuffix(".**") for line in excused["ignore_imports"]}
     assert drivers == set(protected["protected_modules"])
-    knows_of_stop = {"cogrip.sim.lab_run"}
+    knows_of_stop = {"cogrip.sim.runs.laboratory_run"}
     makes_drivers = {"cogrip.devices.*.family"}
     assert set(protected["allowed_importers"]) <= drivers | knows_of_stop | makes_drivers | {"cogrip.cli"}
 

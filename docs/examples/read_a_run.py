@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from cogrip.sim.records import open_run
+from cogrip.sim.runs.records import open_run
 
 run = open_run(sys.argv[1] if len(sys.argv) > 1 else "runs/20260101-120000-demo")
 print("people:", ", ".join(run.clients), "| notes:", run.notes or "none")

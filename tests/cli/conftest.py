@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.cli.main import main
 from cogrip.protocol.settings import resolve
-from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.cli.spoiled_runs import Cogrip
 

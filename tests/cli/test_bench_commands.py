@@ -10,17 +10,17 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cogrip.cli import bench_concealment, bench_playout, bench_storms
-from cogrip.cli.bench_concealment import FULL_S, MOST_PEAK, shortfalls
 from cogrip.protocol.io.stop import Stop
-from cogrip.sim.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
-from cogrip.sim.playout_trial import Arrivals, NothingCameError, fixed_delays
-from cogrip.sim.storms.cell import Job
-from cogrip.sim.storms.matrix import LooseRow, Matrix, rows, wrong
-from cogrip.sim.storms.matrix import Row as StormRow
-from cogrip.sim.sweep.cell import Result
-from cogrip.sim.sweep.local import LocalWorkers
+from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 
+from tests.bench import bench_concealment, bench_playout, bench_storms
+from tests.bench.bench_concealment import FULL_S, MOST_PEAK, shortfalls
+from tests.bench.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
+from tests.bench.playout_trial import Arrivals, NothingCameError, fixed_delays
+from tests.bench.storms.case import Job
+from tests.bench.storms.matrix import LooseRow, Matrix, rows, wrong
+from tests.bench.storms.matrix import Row as StormRow
 from tests.cli.spoiled_runs import Cogrip
 
 TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), 0.0, "")

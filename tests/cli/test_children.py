@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.children import how_ended, listening_port, stated_reason
-from cogrip.cli.problem import Problem
+from cogrip.cli.session.children import how_ended, listening_port, stated_reason
+from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.io.stop import Stop
 
 LOGS = {

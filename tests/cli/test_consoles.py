@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.terminal_console import make_console
+from cogrip.cli.terminal.console import make_console
 
 CLI = Path(__file__).resolve().parents[2] / "cli" / "cogrip" / "cli"
 PLACE = "terminal_console.py"

@@ -13,8 +13,8 @@ from types import SimpleNamespace
 
 import pytest
 
-import cogrip.cli.device_find as find
-from cogrip.cli.device_list import NOT_RUN
+import cogrip.cli.devices.find as find
+from cogrip.cli.devices.listing import NOT_RUN
 from cogrip.devices.device import DeviceError
 from cogrip.devices.hid.enumeration import Found
 from cogrip.devices.hid.variants import MBED_ID, TEENSY_ID, USAGE, VARIANTS

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.before_run import together
-from cogrip.protocol.expected import expects, plain, unit_of
+from cogrip.cli.session.before_run import together
+from cogrip.protocol.setting_errors import expects, plain, unit_of
 
 from tests.cli.spoiled_runs import Cogrip
 

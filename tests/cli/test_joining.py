@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cogrip.cli import join
-from cogrip.cli.look_on import Every, line, table
-from cogrip.cli.problem import BadInput
-from cogrip.client.io.calls import Calls
+from cogrip.cli.session import join
+from cogrip.cli.session.observe import Every, line, table
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.client.io.paths import Calls
 from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.device import Device
 from cogrip.protocol import messages
 from cogrip.protocol.channel import PlainChannel
-from cogrip.protocol.io.sealed_call import SealedCall
+from cogrip.protocol.io.dtls_client import SealedCall
 from cogrip.protocol.messages import Hello, Stamp, View, Welcome
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import resolve, seat_settings

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.log_lines import LONGEST_BYTES, LONGEST_TEXT, WARNINGS, LogLines
-from cogrip.server.happenings import EVENTS, Happening
+from cogrip.cli.session.log_lines import LONGEST_BYTES, LONGEST_TEXT, WARNINGS, LogLines
+from cogrip.server.events import EVENTS, Happening
 
 AT = datetime(2026, 3, 4, 5, 6, 7, 89_500, tzinfo=timezone(timedelta(hours=1)))
 JOINED = Happening("joined", "lab: anna joined from 10.0.0.7:5", "lab", "anna", "10.0.0.7:5", token="k3")
@@ -98,7 +98,7 @@ def test_a_stream_that_was_closed_is_counted():
 
 SPEAKER = """
 import sys
-from cogrip.cli.log_lines import LogLines
+from cogrip.cli.session.log_lines import LogLines
 lines = LogLines(sys.argv[1])
 sys.stdin.readline()
 for number in range(int(sys.argv[2])):

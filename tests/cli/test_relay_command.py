@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cogrip.cli.relay import PIPED_WIDTH, _table
+from cogrip.cli.session.relay import PIPED_WIDTH, _table
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
-from cogrip.sim.configured_link import configured_link
-from cogrip.sim.io.relay_loop import LiveRelay
-from cogrip.sim.relay import Relay
+from cogrip.sim.session.configured_link import configured_link
+from cogrip.sim.session.io.relay_loop import LiveRelay
+from cogrip.sim.session.relay import Relay
 
 from tests.cli.spoiled_runs import Cogrip
 from tests.free_ports import free_port

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from cogrip.cli import join
-from cogrip.cli.problem import BadInput
+from cogrip.cli.session import join
+from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices import Device
 from cogrip.protocol.messages import Hello
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.sim.records import open_run
+from cogrip.sim.runs.records import open_run
 
 from tests.cli.spoiled_runs import FILES, Cogrip
 

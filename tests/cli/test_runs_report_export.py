@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.cli.main import main
-from cogrip.cli.runs import _size
+from cogrip.cli.runs.listing import _size
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.settings import resolve
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.records import open_run
-from cogrip.sim.run_list import ListedRun, list_runs
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.listing import ListedRun, list_runs
+from cogrip.sim.runs.records import open_run
 
 SETTINGS: dict[str, Any] = {
     "name": "short",

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.cli.settings_file import load
-from cogrip.cli.shipped_settings import shipped, shipped_names, summary_of
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped, shipped_names, summary_of
 
 from tests.cli.spoiled_runs import Cogrip
 
@@ -125,7 +125,7 @@ def test_a_wheel_holds_them_once_and_no_second_copy_is_in_the_tree(
     assert held == {f"cogrip/cli/configs/{name}.toml" for name in shipped_names()}
     assert not (ROOT / "cli/cogrip/cli/configs").exists()
     zipfile.ZipFile(wheel).extractall(tmp_path / "installed")
-    monkeypatch.setattr("cogrip.cli.shipped_settings.files", lambda package: tmp_path / "installed/cogrip/cli")
+    monkeypatch.setattr("cogrip.cli.session.shipped_settings.files", lambda package: tmp_path / "installed/cogrip/cli")
     assert shipped("demo").is_relative_to(tmp_path)
     assert load(Path("demo")) == load(CONFIGS / "demo.toml")
     assert main(["configs", "show", "lan"]) == 0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.shipped_settings import shipped
+from cogrip.cli.session.shipped_settings import shipped
 
 from tests.cli.spoiled_runs import Cogrip
 

@@ -11,27 +11,29 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
 
-from cogrip.cli import device_check, runs, token_list, who
-from cogrip.cli.compared_table import compared_table
-from cogrip.cli.device_list import device_list
-from cogrip.cli.fitted import say, wrapped
-from cogrip.cli.live_table import LiveTable
-from cogrip.cli.live_views import JoinTable, JoinView, ServeTable, ServeView
-from cogrip.cli.methods_table import methods_table
-from cogrip.cli.relay import _status, _table
-from cogrip.cli.summary_table import terminal_summary
+from cogrip.cli.admin import token_list, who
+from cogrip.cli.devices.commands import check as device_check
+from cogrip.cli.devices.listing import device_list
+from cogrip.cli.runs.compared_table import compared_table
+from cogrip.cli.runs.listing import listing as runs
+from cogrip.cli.runs.summary_table import terminal_summary
+from cogrip.cli.session.live_table import LiveTable
+from cogrip.cli.session.live_views import JoinTable, JoinView, ServeTable, ServeView
+from cogrip.cli.session.relay import _status, _table
+from cogrip.cli.study.methods_table import methods_table
+from cogrip.cli.terminal.tables import say, wrapped
 from cogrip.devices.arm.check import Row
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
-from cogrip.server.present import Present
+from cogrip.server.roster import Present
 from cogrip.server.tokens import Token
-from cogrip.sim.comparison import differences
-from cogrip.sim.configured_link import configured_link
-from cogrip.sim.io.relay_loop import LiveRelay
-from cogrip.sim.methods.table import TABLE
-from cogrip.sim.relay import Relay
-from cogrip.sim.run_list import ListedRun
+from cogrip.sim.experiments.methods.table import TABLE
+from cogrip.sim.runs.comparison import differences
+from cogrip.sim.runs.listing import ListedRun
+from cogrip.sim.session.configured_link import configured_link
+from cogrip.sim.session.io.relay_loop import LiveRelay
+from cogrip.sim.session.relay import Relay
 
 WIDTHS = [80, 120]
 PEOPLE = ("Maximiliana-Josephine von Hohenstein", "b", "日本語の名前とても長い", "d" * 40, "e f", "g", "h", "i")

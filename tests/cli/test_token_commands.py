@@ -12,8 +12,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.cli.problem import BadInput
-from cogrip.cli.token_new import expiry
+from cogrip.cli.admin.token_new import expiry
+from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.server.admission import Grant
 from cogrip.server.io import control as control_module
@@ -383,7 +383,7 @@ def test_a_server_that_does_not_answer_is_said(token, folder, monkeypatch) -> No
     _, one = new(token)
     control = Control(folder)
     ask = control_module.ask
-    monkeypatch.setattr("cogrip.cli.token_revoke.ask", lambda folder, order: ask(folder, order, 0.01))
+    monkeypatch.setattr("cogrip.cli.admin.token_revoke.ask", lambda folder, order: ask(folder, order, 0.01))
     code, out, err = token("revoke", one)
     control.close()
     assert code == 1

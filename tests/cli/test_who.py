@@ -10,7 +10,7 @@ import pytest
 
 from cogrip.server.io.control import Control, Who
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
-from cogrip.server.present import Present
+from cogrip.server.roster import Present
 
 from tests.cli.spoiled_runs import Cogrip
 

@@ -4,11 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cogrip.client.recorded import KINDS, RecordedClient, client_topics
+from cogrip.client.recorder import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import Percentiles, TickCount
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Farewell, Refuse, Stamp, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello

@@ -10,7 +10,7 @@ from cogrip.client.device_port import BarePort
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Stamp, Waves, Welcome
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import make_hello

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cogrip.client.recorded import ACCOUNT, COMMAND, DATAGRAM_OUT, EVENT, TICK, client_topics
+from cogrip.client.recorder import ACCOUNT, COMMAND, DATAGRAM_OUT, EVENT, TICK, client_topics
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Waves

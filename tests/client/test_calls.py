@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from cogrip.client.dialler import AGAIN_NS, REFUSED_NS, SPARE_NS
-from cogrip.client.io.calls import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, Calls, JoinError, Server, find
+from cogrip.client.io.paths import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, Calls, JoinError, Server, find
+from cogrip.client.path_migration import AGAIN_NS, REFUSED_NS, SPARE_NS
 from cogrip.protocol.channel import PEER, Address, Channel, PlainChannel
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.session import GIVE_UP_NS, ClientSession, make_hello

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.core import RECKON_S
-from cogrip.client.rest import REST_S, RestStiffness
+from cogrip.client.felt_stiffness import REST_S, RestStiffness
 from cogrip.protocol import messages
-from cogrip.protocol.concealment import FASTEST
+from cogrip.protocol.line.concealment import FASTEST
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
 from cogrip.protocol.settings import resolve
-from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.session.laboratory import Laboratory
 
 from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, walk
 

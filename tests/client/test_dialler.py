@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.dialler import AGAIN_NS, REFUSED_NS, SPARE_NS, Dialler
+from cogrip.client.path_migration import AGAIN_NS, REFUSED_NS, SPARE_NS, Dialler
 
 MS = 1_000_000
 

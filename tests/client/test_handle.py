@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from cogrip.client.handle import ARMING_S, MOST_GAP_TICKS, SETTLED_S, Handle
 from cogrip.client.safety import Safety
+from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, Handle
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.registry import make
 

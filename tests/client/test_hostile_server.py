@@ -9,7 +9,7 @@ from cogrip.client.core import ClientCore
 from cogrip.client.safety import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 from cogrip.protocol import messages
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import PROTOCOL_VERSION, Leave, Power, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
 from cogrip.protocol.session import make_hello

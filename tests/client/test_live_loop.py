@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cogrip.client import loop
-from cogrip.client.io.calls import JoinError
+from cogrip.client.io.paths import JoinError
 from cogrip.client.loop import Ended, LiveClient, let_go
 from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
@@ -18,7 +18,7 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Leave, Welcome
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import digest, resolve, seat_settings
-from cogrip.sim.link import LinkEmulator
+from cogrip.sim.session.link import LinkEmulator
 
 from tests.client.seated_client import DEVICE_HZ, capability
 

@@ -9,7 +9,7 @@ import pytest
 from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.registry import make
 from cogrip.protocol.settings import resolve
-from cogrip.sim.laboratory import Laboratory, Person
+from cogrip.sim.session.laboratory import Laboratory, Person
 
 RATE_HZ = 1024
 BEGIN = 700  # tick at which anna's device begins to lie

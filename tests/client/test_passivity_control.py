@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
+from cogrip.protocol.line.energy_sums import RunningSum
 from cogrip.protocol.messages import Power, Stamp, State
-from cogrip.protocol.power import CHARGE_UP_J, LENT_J
-from cogrip.protocol.running_sum import RunningSum
+from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
 
 from tests.client.seated_client import T_C, T_N, Client, M, walk

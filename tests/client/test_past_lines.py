@@ -8,7 +8,7 @@ from cogrip.client.past_lines import PastLines
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.accounts import PlayoutAccount, TickCount
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings

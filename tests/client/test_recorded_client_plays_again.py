@@ -11,7 +11,7 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.recorded import COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, KINDS, TICK, RecordedClient, start_of
+from cogrip.client.recorder import COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, KINDS, TICK, RecordedClient, start_of
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Welcome
 from cogrip.protocol.recording.records import Command, Datagram, Tick

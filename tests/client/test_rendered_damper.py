@@ -6,8 +6,8 @@ import msgspec
 import pytest
 
 from cogrip.client.core import ClientCore
-from cogrip.client.handle import Handle
 from cogrip.client.rendered_damper import OverloadError, is_carried, refusal, rounded_down
+from cogrip.client.supervised_device import Handle
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.concealment import LEAST_SHARE
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.concealment import LEAST_SHARE
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import resolve, seat_settings
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from itertools import pairwise
 
-from cogrip.client.handle import Handle
+from cogrip.client.supervised_device import Handle
 from cogrip.devices.device import Device
 from cogrip.protocol.rates import due_ns
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cogrip.client.recorded import client_topics, start_text
+from cogrip.client.recorder import client_topics, start_text
 from cogrip.devices import make
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.header import Header, versions_here

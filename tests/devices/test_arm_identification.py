@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.handle import Handle
+from cogrip.client.supervised_device import Handle
 from cogrip.devices.arm import identification
 from cogrip.devices.arm.identification import Bounds, everywhere, fit, force_within, identify
 from cogrip.devices.arm.pose import OwnLosses

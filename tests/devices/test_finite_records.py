@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.client.recorded import capability_of, start_of, start_text
+from cogrip.client.recorder import capability_of, start_of, start_text
 from cogrip.devices.arm.models import MODELS as ARMS
 from cogrip.devices.conformance import Subject, UnfitError, record_is_complete
 from cogrip.devices.device import LARGEST, SLEW_NPS, SPEED_MPS, Capability, DeviceError, check_rate

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 from scipy.signal import savgol_coeffs
 
-from cogrip.client.recorded import client_topics, start_text
+from cogrip.client.recorder import client_topics, start_text
 from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
 from cogrip.devices.simulated.relived_hand import make_relived
@@ -26,9 +26,9 @@ from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import resolve
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.records import RunRecords, open_run
-from cogrip.sim.replay.what_if import what_if
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import RunRecords, open_run
+from cogrip.sim.runs.replay.what_if import what_if
 
 RATE_HZ = 1024
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"

@@ -13,15 +13,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.cli.network_flood import MIX, Flood, Job, samples_of
-from cogrip.cli.network_load import Load, Person
-from cogrip.cli.settings_file import load
-from cogrip.protocol.io.sealed_call import SealedCall
+from cogrip.cli.session.settings_file import load
+from cogrip.protocol.io.dtls_client import SealedCall
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
-from cogrip.server.gate import LIMITS
+from cogrip.server.rate_limit import LIMITS
 
+from tests.bench.network_flood import MIX, Flood, Job, samples_of
+from tests.bench.network_load import Load, Person
 from tests.live.held_arms import DEMO, Spoken, fairly
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="loopback has one address elsewhere, and no thousand")

@@ -2,7 +2,7 @@
 
 import signal
 
-from cogrip.protocol.power import LENT_J
+from cogrip.protocol.passivity_control import LENT_J
 
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, accounted, leaving, replayed, summary_in
 

@@ -14,8 +14,8 @@ import pytest
 from cogrip.protocol.messages import HELLO_BYTES
 from cogrip.protocol.recording.reader import Follower, RecordingError, open_recording
 from cogrip.protocol.recording.records import Step
-from cogrip.server.recorded import step_topic
-from cogrip.sim.replay.verify import Verdict, verify
+from cogrip.server.recorder import step_topic
+from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.free_ports import free_port
 from tests.live.held_arms import until

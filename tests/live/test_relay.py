@@ -14,7 +14,7 @@ import pytest
 
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.settings import resolve
-from cogrip.sim.link import Fate, fates
+from cogrip.sim.session.link import Fate, fates
 
 from tests.free_ports import free_port
 from tests.live.conftest import LIMIT_S, Process

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from cogrip.protocol.concealment import CONCEALMENTS, FASTEST, LINGER, SKIM, STOCK, Concealed
-from cogrip.protocol.line import LineReceiver
-from cogrip.protocol.line_sender import Frame
+from cogrip.protocol.line.concealment import CONCEALMENTS, FASTEST, LINGER, SKIM, STOCK, Concealed
+from cogrip.protocol.line.receiver import LineReceiver
+from cogrip.protocol.line.sender import Frame
 
 from tests.protocol.test_line import FRAME_S, TOLERANCE, Books, Road, drive, hand, noise
 

@@ -5,7 +5,7 @@ from math import inf
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.energy_reserve import EnergyReserve, known
+from cogrip.protocol.line.energy_reserve import EnergyReserve, known
 
 energies = st.floats(-1e3, 1e3)
 frames = st.lists(st.tuples(st.integers(1, 5), st.none() | energies), max_size=60)

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol import line, playout
-from cogrip.protocol.line import LineReceiver
-from cogrip.protocol.line_sender import LineSender
-from cogrip.protocol.playout import AdaptivePlayout
+from cogrip.protocol.line.jitter_buffer import AdaptivePlayout
+from cogrip.protocol.line.receiver import LineReceiver
+from cogrip.protocol.line.receiver import jitter_buffer as playout
+from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line.sender import LineSender
 
 FRAME_S = 1.0 / 128.0
 A_SECOND = 512  # datagrams of one peer that a server takes in

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.latest_state import HISTORY, StateReceiver
-from cogrip.protocol.line import FURTHEST_JUMP
+from cogrip.protocol.line.receiver import FURTHEST_JUMP
 from cogrip.protocol.messages import Stamp, State
 
 

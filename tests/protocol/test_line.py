@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from cogrip.protocol import line
-from cogrip.protocol.concealment import CONCEALMENTS, FADE, REPAY_LIMIT, Concealed
-from cogrip.protocol.line import LineReceiver
-from cogrip.protocol.line_sender import Frame, LineSender
-from cogrip.protocol.playout import REALIGN_WINDOW
+from cogrip.protocol.line.concealment import CONCEALMENTS, FADE, REPAY_LIMIT, Concealed
+from cogrip.protocol.line.jitter_buffer import REALIGN_WINDOW
+from cogrip.protocol.line.receiver import LineReceiver
+from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line.sender import Frame, LineSender
 
 FRAME_S = 1.0 / 128.0
 TOLERANCE = 1e-12

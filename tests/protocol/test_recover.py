@@ -18,7 +18,7 @@ from cogrip.protocol.recording.reader import MAGIC, Message, RecordingError, ope
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.recover import Recovered, is_closed, recover
 from cogrip.protocol.recording.writer import RecordingWriter
-from cogrip.sim.replay.verify import Verdict, verify
+from cogrip.sim.runs.replay.verify import Verdict, verify
 
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 FILES = tuple(

@@ -6,14 +6,18 @@ from typing import Any
 import msgspec
 import pytest
 
-from cogrip.protocol import dtls_records, line, messages, settings
+from cogrip.protocol import dtls_records, messages, settings
 from cogrip.protocol.io import dtls
 from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
+from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.recording import reader
-from cogrip.server import gate, limits, loop, room, tokens
-from cogrip.server.gate import LIMITS, Budget
-from cogrip.server.io import control, metrics_process, sealed_channel
-from cogrip.server.limits import SeatLimits, WaveLimiter
+from cogrip.server import loop, room, tokens
+from cogrip.server import rate_limit as gate
+from cogrip.server import seat_limits as limits
+from cogrip.server.io import control, metrics_process
+from cogrip.server.io import dtls_channel as sealed_channel
+from cogrip.server.rate_limit import LIMITS, Budget
+from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 from cogrip.server.worlds import world
 
 from tests.protocol.spec_page import SECURITY, rows, section

@@ -13,8 +13,10 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.client import dialler, passivity_control
-from cogrip.protocol import clock, concealment, dtls_records, line, loop_meter, messages, playout, power, session
+from cogrip.client import passivity_control
+from cogrip.client import path_migration as dialler
+from cogrip.protocol import clock, dtls_records, loop_meter, messages, session
+from cogrip.protocol import passivity_control as power
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
@@ -27,22 +29,28 @@ from cogrip.protocol.accounts import (
     TickCount,
 )
 from cogrip.protocol.channel import PEER
-from cogrip.protocol.io import sealed_call
-from cogrip.protocol.io.sealed_call import SealedCall
-from cogrip.protocol.line import LineReceiver
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.io import dtls_client as sealed_call
+from cogrip.protocol.io.dtls_client import SealedCall
+from cogrip.protocol.line.receiver import LineReceiver, concealment
+from cogrip.protocol.line.receiver import jitter_buffer as playout
+from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
-from cogrip.server import gallery, gate, limits, plain_channel, room
+from cogrip.server import observers as gallery
+from cogrip.server import rate_limit as gate
+from cogrip.server import room
+from cogrip.server import seat_limits as limits
+from cogrip.server import unencrypted_channel as plain_channel
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.core import ServerCore
-from cogrip.server.gate import Gate
-from cogrip.server.io import sealed_channel
-from cogrip.server.io.sealed_channel import SealedListener
-from cogrip.server.plain_channel import PlainListener
+from cogrip.server.io import dtls_channel as sealed_channel
+from cogrip.server.io.dtls_channel import SealedListener
+from cogrip.server.rate_limit import Gate
 from cogrip.server.tokens import TokenBook
+from cogrip.server.unencrypted_channel import PlainListener
 
 from tests.protocol.spec_page import SPEC, rows, section
 

@@ -10,13 +10,13 @@ import msgspec
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
 from cogrip.protocol.recording.records import Command
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.recorded import COMMAND, KINDS, RecordedServer, server_topics
+from cogrip.server.recorder import COMMAND, KINDS, RecordedServer, server_topics
 
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 

@@ -17,7 +17,7 @@ from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Step
 from cogrip.protocol.recording.sink import encode
-from cogrip.server.recorded import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT
+from cogrip.server.recorder import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT
 
 from tests.recorded_end import (
     a_missing_message_is_found,

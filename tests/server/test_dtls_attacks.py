@@ -10,8 +10,8 @@ import pytest
 from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
 
 from cogrip.protocol.channel import PEER, Address
-from cogrip.server.io import sealed_channel
-from cogrip.server.io.sealed_channel import HELLO_WAITS_NS, MOST_REPEATS, MOST_SHAKING, MOST_UNSEATED, WAITS_NS
+from cogrip.server.io import dtls_channel as sealed_channel
+from cogrip.server.io.dtls_channel import HELLO_WAITS_NS, MOST_REPEATS, MOST_SHAKING, MOST_UNSEATED, WAITS_NS
 
 from tests.dtls_peer.attack import ATTACKS, HalfOpen
 from tests.dtls_peer.client import DtlsPeer, PeerError
@@ -29,7 +29,7 @@ from tests.dtls_peer.records import (
     decode_records,
     whole,
 )
-from tests.server.sealed_wire import ANNA, BEN, FAULTS, Wire
+from tests.server.encrypted_network import ANNA, BEN, FAULTS, Wire
 
 MALLORY: Address = ("10.66.6.6", 666)
 

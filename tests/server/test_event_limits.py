@@ -6,10 +6,10 @@ import pytest
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.server.core import ServerCore
-from cogrip.server.gate import Gate
-from cogrip.server.happenings import EVENTS, OF_STRANGERS, Happening
+from cogrip.server.events import EVENTS, OF_STRANGERS, Happening
 from cogrip.server.loop import TOLD, LiveServer
-from cogrip.server.plain_channel import PlainListener
+from cogrip.server.rate_limit import Gate
+from cogrip.server.unencrypted_channel import PlainListener
 
 FLOOD = 1024
 

@@ -26,8 +26,8 @@ from cogrip.server.io import metrics_process
 from cogrip.server.io.metrics_families import families
 from cogrip.server.io.metrics_feed import START_AGAIN_NS, MetricsError, MetricsFeed, open_metrics
 from cogrip.server.io.metrics_process import MOST_AT_ONCE
-from cogrip.server.limits import Record
 from cogrip.server.room import Room
+from cogrip.server.seat_limits import Record
 from cogrip.server.snapshot import (
     FRESH_NS,
     REFRESHED_ROOMS,

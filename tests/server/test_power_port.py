@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.messages import Power, Stamp, State
-from cogrip.protocol.power import CHARGE_DOWN_J, LENT_J
+from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.limits import BURST_S, SeatLimits
 from cogrip.server.power_port import PowerPort
 from cogrip.server.room import Room
+from cogrip.server.seat_limits import BURST_S, SeatLimits
 from cogrip.server.worlds.power import PowerWorld
 
 T = 1 / 128

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.worlds.few import FewGripWorld
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE, Led, PowerWorld
+from cogrip.server.worlds.small_room import FewGripWorld
 
 T = 1 / 128
 

@@ -5,11 +5,11 @@ from math import isfinite
 import pytest
 
 from cogrip.protocol import messages
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.settings import resolve
-from cogrip.server.limits import Record
 from cogrip.server.room import Room
+from cogrip.server.seat_limits import Record
 from cogrip.server.worlds.world import REACH_M
 
 FRAME_NS = 7_812_500

@@ -12,7 +12,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Command, Datagram
 from cogrip.protocol.session import LOST_NS
-from cogrip.server.recorded import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, RecordedServer, start_of
+from cogrip.server.recorder import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, RecordedServer, start_of
 
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKET, TOKEN, Server, a_room

@@ -15,7 +15,7 @@ from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, digest, resolve
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.room import Address
-from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.session.laboratory import Laboratory
 
 FRAME_NS = 1_000_000_000 // 128
 

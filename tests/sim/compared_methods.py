@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.methods.cell import Job, run_cell
-from cogrip.sim.methods.question import Comparison, prepare
-from cogrip.sim.sweep.cell import Result
+from cogrip.sim.experiments.methods.case import Job, run_cell
+from cogrip.sim.experiments.methods.query import Comparison, prepare
+from cogrip.sim.experiments.sweep.case import Result
 
 TWO: dict[str, Any] = {
     "name": "two",

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.sim.reported_runs import SETTINGS
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from rich.console import Console
 
-from cogrip.cli.summary_table import terminal_summary
-from cogrip.sim.report import render, write_report
-from cogrip.sim.traces import load_run
+from cogrip.cli.runs.summary_table import terminal_summary
+from cogrip.sim.runs.report.page import render, write_report
+from cogrip.sim.runs.traces import load_run
 
 SETTINGS: dict[str, Any] = {
     "name": "short",

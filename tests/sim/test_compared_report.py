@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.compared_report import compare, is_comparison, write_comparison
-from cogrip.sim.comparison import (
+from cogrip.sim.runs.comparison import (
     MOST_RUNS,
     NOT_SET,
     ComparisonError,
@@ -28,11 +27,12 @@ from cogrip.sim.comparison import (
     labels_of,
     settings_differences,
 )
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.plots import compared as plots
-from cogrip.sim.plots.style import colour, shade
-from cogrip.sim.report import write_report
-from cogrip.sim.traces import Run, load_run
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots import compared as plots
+from cogrip.sim.runs.plots.style import colour, shade
+from cogrip.sim.runs.report.compared import compare, is_comparison, write_comparison
+from cogrip.sim.runs.report.page import write_report
+from cogrip.sim.runs.traces import Run, load_run
 
 SCRIPT = "<script>alert(1)</script>"
 SETTINGS: dict[str, Any] = {

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.bench_concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfalls
 from cogrip.protocol.settings import resolve
-from cogrip.sim.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out
+
+from tests.bench.bench_concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfalls
+from tests.bench.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out
 
 SETUP = Setup(seconds=30.0)
 CONFIG = Path(__file__).parents[2] / "configs" / "storm.toml"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.sim.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
-from cogrip.sim.link import LinkEmulator
+from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace, TraceError, read_trace
+from cogrip.sim.session.link import LinkEmulator
 
 from tests.sim.test_link import MS, Profile
 

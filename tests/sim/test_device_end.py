@@ -14,7 +14,7 @@ from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.registry import make, stand_ins
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.session.laboratory import Laboratory
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 RATE_HZ = 1024
@@ -132,7 +132,7 @@ class Unlike:
 
 @pytest.fixture
 def unlike(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    from cogrip.sim import laboratory
+    from cogrip.sim.session import laboratory
 
     made = laboratory.make_for
 

@@ -15,7 +15,7 @@ from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.protocol.settings import resolve
-from cogrip.sim.laboratory import Laboratory, Person
+from cogrip.sim.session.laboratory import Laboratory, Person
 
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")

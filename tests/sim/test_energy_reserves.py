@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from cogrip.cli.live_table import LiveTable
-from cogrip.protocol.power import LENT_J
+from cogrip.cli.session.live_table import LiveTable
+from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.judgement import passive
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.plots import compared
-from cogrip.sim.plots.energy import energies
-from cogrip.sim.summary import of_laboratory
-from cogrip.sim.summary_values import sittings
-from cogrip.sim.traces import Run, load_run
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots import compared
+from cogrip.sim.runs.plots.energy import energies
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.summary_values import sittings
+from cogrip.sim.runs.traces import Run, load_run
+from cogrip.sim.runs.verdict import passive
+from cogrip.sim.session.laboratory import Laboratory
 
 from tests.sim.reported_runs import printed
 

@@ -29,9 +29,10 @@ from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, Person, linear_session, seat_session
 from cogrip.sim.analysis.rigid_motion import Rigid
 from cogrip.sim.analysis.stability import largest_stable, verdict
-from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.summary import of_laboratory
-from cogrip.sim.velocity.session import LOOSE, EstimatingPlant
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.bench.velocity.session import LOOSE, EstimatingPlant
 
 T_C = 1.0 / 1024
 FRAME_MS = 1000.0 / 128

@@ -16,19 +16,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.recorded import client_topics
+from cogrip.client.recorder import client_topics
 from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
-from cogrip.server.recorded import server_topics
-from cogrip.sim import export as export_module
-from cogrip.sim.export import ExportError, Format, export
-from cogrip.sim.flat_records import shape_of
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.records import open_run
+from cogrip.server.recorder import server_topics
+from cogrip.sim.runs import export as export_module
+from cogrip.sim.runs.export import ExportError, Format, export
+from cogrip.sim.runs.flat_records import shape_of
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import open_run
 
 SETTINGS: dict[str, Any] = {
     "name": "short",

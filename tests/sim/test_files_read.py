@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.files_read import UNREADABLE, files_read
-from cogrip.sim.lab_run import run_laboratory
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.session.input_files import UNREADABLE, files_read
 
 
 def user(**changes: object) -> dict[str, object]:

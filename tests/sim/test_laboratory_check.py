@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim import laboratory_check
 from cogrip.sim.analysis.advice import advise
 from cogrip.sim.analysis.advice_change import Change, Score
 from cogrip.sim.analysis.stiffest import SHARES, stiffest
-from cogrip.sim.laboratory_check import Check, check, checked_change, checked_stiffest, words
+from cogrip.sim.session import laboratory_check
+from cogrip.sim.session.laboratory_check import Check, check, checked_change, checked_stiffest, words
 
 WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0}
 

@@ -17,7 +17,7 @@ from cogrip.client.velocity import AlphaBeta
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
-from cogrip.protocol.delays import one_way
+from cogrip.protocol.line.delays import one_way
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.worlds.grip import GripWorld

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.sim import link
-from cogrip.sim.link import LinkEmulator, fates
+from cogrip.sim.session import link
+from cogrip.sim.session.link import LinkEmulator, fates
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cogrip.cli.settings_file import load
+from cogrip.cli.session.settings_file import load
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.world import World
-from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.plots.style import colour
-from cogrip.sim.summary import of_laboratory
-from cogrip.sim.traces import MOST_PEOPLE
+from cogrip.sim.runs.plots.style import colour
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.traces import MOST_PEOPLE
+from cogrip.sim.session.laboratory import Laboratory
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 T = 1.0 / 128.0

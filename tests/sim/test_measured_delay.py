@@ -10,10 +10,10 @@ from cogrip.client.core import ClientCore
 from cogrip.devices.simulated.hands import DirectedHand, ImpedanceSettings
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.settings import resolve
-from cogrip.sim.laboratory import Laboratory, Person
-from cogrip.sim.link import LinkEmulator
-from cogrip.sim.report_tables import people_table
-from cogrip.sim.summary import of_laboratory
+from cogrip.sim.runs.report.tables import people_table
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.session.laboratory import Laboratory, Person
+from cogrip.sim.session.link import LinkEmulator
 
 FRAME_MS = 7.8125
 TICK_MS = 1000.0 / 1024.0

@@ -19,9 +19,9 @@ from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.merge import merge
-from cogrip.sim.records import End, open_run
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.merge import merge
+from cogrip.sim.runs.records import End, open_run
 
 MS = 1_000_000
 EPOCH_NS = 1_700_000_000 * 10**9  # of UTC

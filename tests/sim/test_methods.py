@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import coupling_of, rates_of, resolve
-from cogrip.sim.methods import cell as cells_module
-from cogrip.sim.methods import question
-from cogrip.sim.methods.cell import run_cell, run_session
-from cogrip.sim.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
-from cogrip.sim.methods.hand import FADE_S, RestingHand, let_rest
-from cogrip.sim.methods.measures import (
+from cogrip.sim.experiments.methods import case as cells_module
+from cogrip.sim.experiments.methods import query as question
+from cogrip.sim.experiments.methods.case import run_cell, run_session
+from cogrip.sim.experiments.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
+from cogrip.sim.experiments.methods.hand import FADE_S, RestingHand, let_rest
+from cogrip.sim.experiments.methods.measures import (
     ACTIVE_SHARE,
     COLUMNS,
     LAST_S,
@@ -35,7 +35,7 @@ from cogrip.sim.methods.measures import (
     read,
     swing_n,
 )
-from cogrip.sim.methods.method import (
+from cogrip.sim.experiments.methods.method import (
     CLEAN,
     METHODS,
     NETWORKS,
@@ -45,10 +45,10 @@ from cogrip.sim.methods.method import (
     ideal_settings,
     session_settings,
 )
-from cogrip.sim.methods.question import prepare
-from cogrip.sim.methods.table import gather, verdict
-from cogrip.sim.methods.watch import Trace, sketch
-from cogrip.sim.sweep.cell import Result
+from cogrip.sim.experiments.methods.query import prepare
+from cogrip.sim.experiments.methods.table import gather, verdict
+from cogrip.sim.experiments.methods.trace import Trace, sketch
+from cogrip.sim.experiments.sweep.case import Result
 
 from tests.sim.compared_methods import FRAME_MS, FREE, TWO, small
 

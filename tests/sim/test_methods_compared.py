@@ -11,20 +11,29 @@ from typing import Any
 
 import pytest
 
-from cogrip.cli.settings_file import load
+from cogrip.cli.session.settings_file import load
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
-from cogrip.sim.methods import question
-from cogrip.sim.methods.cell import run_cells
-from cogrip.sim.methods.measures import COLUMNS
-from cogrip.sim.methods.page import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
-from cogrip.sim.methods.question import COMPARISON, prepare, run_comparison
-from cogrip.sim.methods.table import TABLE as COLUMNS_SHOWN
-from cogrip.sim.methods.table import gather, markdown, of_probes, ours_failed, shown, spread, unstable, verdict
-from cogrip.sim.run_folder import SUMMARY
-from cogrip.sim.sweep.cell import Result
-from cogrip.sim.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
-from cogrip.sim.sweep.local import LocalWorkers
+from cogrip.sim.experiments.methods import query as question
+from cogrip.sim.experiments.methods.case import run_cells
+from cogrip.sim.experiments.methods.measures import COLUMNS
+from cogrip.sim.experiments.methods.query import COMPARISON, prepare, run_comparison
+from cogrip.sim.experiments.methods.report import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
+from cogrip.sim.experiments.methods.table import TABLE as COLUMNS_SHOWN
+from cogrip.sim.experiments.methods.table import (
+    gather,
+    markdown,
+    of_probes,
+    ours_failed,
+    shown,
+    spread,
+    unstable,
+    verdict,
+)
+from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
+from cogrip.sim.experiments.worker_pool import LocalWorkers
+from cogrip.sim.runs.folder import SUMMARY
 
 from tests.sim.compared_methods import InProcess, small
 
@@ -171,7 +180,7 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
 KILLED_AT_TWO = """
 import os, signal, sys
 from cogrip.cli.main import main
-from cogrip.sim.sweep.folder import SweepFolder
+from cogrip.sim.experiments.sweep.folder import SweepFolder
 whole = SweepFolder.add
 def add(self, *told):
     whole(self, *told)

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from cogrip.sim.methods.latex import latex
-from cogrip.sim.methods.question import FELT_SEEDS
-from cogrip.sim.methods.table import TABLE, note
+from cogrip.sim.experiments.methods.latex import latex
+from cogrip.sim.experiments.methods.query import FELT_SEEDS
+from cogrip.sim.experiments.methods.table import TABLE, note
 
 MEASURES = [column.measure for column in TABLE]
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.sim.outages import NEVER_NS, Outages
+from cogrip.sim.session.outages import NEVER_NS, Outages
 
 S = 1_000_000_000
 

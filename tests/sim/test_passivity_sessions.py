@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.passivity_control import PassivityControl
-from cogrip.protocol.power import LENT_J
+from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import SettingsError, resolve, seat_settings
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.sim.analysis.linear_session import ModelError, linear_session
-from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.summary import of_laboratory
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.session.laboratory import Laboratory
 
 FRAME_MS = 1000.0 / 128.0
 TWO = [

@@ -17,25 +17,25 @@ from matplotlib.figure import Figure
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.settings import resolve
 from cogrip.protocol.version import VERSION
+from cogrip.sim.analysis.figures.decimators import decimator_page
+from cogrip.sim.analysis.figures.feel import feel_page
+from cogrip.sim.analysis.figures.page import Page
+from cogrip.sim.analysis.figures.paper_regions import paper_settings
+from cogrip.sim.analysis.figures.region import region_page
+from cogrip.sim.analysis.figures.wall_contact import wall_page
 from cogrip.sim.analysis.linear_session import linear_session
 from cogrip.sim.analysis.measures import LIFTED
 from cogrip.sim.analysis.region import regions
-from cogrip.sim.compared_report import compare
-from cogrip.sim.figures.decimators import decimator_page
-from cogrip.sim.figures.feel import feel_page
-from cogrip.sim.figures.page import Page
-from cogrip.sim.figures.paper_regions import paper_settings
-from cogrip.sim.figures.region import region_page
-from cogrip.sim.figures.wall_contact import wall_page
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.plots.compared import compared_plots
-from cogrip.sim.plots.registry import PLOTS
-from cogrip.sim.plots.style import COLOURS, NotDrawnError, colour, person_style
-from cogrip.sim.report import render
-from cogrip.sim.sweep.cell import Result
-from cogrip.sim.sweep.grid import Grid, parse_axis
-from cogrip.sim.sweep.picture import draw_measure
-from cogrip.sim.traces import Run, load_run
+from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.sweep.grid import Grid, parse_axis
+from cogrip.sim.experiments.sweep.picture import draw_measure
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots.compared import compared_plots
+from cogrip.sim.runs.plots.registry import PLOTS
+from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError, colour, person_style
+from cogrip.sim.runs.report.compared import compare
+from cogrip.sim.runs.report.page import render
+from cogrip.sim.runs.traces import Run, load_run
 
 from tests.sim.reported_runs import Page as Tags
 

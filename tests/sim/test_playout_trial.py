@@ -4,14 +4,15 @@ from typing import Any, get_args
 
 import pytest
 
-from cogrip.protocol.delays import expected_frames, one_way
+from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.line.jitter_buffer import HYSTERESIS, cost, weight_frames
 from cogrip.protocol.link_profile import Link, LinkProfile
-from cogrip.protocol.playout import HYSTERESIS, cost, weight_frames
+from cogrip.protocol.network_profiles import ProfileName
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout, resolve
-from cogrip.protocol.weather import ProfileName
-from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.playout_trial import (
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.bench.playout_trial import (
     Arrivals,
     arrivals,
     beaten,

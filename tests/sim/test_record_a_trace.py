@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.delay_trace import read_trace
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.link import LinkEmulator
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.session.delay_trace import read_trace
+from cogrip.sim.session.link import LinkEmulator
 
 from tests.sim.test_link import MS, Profile
 

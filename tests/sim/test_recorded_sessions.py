@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.recording.reader import open_recording
-from cogrip.sim.replay.comparison import Comparison
-from cogrip.sim.replay.verify import verify
+from cogrip.sim.runs.replay.comparison import Comparison
+from cogrip.sim.runs.replay.verify import verify
 
 RECORDINGS = Path(__file__).resolve().parents[1] / "recordings"
 FILES = sorted(RECORDINGS.glob("*/*.mcap"))
@@ -36,7 +36,7 @@ def test_it_plays_again_bit_by_bit(path):
 def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
     """From the settings, not from the record: devices, hands and links are the same as well."""
     from cogrip.protocol.settings import resolve
-    from cogrip.sim.lab_run import run_laboratory
+    from cogrip.sim.runs.laboratory_run import run_laboratory
 
     table = json.loads((RECORDINGS / "laboratory" / "settings.json").read_text())
     run_laboratory(resolve(table), tmp_path)
@@ -57,7 +57,7 @@ def test_each_message_of_a_session_validates_against_the_schema_beside_it(tmp_pa
     from mcap.reader import make_reader
 
     from cogrip.protocol.settings import resolve
-    from cogrip.sim.lab_run import run_laboratory
+    from cogrip.sim.runs.laboratory_run import run_laboratory
 
     plain = jsonschema.Draft202012Validator
 

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.link_profile import Link, Way
+from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import resolve
-from cogrip.protocol.weather import PROFILES
-from cogrip.sim.configured_link import configured_link
-from cogrip.sim.laboratory import Laboratory
-from cogrip.sim.link import LinkEmulator, fates
-from cogrip.sim.relay import KEEPING_BYTES, Relay
+from cogrip.sim.session.configured_link import configured_link
+from cogrip.sim.session.laboratory import Laboratory
+from cogrip.sim.session.link import LinkEmulator, fates
+from cogrip.sim.session.relay import KEEPING_BYTES, Relay
 
 MS = 1_000_000
 ROUGH = {

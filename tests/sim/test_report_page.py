@@ -13,9 +13,9 @@ from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Tick
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.report import write_report
-from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
+from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.report.page import write_report
 
 from tests.recording_files import rewrite
 from tests.sim.reported_runs import SETTINGS, Page, page_of, printed, text_of

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.client.recorded import client_topics, start_text
+from cogrip.client.recorder import client_topics, start_text
 from cogrip.devices.registry import make
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import RecordingError, open_recording
@@ -15,10 +15,10 @@ from cogrip.protocol.recording.records import Gap, Step, Tick
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import resolve
-from cogrip.server.recorded import WHO, server_topics, step_topic
-from cogrip.server.recorded import start_text as server_start_text
-from cogrip.sim.run_folder import SERVER_RECORDING, client_recording
-from cogrip.sim.traces import load_run
+from cogrip.server.recorder import WHO, server_topics, step_topic
+from cogrip.server.recorder import start_text as server_start_text
+from cogrip.sim.runs.folder import SERVER_RECORDING, client_recording
+from cogrip.sim.runs.traces import load_run
 
 from tests.recording_files import rewrite, written
 from tests.sim.reported_runs import text_of

@@ -13,7 +13,7 @@ from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.sim.analysis.stability import largest_stable, verdict
-from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.session.laboratory import Laboratory
 
 FRAME_MS = 1000.0 / 128
 SKIPPED = 128  # frames

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from cogrip.sim.plots.spectra import coherence_of, correlations, frequencies, power_density
+from cogrip.sim.runs.plots.spectra import coherence_of, correlations, frequencies, power_density
 
 RATE_HZ = 1024.0
 

@@ -5,10 +5,11 @@ from typing import Any
 import pytest
 
 from cogrip.cli.main import main
-from cogrip.sim.storms.cell import Job, growth, radius, run_cell
-from cogrip.sim.storms.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
-from cogrip.sim.storms.room import NETWORKS, storm
-from cogrip.sim.sweep.cell import Result
+from cogrip.sim.experiments.sweep.case import Result
+
+from tests.bench.storms.case import Job, growth, radius, run_cell
+from tests.bench.storms.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
+from tests.bench.storms.room import NETWORKS, storm
 
 JOBS = [
     Job(number, network, people, K, seed, 2.0)

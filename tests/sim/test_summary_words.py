@@ -11,14 +11,14 @@ import pytest
 
 from cogrip.protocol.accounts import ClientAccount, DeviceAccount, LinkCount, Percentiles, SeatAccount, TickCount
 from cogrip.protocol.settings import resolve
-from cogrip.sim.judgement import succeeded
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.run_folder import summary_text
-from cogrip.sim.run_list import list_runs
-from cogrip.sim.summary import UserRecord, summarise
-from cogrip.sim.summary_values import energy, number, share
-from cogrip.sim.traces import load_run
-from cogrip.sim.verdict import MANY_LATE, verdict
+from cogrip.sim.runs.folder import summary_text
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.listing import list_runs
+from cogrip.sim.runs.summary import UserRecord, summarise
+from cogrip.sim.runs.summary_values import energy, number, share
+from cogrip.sim.runs.traces import load_run
+from cogrip.sim.runs.verdict import succeeded
+from cogrip.sim.runs.verdict_text import MANY_LATE, verdict
 
 from tests.sim.reported_runs import printed
 

@@ -17,15 +17,15 @@ from hypothesis import strategies as st
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.measures import LIFTED
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.plots.style import NotDrawnError
-from cogrip.sim.sweep.cell import Job, Result, run_cell, run_cells
-from cogrip.sim.sweep.folder import CELLS, MANIFEST, TABLE, FolderError, SweepFolder
-from cogrip.sim.sweep.grid import Axis, Grid, GridError, parse_axis
-from cogrip.sim.sweep.local import LocalWorkers
-from cogrip.sim.sweep.measures import MeasureError, expanded, read
-from cogrip.sim.sweep.picture import draw_measure
-from cogrip.sim.sweep.run import prepare, run_sweep
+from cogrip.sim.experiments.sweep.case import Job, Result, run_cell, run_cells
+from cogrip.sim.experiments.sweep.folder import CELLS, MANIFEST, TABLE, FolderError, SweepFolder
+from cogrip.sim.experiments.sweep.grid import Axis, Grid, GridError, parse_axis
+from cogrip.sim.experiments.sweep.measures import MeasureError, expanded, read
+from cogrip.sim.experiments.sweep.picture import draw_measure
+from cogrip.sim.experiments.sweep.run import prepare, run_sweep
+from cogrip.sim.experiments.worker_pool import LocalWorkers
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots.style import NotDrawnError
 
 TWO: dict[str, Any] = {"name": "two", "seconds": 0.5, "users": [{"name": "a"}, {"name": "b"}]}
 RADIUS = "lifted.spectral_radius"
@@ -279,7 +279,7 @@ def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
 KILLED_AT_FIVE = """
 import os, signal, sys
 from cogrip.cli.main import main
-from cogrip.sim.sweep.folder import SweepFolder
+from cogrip.sim.experiments.sweep.folder import SweepFolder
 whole = SweepFolder.add
 def add(self, *told):
     whole(self, *told)

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.sweep.cell import Job, run_cell
-from cogrip.sim.sweep.folder import CELLS, SweepFolder
-from cogrip.sim.sweep.grid import parse_axis
-from cogrip.sim.sweep.ray_cluster import ClusterError, RayWorkers
-from cogrip.sim.sweep.run import prepare, run_sweep
+from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
+from cogrip.sim.experiments.sweep.case import Job, run_cell
+from cogrip.sim.experiments.sweep.folder import CELLS, SweepFolder
+from cogrip.sim.experiments.sweep.grid import parse_axis
+from cogrip.sim.experiments.sweep.run import prepare, run_sweep
 
 ray = pytest.importorskip("ray", reason="the extra `cluster` has no ray for this Python")
 

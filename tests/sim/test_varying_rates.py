@@ -20,12 +20,12 @@ from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import linear_session
 from cogrip.sim.analysis.session_impedance import measure, static_stiffness
 from cogrip.sim.analysis.stability import verdict
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.laboratory import Laboratory, moments_of
-from cogrip.sim.records import open_run
-from cogrip.sim.replay.verify import verify
-from cogrip.sim.replay.what_if import what_if
-from cogrip.sim.summary import of_laboratory
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.runs.replay.what_if import what_if
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.session.laboratory import Laboratory, moments_of
 
 NOTHING_J = -1e-12
 MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from cogrip.cli.main import main
 from cogrip.client.velocity import AlphaBeta, memory_for
 from cogrip.devices.registry import make
-from cogrip.sim.velocity import hands
-from cogrip.sim.velocity.comparison import Found, chosen, devices, estimate, estimators, measure
-from cogrip.sim.velocity.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
-from cogrip.sim.velocity.hands import Motion, NoHandsError, recorded_hands, resampled
-from cogrip.sim.velocity.session import comes_to_rest
+
+from tests.bench.velocity import hands
+from tests.bench.velocity.comparison import Found, chosen, devices, estimate, estimators, measure
+from tests.bench.velocity.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
+from tests.bench.velocity.hands import Motion, NoHandsError, recorded_hands, resampled
+from tests.bench.velocity.session import comes_to_rest
 
 HZ = 1024
 T_C = 1.0 / HZ

@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from cogrip.cli.main import main
-from cogrip.cli.settings_file import load
+from cogrip.cli.session.settings_file import load
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.header import Header
@@ -21,9 +21,9 @@ from cogrip.protocol.recording.records import KINDS, Datagram, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import Settings, rates_of, resolve
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.replay.verify import Verdict, verify
-from cogrip.sim.run_folder import client_recording
+from cogrip.sim.runs.folder import client_recording
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.recording_files import rewrite
 

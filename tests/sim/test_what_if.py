@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from cogrip.client.recorded import start_of, start_text
+from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.messages import Hello
@@ -19,11 +19,11 @@ from cogrip.protocol.recording.reader import Message, RecordingError, open_recor
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import Settings, User, resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.server.recorded import start_of as server_start
-from cogrip.sim.lab_run import run_laboratory
-from cogrip.sim.records import RunRecords, open_run
-from cogrip.sim.replay.verify import verify
-from cogrip.sim.replay.what_if import Hands, World, folder_name, label, what_if
+from cogrip.server.recorder import start_of as server_start
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.records import RunRecords, open_run
+from cogrip.sim.runs.replay.verify import verify
+from cogrip.sim.runs.replay.what_if import Hands, World, folder_name, label, what_if
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"

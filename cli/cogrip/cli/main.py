@@ -6,49 +6,58 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
-from cogrip.cli.flag_errors import words_of
-from cogrip.cli.problem import Problem
-from cogrip.cli.terminal_console import make_console
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.flag_errors import words_of
+from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
 COMMANDS = {
     "demo": (
-        "cogrip.cli.demo:demo",
+        "cogrip.cli.session.demo:demo",
         "Two simulated people hold one cube over UDP on this machine; ends with a report.",
     ),
-    "serve": ("cogrip.cli.serve:serve", "Serve the shared object of one or several settings files."),
-    "join": ("cogrip.cli.join:join", "Join a server with one force-feedback device, real or simulated."),
-    "relay": ("cogrip.cli.relay:relay", "Put an emulated network between any two programs that speak UDP."),
-    "replay": ("cogrip.cli.replay:replay", "Play a recorded session again: bit by bit, or as what if."),
-    "runs": ("cogrip.cli.runs:runs", "List the recorded runs, newest first."),
-    "report": ("cogrip.cli.report:report", "Write the report of a run, or of several compared."),
-    "export": ("cogrip.cli.export:export", "Write a run's recordings as CSV or Parquet tables."),
-    "recover": ("cogrip.cli.recover:recover", "Save what is whole of a recording that was cut short or damaged."),
-    "merge": ("cogrip.cli.merge:merge", "Bring the recordings of one run from several machines together."),
-    "lab": ("cogrip.cli.lab:lab", "Run a whole session in virtual time, without sleeping."),
+    "serve": ("cogrip.cli.session.serve:serve", "Serve the shared object of one or several settings files."),
+    "join": ("cogrip.cli.session.join:join", "Join a server with one force-feedback device, real or simulated."),
+    "relay": ("cogrip.cli.session.relay:relay", "Put an emulated network between any two programs that speak UDP."),
+    "replay": ("cogrip.cli.runs.replay:replay", "Play a recorded session again: bit by bit, or as what if."),
+    "runs": ("cogrip.cli.runs.listing:runs", "List the recorded runs, newest first."),
+    "report": ("cogrip.cli.runs.report:report", "Write the report of a run, or of several compared."),
+    "export": ("cogrip.cli.runs.export:export", "Write a run's recordings as CSV or Parquet tables."),
+    "recover": ("cogrip.cli.runs.recover:recover", "Save what is whole of a recording that was cut short or damaged."),
+    "merge": ("cogrip.cli.runs.merge:merge", "Bring the recordings of one run from several machines together."),
+    "lab": ("cogrip.cli.session.lab:lab", "Run a whole session in virtual time, without sleeping."),
     "advise": (
-        "cogrip.cli.advise:advise_command",
+        "cogrip.cli.study.advise:advise_command",
         "Say before anyone holds a device whether a session is stable, what it will feel like, and what would help.",
     ),
     "stability": (
-        "cogrip.cli.stability:stability",
+        "cogrip.cli.study.stability:stability",
         "Say whether a session is stable, up to which stiffness, and in which region.",
     ),
-    "feel": ("cogrip.cli.feel:feel", "Say what a hand will feel: stiffness, damping, inertia, impedance, delays."),
-    "figures": ("cogrip.cli.figures:figures", "Draw the paper's figures, and ours beside them."),
-    "sweep": ("cogrip.cli.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
+    "feel": (
+        "cogrip.cli.study.feel:feel",
+        "Say what a hand will feel: stiffness, damping, inertia, impedance, delays.",
+    ),
+    "figures": ("cogrip.cli.study.figures:figures", "Draw the paper's figures, and ours beside them."),
+    "sweep": (
+        "cogrip.cli.study.sweep:sweep",
+        "Run sessions, or their linear models, over a grid of settings; resumable.",
+    ),
     "compare": (
-        "cogrip.cli.compare:compare",
+        "cogrip.cli.study.compare:compare",
         "Compare methods of sharing an object under the same hands, on networks as they are: one table; resumable.",
     ),
-    "configs": ("cogrip.cli.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
-    "bench": ("cogrip.cli.bench:bench", "Measure this machine: ratios of what is timed side by side."),
-    "devices": ("cogrip.cli.devices:devices", "Devices: list, find, calibrate, check, emulate."),
-    "token": ("cogrip.cli.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),
-    "who": ("cogrip.cli.who:who", "List who sits and looks on in a running server."),
-    "kick": ("cogrip.cli.kick:kick", "Show somebody out of a running session."),
-    "doctor": ("cogrip.cli.doctor:doctor", "Measure what this machine can do in real time, and say how to do better."),
+    "configs": ("cogrip.cli.session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
+    "bench": ("tests.bench.__main__:bench", "Measure this machine: ratios of what is timed side by side."),
+    "devices": ("cogrip.cli.devices.commands:devices", "Devices: list, find, calibrate, check, emulate."),
+    "token": ("cogrip.cli.admin.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),
+    "who": ("cogrip.cli.admin.who:who", "List who sits and looks on in a running server."),
+    "kick": ("cogrip.cli.admin.kick:kick", "Show somebody out of a running session."),
+    "doctor": (
+        "cogrip.cli.admin.doctor:doctor",
+        "Measure what this machine can do in real time, and say how to do better.",
+    ),
 }
 
 app = App(

@@ -16,9 +16,9 @@ from math import dist, hypot
 from cogrip.client.account import account_of
 from cogrip.client.coupling import COUPLINGS, Coupling
 from cogrip.client.device_port import DevicePort, Trouble, cure
+from cogrip.client.felt_stiffness import RestStiffness
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.past_lines import PastLines
-from cogrip.client.rest import RestStiffness
 from cogrip.client.safety import Safety
 from cogrip.client.velocity import estimator_for
 from cogrip.devices.device import Capability, Sample

@@ -32,7 +32,7 @@ from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import DeviceAccount
-from cogrip.protocol.energy_reserve import FIRST_S, known
+from cogrip.protocol.line.energy_reserve import FIRST_S, known
 from cogrip.protocol.settings import SeatSettings
 
 BRISK_MPS = 1.0  # a late damper borrows from the device's kinetic energy: the reserve holds it up to this speed

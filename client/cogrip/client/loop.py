@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.client.handle import Handle
-from cogrip.client.io.calls import POLL_S, Calls, JoinError, RefusedError
-from cogrip.client.recorded import RecordedClient, client_topics
+from cogrip.client.io.paths import POLL_S, Calls, JoinError, RefusedError
+from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S
+from cogrip.client.supervised_device import Handle
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
@@ -34,7 +34,7 @@ REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"
 
 
 class Link(Protocol):
-    """An emulated direction; `cogrip.sim.link.LinkEmulator` is one."""
+    """An emulated direction; `cogrip.sim.session.link.LinkEmulator` is one."""
 
     @property
     def next_ns(self) -> int | None: ...

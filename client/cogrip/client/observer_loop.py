@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cogrip.client.io.calls import POLL_S, Calls
+from cogrip.client.io.paths import POLL_S, Calls
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.io.stop import Stop
 

@@ -18,11 +18,11 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.newest_coupling import NewestCoupling
-from cogrip.protocol.energy_reserve import EnergyReserve
+from cogrip.client.latest_state_coupling import NewestCoupling
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import RunningSum, rounding_share
 from cogrip.protocol.messages import Frame, Power, Stamp
-from cogrip.protocol.power import CHARGE_UP_J, LENT_J
-from cogrip.protocol.running_sum import RunningSum, rounding_share
+from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
 
 CHARGE_SHARE = 0.5  # of b: the damper by which a hand pays in what the server has none of

@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.newest_coupling import NewestCoupling
-from cogrip.protocol.energy_reserve import EnergyReserve
+from cogrip.client.latest_state_coupling import NewestCoupling
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import RunningSum
 from cogrip.protocol.messages import Frame, Stamp, State
-from cogrip.protocol.running_sum import RunningSum
 from cogrip.protocol.settings import SeatSettings
 
 

@@ -27,12 +27,12 @@ from math import inf, sqrt
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
-from cogrip.protocol.energy_reserve import EnergyReserve
-from cogrip.protocol.line import LineReceiver
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import RunningSum, rounding_share
+from cogrip.protocol.line.receiver import LineReceiver
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, Waves
-from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
 
 RELAX_RAD_S = 100.0  # w

@@ -3,7 +3,7 @@
 from typing import Generic, Protocol, TypeVar
 
 from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.line import FURTHEST_JUMP
+from cogrip.protocol.line.receiver import FURTHEST_JUMP
 
 HISTORY = 256  # states for which the receiver still knows which had come
 

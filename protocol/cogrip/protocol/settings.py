@@ -11,8 +11,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from cogrip.protocol import decimation
-from cogrip.protocol.concealment import Concealed
-from cogrip.protocol.delays import expected_frames, one_way
 from cogrip.protocol.felt_stiffness import (
     OutOfReachError,
     compensated_stiffness,
@@ -20,6 +18,8 @@ from cogrip.protocol.felt_stiffness import (
     line_compliance,
     reachable_stiffness,
 )
+from cogrip.protocol.line.concealment import Concealed
+from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
 from cogrip.protocol.rates import DeviceHz, Hz, Rates, misfit
 from cogrip.protocol.settings_table import SettingsError, copied, override, readable, refuse_unknown

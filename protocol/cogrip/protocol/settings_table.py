@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import msgspec
 
-from cogrip.protocol.expected import expects, plain
+from cogrip.protocol.setting_errors import expects, plain
 
 
 class SettingsError(ValueError):

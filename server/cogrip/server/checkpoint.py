@@ -3,7 +3,7 @@ a hand that comes back joins anew, with the proxy on the object (theory 3.7), so
 
 import msgspec
 
-from cogrip.server.limits import Record
+from cogrip.server.seat_limits import Record
 
 VERSION = 1
 

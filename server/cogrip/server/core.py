@@ -13,11 +13,11 @@ from cogrip.protocol.session import nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
 from cogrip.server.checkpoint import RoomCheckpoint
-from cogrip.server.gallery import Observer
-from cogrip.server.greeting import find_again, find_observer, find_seat, find_view
-from cogrip.server.happenings import Happening
-from cogrip.server.limits import record_of
+from cogrip.server.events import Happening
+from cogrip.server.observers import Observer
 from cogrip.server.room import Room, Seat
+from cogrip.server.seat_assignment import find_again, find_observer, find_seat, find_view
+from cogrip.server.seat_limits import record_of
 
 FAREWELL_EVERY_NS = 50_000_000  # to one who has not heard it
 

@@ -29,9 +29,9 @@ from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server.admission import Doorkeeper, OpenDoor
-from cogrip.server.gate import Buckets, Budget
-from cogrip.server.happenings import OF_STRANGERS, Happening
-from cogrip.server.recorded import WHO, RecordedServer, server_topics
+from cogrip.server.events import OF_STRANGERS, Happening
+from cogrip.server.rate_limit import Buckets, Budget
+from cogrip.server.recorder import WHO, RecordedServer, server_topics
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
 MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop

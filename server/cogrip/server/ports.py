@@ -3,16 +3,16 @@
 from collections.abc import Callable
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.energy_reserve import EnergyReserve
-from cogrip.protocol.line import LineReceiver
-from cogrip.protocol.line_sender import LineSender
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import RunningSum, rounding_share
+from cogrip.protocol.line.receiver import LineReceiver
+from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, State, Waves
-from cogrip.protocol.running_sum import RunningSum, rounding_share
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.limits import SeatLimits, WaveLimiter
-from cogrip.server.newest_port import NewestPort, Row
+from cogrip.server.latest_state_port import NewestPort, Row
 from cogrip.server.power_port import PowerPort
+from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
 MOST_M = 1e3  # from the middle of a person's own frame
 

@@ -9,13 +9,13 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
-from cogrip.protocol.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import RunningSum
 from cogrip.protocol.messages import Frame, Power, Stamp
-from cogrip.protocol.power import CHARGE_DOWN_J, LENT_J
-from cogrip.protocol.running_sum import RunningSum
+from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.limits import EnergyLimiter, SeatLimits
-from cogrip.server.newest_port import NewestPort, Row
+from cogrip.server.latest_state_port import NewestPort, Row
+from cogrip.server.seat_limits import EnergyLimiter, SeatLimits
 
 
 class PowerPort(NewestPort[Power]):

@@ -10,16 +10,16 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.clock import Clock
-from cogrip.protocol.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
-from cogrip.server.following import StiffnessFollower
-from cogrip.server.gallery import Gallery
-from cogrip.server.gate import HELLOS, Buckets
-from cogrip.server.limits import BURST_S, Record, SeatLimits, limits_of
+from cogrip.server.observers import Gallery
 from cogrip.server.ports import PORTS, Port, WavePort
+from cogrip.server.rate_limit import HELLOS, Buckets
+from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
+from cogrip.server.stiffness_adaptation import StiffnessFollower
 from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.world import Row
 

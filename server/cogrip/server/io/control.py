@@ -14,7 +14,7 @@ from typing import Annotated
 import msgspec
 
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
-from cogrip.server.present import Present
+from cogrip.server.roster import Present
 
 MOST_REQUEST_BYTES = 4096
 MOST_ANSWER_BYTES = 65536

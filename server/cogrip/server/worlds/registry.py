@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.worlds.few import MOST, FewGripWorld
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
+from cogrip.server.worlds.small_room import MOST, FewGripWorld
 from cogrip.server.worlds.world import World
 
 _PASSIVE: dict[str, type[World]] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}

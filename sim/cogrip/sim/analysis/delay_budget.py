@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import expm1
 
-from cogrip.protocol.delays import OneWay
+from cogrip.protocol.line.delays import OneWay
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.linear_session import LinearSession, Person
 

@@ -15,7 +15,7 @@ from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.delays import OneWay, expected_frames, one_way
+from cogrip.protocol.line.delays import OneWay, expected_frames, one_way
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_settings
 

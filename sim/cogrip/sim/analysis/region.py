@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.boundary import Outline, trace
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
-from cogrip.sim.analysis.outline import Outline, trace
 from cogrip.sim.analysis.stability import largest_stable, radius
 from cogrip.sim.analysis.state_space import Array
 

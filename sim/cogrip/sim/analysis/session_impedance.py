@@ -21,7 +21,7 @@ from cogrip.client.safety import WARNED
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.hands import SineSettings, make_sine
 from cogrip.protocol.settings import Settings
-from cogrip.sim.laboratory import Laboratory
+from cogrip.sim.session.laboratory import Laboratory
 
 _RAMPS_S = 0.7  # the client's, and the object's if it can pay for it at once
 _LONGEST_S = 30.0

@@ -1,0 +1,108 @@
+"""`cogrip token list`: who may come in, and what has become of each right."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rich.table import Table
+
+from cogrip.cli.admin.state_folder import Port, State, state_at
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import Problem
+from cogrip.cli.terminal.tables import Fitted, columns_table, has_width
+from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.server.io.state_folder import StateError
+from cogrip.server.io.token_file import TokenFile
+from cogrip.server.tokens import Token, TokenState, date_text
+
+_TONES: dict[str, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
+_HEADINGS = ("id", "role", "room", "seat", "device", "good for", "state", "when", "note")
+_SAYS_NOTHING = ("any", "-", "")  # a column in which every row is one of these is left out
+_PIPED_WIDTH = 10_000  # a line each, whatever it takes
+
+
+def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
+    """List the tokens of a server, oldest first. The tokens themselves are nowhere: only hashes are kept."""
+    folder = state_at(state, port)
+    try:
+        tokens = TokenFile(folder).load().tokens
+    except StateError as error:
+        raise Problem(str(error)) from None
+    now_s = time.time()
+    if json is not None:
+        write_json({"folder": str(folder.path), "tokens": [_as_json(token, now_s) for token in tokens]}, json)
+        return 0
+    if not tokens:
+        make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
+        return 0
+    console = make_console()
+    if not has_width(console):
+        console.width = _PIPED_WIDTH
+    console.print(_tables(tokens, now_s))
+    return 0
+
+
+def _tables(tokens: Sequence[Token], now_s: float) -> Fitted:
+    """A row a token; where that is too wide, in several tables that begin with its id. Columns that say nothing are missing."""
+    rows = [dict(zip(_HEADINGS, _cells(token, now_s), strict=True)) for token in tokens]
+    kept = [heading for heading in _HEADINGS if not {row[heading] for row in rows} <= set(_SAYS_NOTHING)]
+
+    def tables(*groups: Sequence[str]) -> list[Table]:
+        wanted = ([heading for heading in group if heading in kept] for group in groups)
+        return [columns_table(group, rows, tints={"state": _TONES}) for group in wanted if len(group) > 1]
+
+    right = ("id", "role", "state", "good for", "when")
+    return Fitted(
+        lambda: tables(_HEADINGS),
+        lambda: tables(right, ("id", "room", "seat", "device", "note")),
+        lambda: tables(right, ("id", "room", "seat"), ("id", "device"), ("id", "note")),
+        lambda: tables(right, ("id", "room"), ("id", "seat"), ("id", "device"), ("id", "note")),
+    )
+
+
+def _cells(token: Token, now_s: float) -> tuple[str, ...]:
+    """As _HEADINGS."""
+    ails = token.state(now_s)
+    looks_on = token.role == "observer"
+    return (
+        token.id,
+        token.role,
+        token.room or "any",
+        "-" if looks_on else token.user or "any",
+        "-" if looks_on else token.device or "any",
+        "one time" if token.once else "standing",
+        ails,
+        _when(token, ails),
+        token.note,
+    )
+
+
+def _when(token: Token, ails: TokenState) -> str:
+    """The date that matters."""
+    if ails == "revoked":
+        return f"at {date_text(token.revoked or 0)}"
+    if ails == "used":
+        return f"at {date_text(token.used or 0)}"
+    if token.expires is not None:
+        return f"{'at' if ails == 'expired' else 'until'} {date_text(token.expires)}"
+    return f"since {date_text(token.created)}"
+
+
+def _as_json(token: Token, now_s: float) -> dict[str, Any]:
+    """All but the hash. Dates are Unix seconds."""
+    return {
+        "id": token.id,
+        "role": token.role,
+        "room": token.room,
+        "seat": token.user,
+        "device": token.device,
+        "once": token.once,
+        "start": token.start,
+        "state": token.state(now_s),
+        "created_s": token.created,
+        "expires_s": token.expires,
+        "used_s": token.used,
+        "revoked_s": token.revoked,
+        "note": token.note,
+    }

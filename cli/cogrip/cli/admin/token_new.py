@@ -1,0 +1,199 @@
+"""`cogrip token new`: a link for somebody."""
+
+import difflib
+import re
+import time
+from datetime import date, datetime, timedelta
+from datetime import time as day_time
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from cogrip.cli.admin.state_folder import Port, State, check_known, check_words, server_at, state_at
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.devices.registry import schemes
+from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place
+from cogrip.protocol.messages import DEVICE_BYTES, Role
+from cogrip.server.io.state_folder import ServerRecord, StateError, StateFolder
+from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.server.tokens import Token, TokenError, date_text
+
+EVERYWHERE = ("0.0.0.0", "::")
+_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
+_MOST_S = 10 * 366 * 86400
+_MOST_NOTE, _MOST_DEVICE = 200, DEVICE_BYTES  # characters, as `tokens.Token`
+
+
+def token_new(
+    *,
+    role: Role = "player",
+    room: str = "",
+    name: str = "",
+    device: str = "",
+    once: Annotated[bool, Parameter(negative="")] = False,
+    expires: str = "",
+    note: str = "",
+    host: str = "",
+    state: State = None,
+    port: Port = DEFAULT_PORT,
+    json: Json = None,
+) -> int:
+    """Make a token, and print its join link: the link alone, on standard output, and never again.
+
+    Parameters
+    ----------
+    role
+        A player may hold the object, or look on; an observer may look on.
+    room
+        For this room only; any if not given.
+    name
+        For this seat only; any if not given.
+    device
+        For devices whose address begins so only, such as hid:woodenhaptics.
+    once
+        Good for one time. A person who has come in by it comes back by themselves after a break of the line all the same.
+    expires
+        After so long (90s, 30m, 2h, 3d, 1w), or at a time (2026-12-24T18:00, this machine's), or at the end of a day
+        (2026-12-24: good all that day); never if not given.
+    note
+        For `cogrip token list`: who has it.
+    host
+        HOST or HOST:PORT by which this person reaches the server; else as the server says.
+    """
+    if json not in (None, "-"):
+        raise BadInput(
+            f"--json {json}: the answer holds a secret and is given once; have it on standard output (--json -)"
+        )
+    check_words("token new: --device", device, _MOST_DEVICE)
+    check_words("token new: --note", note, _MOST_NOTE)
+    folder = state_at(state, port)
+    server = _sealed_server(folder)
+    rooms = list(server.rooms)
+    check_known("--room", room, rooms, "room")
+    seats = [seat for each in ([room] if room else rooms) for seat in server.rooms[each]]
+    check_known("--name", name, seats, "seat")
+    now_s = time.time()
+    end_s = expiry(expires, now_s) if expires else None
+    where = _place(host, server)
+    secret = draw_token()
+    try:
+        link = JoinLink(*where, room, server.fingerprint, secret)
+        made = TokenFile(folder).change(
+            lambda book: book.new(
+                secret, now_s, role=role, room=room, user=name, device=device, once=once, expires=end_s, note=note
+            )
+        )
+    except (LinkError, TokenError) as error:
+        raise BadInput(f"token new: {error}") from None
+    except StateError as error:
+        raise Problem(str(error)) from None
+    errors = make_console(stderr=True, soft_wrap=True)
+    if doubt := _doubt(device):
+        errors.print(f"warning: {doubt}", markup=False)
+    if json is not None:
+        write_json(_as_json(made, link), json)
+        return 0
+    errors.print(f"token {made.id}: {_terms(made)}", markup=False)
+    print(link.text)
+    return 0
+
+
+def _doubt(device: str) -> str:
+    """What is odd about the beginning of a device address, "" for nothing: the client may have drivers that we have not."""
+    scheme, colon, _ = device.partition(":")
+    known = sorted(schemes())
+    if scheme in known or (not colon and any(each.startswith(scheme) for each in known)):
+        return ""
+    near = difflib.get_close_matches(scheme, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"there is: {', '.join(known)}"
+    return (
+        f"--device {device!r}: no device family here is called {scheme!r}, so perhaps nobody comes in by this; {hint}"
+    )
+
+
+def expiry(text: str, now_s: float) -> int:
+    """Unix seconds of a time from now, of a date with a time, or of the end of a day. Raises BadInput."""
+    if found := re.fullmatch(r"([0-9]{1,9}) ?([smhdwSHDW])", text.strip()):  # not M: that may be meant as a month
+        end_s = now_s + int(found[1]) * _SECONDS[found[2].lower()]
+    else:
+        try:
+            end_s = _date_s(text.strip())
+        except (ValueError, OverflowError, OSError):
+            raise BadInput(
+                f"--expires {text!r}: write 30m, 2h, 3d, 1w, a time such as 2026-12-24T18:00, or a day such as 2026-12-24"
+            ) from None
+    if end_s <= now_s:
+        raise BadInput(f"--expires {text!r}: that is past; name a later time")
+    if end_s - now_s > _MOST_S:
+        raise BadInput(f"--expires {text!r}: that is more than ten years; leave it out for a token without an end")
+    return int(end_s)
+
+
+def _date_s(text: str) -> float:
+    """Raises ValueError, OverflowError, OSError."""
+    try:
+        day = date.fromisoformat(text)
+    except ValueError:
+        return datetime.fromisoformat(text).astimezone().timestamp()
+    return datetime.combine(day + timedelta(days=1), day_time()).astimezone().timestamp()
+
+
+def _sealed_server(folder: StateFolder) -> ServerRecord:
+    server = server_at(folder)
+    if server is None:
+        raise BadInput(
+            f"{folder.path}: no server has been started here, and a link needs its key; start `cogrip serve` first"
+        )
+    if not server.fingerprint:
+        raise BadInput(
+            f"{folder.path}: the server is plain, and asks nobody for a token; serve on another address than loopback, "
+            "or with --seal"
+        )
+    return server
+
+
+def _place(host: str, server: ServerRecord) -> tuple[str, int]:
+    """Where a person finds the server."""
+    if host:
+        try:
+            name, port = split_place(host)
+        except LinkError as error:
+            raise BadInput(f"--host: {error}") from None
+        return name, port or server.port
+    if server.host in EVERYWHERE:
+        raise BadInput(
+            f"the server listens on all addresses ({server.host}); say by which one it is found: --host NAME"
+        )
+    return server.host, server.port
+
+
+def _terms(token: Token) -> str:
+    """What it is good for, for people."""
+    return ", ".join(
+        text
+        for text in (
+            token.role,
+            f"room {token.room}" if token.room else "any room",
+            "" if token.role == "observer" else f"seat {token.user}" if token.user else "any seat",
+            f"device {token.device}" if token.device else "",
+            "one time" if token.once else "standing",
+            f"until {date_text(token.expires)}" if token.expires is not None else "",
+        )
+        if text
+    )
+
+
+def _as_json(token: Token, link: JoinLink) -> dict[str, Any]:
+    return {
+        "id": token.id,
+        "link": link.text,
+        "role": token.role,
+        "room": token.room,
+        "seat": token.user,
+        "device": token.device,
+        "once": token.once,
+        "expires_s": token.expires,
+        "note": token.note,
+    }

@@ -1,0 +1,1 @@
+"""Commands for devices: list, find, calibrate, check, conform, emulate."""

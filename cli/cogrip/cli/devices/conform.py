@@ -1,0 +1,102 @@
+"""`cogrip devices conform`: the conformance suite on one device, as a driver's author wants it."""
+
+import time
+
+from cogrip.cli.devices.opened_arm import wait_for_enter
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.devices.conformance import CHECKS, Subject, UnfitError
+from cogrip.devices.device import Device, DeviceError, defects_named
+from cogrip.devices.registry import axes_of, is_real, make, record_of
+from cogrip.protocol.rates import due_ns
+
+PUSH_N = 0.2  # on a device that is real
+PLANT_PUSH_N = (
+    1.0  # a simulated machine has its limits in its plant: it takes any force, and its hand would be torn off
+)
+
+
+def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024, yes: bool = False) -> int:
+    """Try every promise of `cogrip.devices.conformance` on the device at ADDRESS. A real one is only pushed gently.
+
+    Exit code 0 when all are kept.
+
+    Parameters
+    ----------
+    address
+        Device address (`cogrip devices`).
+    axes
+        On how many axes; all it has if not given.
+    rate_hz
+        Rate of the loop.
+    yes
+        Do not ask whether a real device is free.
+    """
+    console = make_console(soft_wrap=True)
+    try:
+        count = axes_of(address) if axes is None else axes
+        device = make(address, axes=count)
+        real = is_real(address)
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    _try(device, address, rate_hz)
+    knows = not real and hasattr(device, "force_n")
+    subject = Subject(
+        lambda: make(address, axes=count), rate_hz, Clock(rate_hz).wait if real else lambda tick: None,
+        (lambda held: held.force_n) if knows else None,  # type: ignore[attr-defined]
+        PUSH_N if real else PLANT_PUSH_N if address.startswith("sim:") else float("inf"),
+        time.monotonic_ns if real else None,
+    )  # fmt: skip
+    if real and not yes:
+        wait_for_enter(
+            console, f"Nobody holds the device, it is in mid-range; it will be pushed with at most {PUSH_N:g} N."
+        )
+    broken = 0
+    for check in CHECKS:
+        try:
+            check(subject)
+        except (UnfitError, DeviceError) as error:
+            broken += 1
+            console.print(f"✗ {check.__name__}: {error}", markup=False)
+        except Exception as error:  # noqa: BLE001 (that is what a driver's author wants to know)
+            broken += 1
+            found = f"{type(error).__name__}: {error}"
+            console.print(f"✗ {check.__name__}: only DeviceError may be raised, not {found}", markup=False)
+        else:
+            console.print(f"✓ {check.__name__}", markup=False)
+    console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
+    return 1 if broken else 0
+
+
+def _try(device: Device, address: str, rate_hz: int) -> None:
+    """Whether it can be had at all. Raises BadInput, or Problem."""
+    try:
+        most_hz = record_of(device, address).rate_hz
+        if not 1 <= rate_hz <= most_hz:
+            raise BadInput(f"--rate-hz {rate_hz} is outside 1 to {most_hz}")
+        with defects_named(repr(address), "open"):
+            device.open(rate_hz)
+        with defects_named(repr(address), "close"):
+            device.close()
+    except DeviceError as error:
+        raise Problem(str(error)) from None
+
+
+class Clock:
+    """Waits for the ticks of a loop that begins anew with every tick 0."""
+
+    def __init__(self, rate_hz: int) -> None:
+        self._rate_hz = rate_hz
+        self._start_ns = time.monotonic_ns()
+
+    def wait(self, tick: int) -> None:
+        if tick == 0:
+            self._start_ns = time.monotonic_ns()
+        rest_ns = due_ns(self._start_ns, tick, self._rate_hz) - time.monotonic_ns()
+        if rest_ns > 0:
+            time.sleep(rest_ns * 1e-9)
+
+    def newest(self, tick: int) -> int:
+        """Wait as well; the newest tick that is due then, which is a later one after a stall."""
+        self.wait(tick)
+        return max(tick, (time.monotonic_ns() - self._start_ns) * self._rate_hz // 10**9)

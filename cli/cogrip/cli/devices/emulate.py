@@ -1,0 +1,113 @@
+"""`cogrip devices emulate`: an emulated device on a pseudo-terminal or a socket, faults on request."""
+
+import os
+import stat
+import sys
+import tempfile
+from pathlib import Path
+from typing import Literal
+
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.devices.device import DeviceError
+from cogrip.devices.emulated.machines import MACHINES, make_firmware
+from cogrip.devices.io.pseudo_terminal import PseudoTerminal
+from cogrip.devices.io.report_socket import OFFERED, ReportSocket, is_socket
+from cogrip.devices.io.served_firmware import ServedFirmware
+from cogrip.devices.settings import parse_address
+from cogrip.protocol.io.realtime import engage, release
+from cogrip.protocol.io.stop import Stop, on_signals
+
+_DEFAULTS = {"serial": "vintage", "haply": "2diy", "hid": "woodenhaptics"}
+
+
+def device_emulate(
+    kind: Literal["serial", "haply", "hid"],
+    /,
+    *,
+    model: str = "",
+    hand: str = "reach",
+    powered_at_m: tuple[float, float, float] | None = None,
+    seed: int = 1,
+    link: Path | None = None,
+    fast: bool = True,
+) -> int:
+    """Behave as a device's firmware does, with the arm's mechanics and a hand behind it, until Ctrl-C.
+
+    Lines on its input are verbs: silence, garbage, split, merge, short, slow, stale, model, jump, stuck, unplug, deaf,
+    each with its seconds (`silence 0.3`; for ever without); mend; press (the calibrate button); status; quit.
+
+    Parameters
+    ----------
+    kind
+        Which wire: serial (hfab) or haply, on a pseudo-terminal; or hid, on a local socket, which `hid:` takes as its path.
+    model
+        Which machine; vintage, 2diy or woodenhaptics if not given.
+    hand
+        What holds it, with its keys and those of sim:phantom: 'reach&amplitude_m=0.02&x0_m=0,0,0.01'.
+    powered_at_m
+        Where the tip was when the arm was powered up: X Y Z; in its home pose if not given.
+    seed
+        Of garbage.
+    link
+        Make a symbolic link of this name to the pseudo-terminal, also when it changes; hid: the name of the socket.
+    fast
+        Ask the system for real-time scheduling.
+    """
+    name = model or _DEFAULTS[kind]
+    machines = {known.removesuffix("-hid"): known for known, machine in MACHINES.items() if machine.scheme == kind}
+    known = list(machines)
+    if name not in known:
+        raise BadInput(f"--model {name!r}: {kind} has {', '.join(known) or 'none'}")
+    if kind == "hid" and not OFFERED:
+        raise BadInput("hid: needs local sockets that keep messages apart, which this system has not; use `emulated:`")
+    if link is not None and link.exists() and not (is_socket(str(link)) if kind == "hid" else link.is_symlink()):
+        what = "socket" if kind == "hid" else "link"
+        raise BadInput(f"--link {link}: is there already and no {what}; name another one, it would be replaced")
+    console = make_console(soft_wrap=True)
+    try:
+        firmware = make_firmware(machines[name], parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+
+    def say(text: str) -> None:
+        console.print(text, markup=False)
+
+    wire: ServedFirmware
+    folder = ""
+    if kind == "hid":
+        folder = tempfile.mkdtemp(prefix="cogrip-") if link is None else ""
+        wire = ReportSocket(firmware, link or Path(folder) / "hid", say)
+        keys = "&pose=home"
+    else:
+        wire = PseudoTerminal(firmware, link, say)
+        keys = "?pose=home" if kind == "serial" else f"?model={name}&pose=home"  # a Haply board does not say what it is
+    pose = f"its counters are zero in the home pose: join it with {keys}"
+    if powered_at_m is not None:
+        pose = "it was powered up elsewhere than in its home pose, so its pose is not known"
+    stop = Stop()
+    with on_signals(stop):
+        try:
+            wire.plug()
+        except OSError as error:
+            where = f"--link {link}: cannot be made: " if link is not None else "no pseudo-terminal or socket: "
+            raise Problem(f"{where}{error.strerror or error}; name another place") from None
+        measures = engage(["gc-frozen", "fifo"]) if fast else []
+        try:
+            port = f"hid:{name}?path={wire.where}" if kind == "hid" else f"{kind}:{wire.where}"
+            say(f"{name} behind {port}; {pose}")
+            wire.run(_verbs(), lambda: bool(stop.reason))
+        finally:
+            release(measures)
+            if folder:
+                Path(folder).rmdir()
+    return 0
+
+
+def _verbs() -> int | None:
+    """The input, where somebody may write to it: a terminal or a pipe."""
+    try:
+        descriptor = sys.stdin.fileno()
+        return descriptor if os.isatty(descriptor) or stat.S_ISFIFO(os.fstat(descriptor).st_mode) else None
+    except (AttributeError, OSError, ValueError):
+        return None

@@ -1,0 +1,194 @@
+"""`cogrip devices list`: what there is to hold."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import msgspec
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import say
+from cogrip.devices.device import Capability, DeviceError
+from cogrip.devices.registry import (
+    FAMILIES,
+    MOST_AXES,
+    Listing,
+    axes_of,
+    broken,
+    describe,
+    families,
+    is_real,
+    make,
+    record_of,
+)
+from cogrip.devices.settings import parse_address
+
+NOT_RUN = "not yet run on hardware"
+_LAST = ("emulated", "replay")  # in a list, behind real devices; sim: stands first
+_HEADINGS = (("address", "axes", "peak", "stiffness", "damping", "rate"), ("", "", "N", "N/m", "N s/m", "Hz"))
+
+
+def device_list(
+    name: str = "",
+    /,
+    *,
+    verbose: Annotated[bool, Parameter(negative="")] = False,
+    axes: int = MOST_AXES,
+    json: Json = None,
+) -> int:
+    """List the devices that can be named by address, a line each, or the whole capability record of some.
+
+    Parameters
+    ----------
+    name
+        Of which to show the whole record: an address, a family such as sim, or a part of an address such as omega.
+    verbose
+        Show the whole record of every device.
+    axes
+        How many axes to make them with, 1 to 3.
+    """
+    if not 1 <= axes <= MOST_AXES:
+        raise BadInput(f"--axes {axes} is outside 1 to {MOST_AXES}")
+    try:
+        listings, summaries = describe(axes=axes), families()
+        listings = _named(name, listings, axes) if name else listings
+    except DeviceError as error:
+        raise BadInput(str(error)) from None
+    if json is not None:
+        write_json(_as_json(listings, summaries), json)
+        return 0
+    console = make_console()
+    grouped = {
+        scheme: [each for each in listings if _scheme(each) == scheme] for scheme in sorted(summaries, key=_rank)
+    }
+    widths = _widths(listings, console.width)
+    if not (name or verbose):
+        console.print(_table(_HEADINGS, widths, "dim"))
+    for scheme, found in grouped.items():
+        if name and not found:
+            continue
+        mark = f" ({NOT_RUN})" if _untried(scheme) else ""
+        say(console, f"{scheme}: {summaries[scheme]}{mark}")
+        if name or verbose:
+            for listing in found:
+                _tell(listing, console)
+        elif found:
+            console.print(_table([_cells(each) for each in found], widths))
+    for text in broken().values():
+        say(console, f"left out: {text}")
+    if not (name or verbose):
+        say(console, "`cogrip devices list NAME` shows whole records, --verbose those of all; `--json -` as they are.")
+    return 0
+
+
+def _named(name: str, listings: Sequence[Listing], axes: int) -> tuple[Listing, ...]:
+    """Those whose address is `name`, else of that family, else with that in their address; else the one that it addresses.
+
+    Raises DeviceError where there is none.
+    """
+    for fits in (
+        lambda each: each.address == name,
+        lambda each: _scheme(each) == name.removesuffix(":"),
+        lambda each: name in each.address,
+    ):
+        if found := tuple(filter(fits, listings)):
+            return found
+    if ":" not in name:
+        raise DeviceError(f"devices: no address has {name!r} in it; `cogrip devices list` shows them all")
+    return (Listing(name, "", record_of(make(name, axes=min(axes, axes_of(name))), name)),)
+
+
+def _scheme(listing: Listing) -> str:
+    return parse_address(listing.address).scheme
+
+
+def _rank(scheme: str) -> tuple[int, str]:
+    """Devices in order: what everybody has first, then hardware by name, then what stands in for it."""
+    return (0 if scheme == "sim" else 2 + _LAST.index(scheme) if scheme in _LAST else 1), scheme
+
+
+def _untried(scheme: str) -> bool:
+    """Of other packages' drivers nothing is known."""
+    return scheme in FAMILIES and is_real(f"{scheme}:")
+
+
+def _widths(listings: Sequence[Listing], width: int) -> list[int]:
+    """Widths of the columns, so that all tables stand below one heading; an address gives way where there is no room."""
+    first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *map(_cells, listings), strict=True)]
+    return [min(first, width - sum(numbers) - len(numbers)), *numbers]
+
+
+def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = "") -> Table:
+    """A row a device, or the heading of all."""
+    table = Table(box=None, show_header=False, padding=(0, 1, 0, 0), pad_edge=False, style=style)
+    for number, width in enumerate(widths):
+        table.add_column(justify="right" if number else "left", width=width, overflow="fold")
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
+def _cells(listing: Listing) -> tuple[str, ...]:
+    """As _HEADINGS."""
+    record = listing.capability
+    return (
+        listing.address, f"{record.axes}", f"{record.peak_force_n:.4g}", f"{record.stiffness_npm:.5g}",
+        f"{record.damping_nspm:.4g}", f"{record.rate_hz}",
+    )  # fmt: skip
+
+
+def _tell(listing: Listing, console: Console) -> None:
+    """The whole record, a line a subject."""
+    record = listing.capability
+    own = [
+        *([f"damping {_number(record.own_damping_nspm, 'N s/m')}"] if record.own_damping_nspm else []),
+        *([f"friction {_number(record.own_friction_n, 'N')}"] if record.own_friction_n else []),
+    ]
+    subjects = {
+        "is": f"{record.family}, {record.model}",
+        "axes": f"{record.axes}, workspace {'; '.join(_workspace(record))}",
+        "force": f"peak {_number(record.peak_force_n, 'N')}, continuous {_number(record.continuous_force_n, 'N')}, "
+        f"slope {_number(record.slew_nps, 'N/s')}",
+        "advised": f"stiffness {_number(record.stiffness_npm, 'N/m')}, damping {_number(record.damping_nspm, 'N s/m')}",
+        "position": f"one count {_number(record.resolution_m * 1e3, 'mm') if record.resolution_m else 'exact'}, "
+        f"sample {record.latency_ticks} ticks old",
+        "speed": f"at most {_number(record.speed_mps, 'm/s')}, {'given' if record.gives_velocity else 'estimated'}",
+        "felt mass": _number(record.apparent_mass_kg, "kg"),
+        "own losses": ", ".join(own) or "not known",
+        "rate": f"at most {_number(record.rate_hz, 'Hz')}",
+    }
+    say(console, f"  {listing.address}")
+    for subject, words in subjects.items():
+        say(console, f"    {subject:11}{words}", " " * 15)
+
+
+def _workspace(record: Capability) -> Sequence[str]:
+    """One text, where it is the same along all axes."""
+    texts = [
+        f"±{high * 1e3:g} mm" if high == -low else f"{low * 1e3:g} to {high * 1e3:g} mm"
+        for low, high in record.workspace_m
+    ]
+    return texts[:1] if len(set(texts)) == 1 else texts
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}"
+
+
+def _as_json(listings: Sequence[Listing], summaries: dict[str, str]) -> dict[str, Any]:
+    """The records, field by field."""
+    return {
+        "families": {
+            scheme: {"summary": summary, "real": is_real(f"{scheme}:"), "not_run_on_hardware": _untried(scheme)}
+            for scheme, summary in summaries.items()
+        },
+        "devices": [
+            {"address": listing.address, "real": is_real(listing.address), **msgspec.to_builtins(listing.capability)}
+            for listing in listings
+        ],
+    }

@@ -1,0 +1,148 @@
+"""`cogrip runs`: what was run, newest first."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rich.cells import cell_len
+from rich.text import Text
+
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import has_width, padded, shortened
+from cogrip.protocol.io.recorder import is_being_written
+from cogrip.protocol.messages import shown
+from cogrip.sim.runs.listing import ListedRun, list_runs
+from cogrip.sim.runs.verdict import Tone
+
+_TONES: dict[Tone, tuple[str, str]] = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
+_HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")  # the last ones are left out first
+_RIGHT = ("age", "length", "size")
+_KEPT = 5  # columns that every terminal shows
+_NAME_WIDTH = 32  # for which columns are left out: a time and a short name
+_PEOPLE_WIDTH = 12  # of names; more people are counted
+_BETWEEN = " "
+_PIPED_WIDTH = 200  # where it is not shown on a terminal
+_AGES = ((60.0, "s"), (60.0, "min"), (24.0, "h"), (1000.0, "d"))  # how many of each make one of the next
+
+
+def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
+    """List the runs in a folder, newest first, each with its verdict in a word or two. Exit code 0 whatever the verdicts.
+
+    `--json` has the whole verdict, the time, and everybody's name.
+
+    Parameters
+    ----------
+    folder
+        The folder that holds the runs' own folders.
+    """
+    if not folder.is_dir():
+        raise BadInput(f"{folder}: there is no such folder; name the one that holds your runs, or make a run first")
+    try:
+        found = list_runs(folder, is_being_written)
+    except OSError as error:
+        raise BadInput(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
+    if json:
+        write_json({"folder": str(folder), "runs": [_record(run) for run in found]}, json)
+        return 0
+    if found:
+        console = make_console(soft_wrap=True)
+        for line in _lines(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
+            console.print(line)
+    else:
+        make_console(stderr=True).print(f"no runs in {folder}", markup=False)
+    return 0
+
+
+def _lines(found: Sequence[ListedRun], width: int, now: datetime) -> list[Text]:
+    """A heading, then a line a run; a name that leaves no room for the rest has a line to itself, and is never cut."""
+    rows = [_cells(run, now) for run in found]
+    widths = [max(map(cell_len, column)) for column in zip(_HEADINGS, *rows, strict=True)]
+    many = len(_HEADINGS)
+    while many > _KEPT and sum(widths[1:many]) + many - 1 + min(widths[0], _NAME_WIDTH) > width:
+        many -= 1
+    widths[0] = max(len(_HEADINGS[0]), min(widths[0], width - sum(widths[1:many]) - many + 1))
+    lines = [Text(_line(_HEADINGS, widths, many), style="dim")]
+    for run, (name, *cells) in zip(found, rows, strict=True):
+        if cell_len(name) > widths[0]:
+            lines.append(Text(name))
+            name = ""
+        line = Text(_line((name, *cells), widths, many))
+        mark, tint = _TONES[run.tone]
+        begin = line.plain.rindex(f"{mark} {run.brief}")
+        line.stylize(f"bold {tint}" if run.tone == "bad" else tint, begin, begin + len(mark))
+        lines.append(line)
+    return lines
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], many: int) -> str:
+    parts = [
+        padded(cell, width, right=heading in _RIGHT)
+        for heading, cell, width in zip(_HEADINGS[:many], cells, widths, strict=False)
+    ]
+    return _BETWEEN.join(parts).rstrip()
+
+
+def _cells(run: ListedRun, now: datetime) -> tuple[str, ...]:
+    """As _HEADINGS."""
+    return (
+        shown(run.name),
+        _age((now - run.when).total_seconds()),
+        run.kind,
+        _people(run.people),
+        f"{_TONES[run.tone][0]} {run.brief}",
+        "-" if run.seconds is None else _length(run.seconds),
+        _size(run.size_bytes),
+    )
+
+
+def _people(names: Sequence[str]) -> str:
+    """The first of them, and how many more there are: `anna, ben +2`."""
+    for many in range(len(names), 0, -1):
+        more = f" +{len(names) - many}" if len(names) > many else ""
+        text = shown(", ".join(names[:many]))
+        if cell_len(text + more) <= _PEOPLE_WIDTH or many == 1:
+            return shortened(text, _PEOPLE_WIDTH - len(more)) + more
+    return "-"
+
+
+def _age(seconds: float) -> str:
+    """How long ago, in the largest unit of which there is one."""
+    left = max(0.0, seconds)
+    for many, unit in _AGES:
+        if left < many:
+            return f"{int(left)} {unit}"
+        left /= many
+    return "long ago"
+
+
+def _length(seconds: float) -> str:
+    """Length of a session, in few digits."""
+    return (
+        f"{seconds:.1f} s" if seconds < 99.95 else f"{seconds:.0f} s" if seconds < 9999.5 else f"{seconds / 3600:.1f} h"
+    )
+
+
+def _size(size_bytes: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if size_bytes < 999.5:  # three digits, rounded
+            return f"{size_bytes:.3g} {unit}"
+        size_bytes /= 1000.0
+    return f"{size_bytes:.3g} GB"
+
+
+def _record(run: ListedRun) -> dict[str, Any]:
+    return {
+        "run": run.name,
+        "folder": str(run.folder),
+        "kind": run.kind,
+        "when": run.when.isoformat(),
+        "seconds": run.seconds,
+        "people": list(run.people),
+        "tone": run.tone,
+        "brief": run.brief,
+        "verdict": run.verdict,
+        "size_bytes": run.size_bytes,
+    }

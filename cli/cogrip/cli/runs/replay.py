@@ -1,0 +1,214 @@
+"""`cogrip replay`: does a recorded session play again exactly, and what would it have been with another setting?"""
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from cogrip.cli.runs.compared_table import compared_table
+from cogrip.cli.runs.new_run import new_run_folder
+from cogrip.cli.runs.opened_run import opened
+from cogrip.cli.runs.summary_table import verdict_lines
+from cogrip.cli.session.before_run import AllowUnstable, check_settings
+from cogrip.cli.session.settings_file import override, try_hands
+from cogrip.cli.study.analysis_query import Overrides
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import say as say_lines
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.recording.header import versions_here
+from cogrip.protocol.recording.reader import Recording, RecordingError
+from cogrip.protocol.recording.records import Gap
+from cogrip.protocol.settings_table import SettingsError
+from cogrip.sim.runs.comparison import ComparisonError
+from cogrip.sim.runs.records import RunRecords
+from cogrip.sim.runs.replay.verify import Verdict
+from cogrip.sim.runs.replay.verify import verify as verify_recording
+from cogrip.sim.runs.replay.what_if import Hands, folder_name, label
+from cogrip.sim.runs.replay.what_if import what_if as other_world
+from cogrip.sim.runs.traces import describe
+from cogrip.sim.runs.verdict import succeeded
+
+WORTH_WORKERS_BYTES = 8_000_000
+
+
+def replay(
+    run: Path,
+    /,
+    *,
+    verify: bool = False,
+    what_if: bool = False,
+    overrides: Overrides = (),
+    hands: Hands = "same",
+    allow_unstable: AllowUnstable = False,
+    runs: Path = Path("runs"),
+    json: Json = None,
+) -> int:
+    """Play a recorded session again.
+
+    --verify feeds the recorded inputs into the same cores and compares every output bit by bit; exit code 1 and the
+    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares; exit code
+    0 only if that world was passive and stable, devices included.
+
+    Parameters
+    ----------
+    run
+        Run folder, or one of its .mcap files.
+    verify
+        Compare everything that comes out with the recording.
+    what_if
+        Run the hands again with the settings changed by --set.
+    hands
+        How people take part in --what-if: `same` simulated hand (others through an impedance); their recorded effort
+        behind an `impedance`; or their recorded `positions`, whatever the force.
+    runs
+        Folder in which the new run's folder is made.
+    """
+    if verify == what_if:
+        raise BadInput("replay: say either --verify or --what-if")
+    if overrides and verify:
+        raise BadInput("replay: --set changes the world, so it goes with --what-if; --verify plays what was recorded")
+    records = opened(run)
+    console = make_console(soft_wrap=True)
+    if verify:
+        return _verify(records, console, json)
+    if json:
+        raise BadInput("replay: --json goes with --verify; --what-if leaves a run folder with its summary.json")
+    return _what_if(records, overrides, hands, allow_unstable, runs, console)
+
+
+def _verify(records: RunRecords, console: Console, json: str | None) -> int:
+    ends = [*records.clients.values(), *([records.server] if records.server else [])]
+
+    def say(text: str) -> None:
+        if json != "-":
+            say_lines(console, text)
+
+    for note in records.notes:
+        say(f"note: {note}")
+    for end in ends:  # before, not after
+        differences = end.recording.header.versions.differences(versions_here())
+        if differences:
+            say(f"note: {end.path.name} was recorded by other versions: {'; '.join(differences)}")
+    verdicts: list[dict[str, Any]] = []
+    exact = not records.unreadable
+    try:
+        found = _verdicts([end.recording for end in ends])
+    except RecordingError as error:
+        raise BadInput(str(error)) from None
+    for end, verdict in zip(ends, found, strict=True):
+        exact = exact and verdict.exact
+        for line in _words(end.path.name, verdict):
+            say(line)
+        verdicts.append(_as_json(end.path.name, verdict))
+    if json:
+        unreadable = [str(path) for path in records.unreadable]
+        write_json({"exact": exact, "files": verdicts, "unreadable": unreadable}, json)
+    return 0 if exact else 1
+
+
+def _verdicts(recordings: list[Recording]) -> list[Verdict]:
+    """One for each; those of a long run are found side by side. Raises RecordingError."""
+    workers = min(len(recordings), os.cpu_count() or 1)
+    if workers < 2 or sum(each.path.stat().st_size for each in recordings) < WORTH_WORKERS_BYTES:
+        return [verify_recording(each) for each in recordings]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(verify_recording, recordings))
+
+
+def _words(file: str, verdict: Verdict) -> list[str]:
+    what = "steps" if verdict.who == "server" else "ticks"
+    played = f"{verdict.messages} messages, {verdict.ticks} {what}, {verdict.seconds:.3f} s"
+    lines = []
+    if verdict.difference is not None:
+        found = verdict.difference
+        at_s = (found.time_ns - verdict.start_ns) * 1e-9
+        where = f"{found.topic} {found.field}".strip()
+        lines.append(
+            f"{file}: differs at {at_s:.6f} s in {where}: recorded {found.recorded}, replayed {found.replayed}"
+        )
+        lines.append(f"{file}: equal until then: {played}")
+    else:
+        lines.append(f"{file}: {'equal' if verdict.exact else 'equal up to a hole'}, bit by bit: {played}")
+    if isinstance(verdict.hole, Gap):
+        lines.append(
+            f"{file}: {verdict.hole.messages} messages are missing ({verdict.hole.reason}): nothing after can be compared"
+        )
+    elif verdict.hole is not None:
+        lines.append(f"{file}: {describe(verdict.hole, -verdict.start_ns * 1e-9)}: nothing after can be compared")
+    if verdict.cut:
+        lines.append(f"{file}: was not closed; what is there was compared")
+    return lines
+
+
+def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
+    found = verdict.difference
+    return {
+        "file": file,
+        "exact": verdict.exact,
+        "messages": verdict.messages,
+        "ticks": verdict.ticks,
+        "seconds": verdict.seconds,
+        "cut": verdict.cut,
+        "hole": verdict.hole is not None,
+        "versions": list(verdict.versions),
+        "difference": None
+        if found is None
+        else {
+            "time_s": (found.time_ns - verdict.start_ns) * 1e-9,
+            "topic": found.topic,
+            "field": found.field,
+            "recorded": found.recorded,
+            "replayed": found.replayed,
+        },
+    }
+
+
+def _what_if(
+    records: RunRecords, overrides: tuple[str, ...], hands: Hands, allow_unstable: bool, runs: Path, console: Console
+) -> int:
+    changes = dict(override(text) for text in overrides)
+    worlds = {f"what if {label(changes)}": (changes, "")}
+    if changes and not records.virtual:  # what living in virtual time changes by itself stands beside it
+        worlds = {"unchanged, in the laboratory": ({}, "unchanged"), **worlds}
+    try:
+        made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
+    except (RecordingError, SettingsError) as error:
+        raise BadInput(str(error)) from None
+    for name, world in made.items():
+        try_hands(world.settings)
+        if name == next(
+            reversed(worlds)
+        ):  # what was recorded may be seen again as it was: only what is asked for is refused
+            check_settings(world.settings, allow_unstable or not changes, world.overloads)
+    from cogrip.sim.runs.laboratory_run import run_laboratory
+    from cogrip.sim.runs.report.compared import write_comparison
+    from cogrip.sim.runs.report.page import write_report
+
+    folder = new_run_folder(runs, folder_name(records))
+    folders = {name: folder / place for name, (_, place) in worlds.items()}
+    outcomes, stop = {}, Stop()
+    with on_signals(stop), console.status("running the other world"):
+        for name, world in made.items():
+            folders[name].mkdir(exist_ok=True)
+            outcomes[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins)
+    with console.status("writing the reports"):
+        write_report(folder)
+        labels = ["as recorded", *worlds]
+        try:
+            page, rows = write_comparison(folder / "comparison.html", [records.folder, *folders.values()], labels)
+        except ComparisonError as error:
+            raise BadInput(f"{error}; the other world's own run is in {folder}") from None
+    console.print(compared_table(rows, labels))
+    for name, outcome in outcomes.items():
+        console.print(f"{name}:", markup=False)
+        console.print(verdict_lines(outcome.summary))
+    console.print(f"comparison: {page}", markup=False)
+    if stop.reason:
+        console.print("interrupted: the comparison covers what was run")
+        return 130
+    return 0 if succeeded(outcome.summary) else 1

@@ -1,0 +1,74 @@
+"""`cogrip report`: the page on one run, or on several side by side."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from cogrip.cli.runs.compared_table import compared_table
+from cogrip.cli.runs.recover import recover_what_was_cut
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of
+
+COMPARISON = Path("comparison.html")
+
+
+def report(*run: Path, out: Path | None = None) -> int:
+    """Write the report of one run anew into its folder, or one page that compares several.
+
+    The page is self-contained. Exit code 0 whatever the verdicts.
+
+    Parameters
+    ----------
+    run
+        Run folders; the differences of several are against the first.
+    out
+        Where the page on several runs is written; else comparison.html in the current folder. A comparison that stands there
+        is replaced, any other file is not.
+    """
+    _check(run, out)
+    console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
+    for folder in run:
+        with suppress(FileNotFoundError):  # none is here: the page says so
+            recover_what_was_cut(folder, errors)
+    try:
+        with errors.status("writing the report"):
+            page, rows = _write(run, out or COMPARISON)
+    except (ComparisonError, RecordingError) as error:
+        raise BadInput(f"report: {error}") from None
+    except OSError as error:
+        told = f"{error.filename}: {error.strerror}; write to another folder" if error.strerror else str(error)
+        raise BadInput(f"report: {told}") from None
+    if rows:
+        console.print(compared_table(rows, labels_of(run)))
+    console.print(f"report: {page}", markup=False)
+    return 0
+
+
+def _check(run: Sequence[Path], out: Path | None) -> None:
+    if not run:
+        raise BadInput("report: name at least one run folder; `cogrip runs` lists them")
+    for folder in run:
+        if folder.is_file():
+            raise BadInput(f"{folder}: is a file; name the run folder in which it stands")
+        if not folder.is_dir():
+            raise BadInput(f"{folder}: there is no such run folder; `cogrip runs` lists them")
+    whole = [folder.resolve() for folder in run]
+    for number, folder in enumerate(whole):
+        if folder in whole[:number]:
+            raise BadInput(f"{run[number]}: is named twice; name each run once")
+    if out is not None and len(run) == 1:
+        raise BadInput(f"--out {out}: is for several runs; the report of one stands in its folder")
+    if out is not None and not out.absolute().parent.is_dir():
+        raise BadInput(f"--out {out}: there is no folder {out.absolute().parent}; make it first, or name another")
+
+
+def _write(run: Sequence[Path], out: Path) -> tuple[Path, list[Difference]]:
+    if len(run) == 1:
+        from cogrip.sim.runs.report.page import write_report
+
+        return write_report(run[0]), []
+    from cogrip.sim.runs.report.compared import write_comparison
+
+    return write_comparison(out, run)

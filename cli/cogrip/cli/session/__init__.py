@@ -1,0 +1,1 @@
+"""Commands that run a session: demo, serve, join, lab, relay, and their settings."""

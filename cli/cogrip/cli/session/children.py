@@ -1,0 +1,95 @@
+"""Commands of ours as processes of this machine: started, listened to, ended."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+from cogrip.cli.terminal.problem import Problem
+from cogrip.protocol.io.stop import Stop
+
+START_LIMIT_S = 30.0
+END_LIMIT_S = 15.0
+_LOOK_EVERY_S = 0.02
+_STATED = re.compile(
+    r"^(?:cogrip: (?P<problem>.+)"
+    r"|[^:]+: (?:(?:the session|the looking on) (?:broke off|is over)(?:, no force is left)?|not a good run): (?P<end>.+)"
+    r"|(?P<stopped>stopped \(.+\))|ended: (?P<ended>.+)"
+    r"|(?P<defect>[\w.]+(?:Error|Exception|Interrupt)(?:: .+)?))$"
+)
+"""A line in which a command of ours says why it ended; after a defect it is the last line of the traceback."""
+
+
+def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A child of its own session: Ctrl-C reaches it through us, so that its last words are not lost."""
+    with log.open("wb") as out:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", "cogrip.cli", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+
+def stated_reason(log: Path) -> str:
+    """Return the reason that a child gave for its end, "" where it gave none: never a line about anything else."""
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
+    for line in reversed(lines):
+        if line.startswith("{"):  # a server that logs for programs
+            try:
+                line = str(json.loads(line)["text"])
+            except (ValueError, KeyError, TypeError):
+                continue
+        if found := _STATED.match(line):
+            return next(reason for reason in found.groups() if reason)
+    return ""
+
+
+def how_ended(child: subprocess.Popen[bytes], log: Path) -> str:
+    """Return how a child that has ended did so: the signal that killed it, or its own reason; and its exit code."""
+    code = child.returncode
+    if code < 0:
+        try:
+            return f"was killed by {signal.Signals(-code).name}"
+        except ValueError:
+            return f"was killed by signal {-code}"
+    reason = stated_reason(log)
+    if code == 0:
+        return reason or "ended in order"
+    return f"{reason or 'gave no reason'} (exit code {code})"
+
+
+def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
+    """The port that a server, or a relay, says in its log that it listens on. Raises Problem where it does not come up."""
+    until = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < until and child.poll() is None and not stop.reason:
+        found = re.search(r"(?:listening on|relaying from) \S+:(\d+)", log.read_text())
+        if found:
+            return int(found[1])
+        time.sleep(_LOOK_EVERY_S)
+    if stop.reason:
+        raise Problem(f"{stop.reason} before the {name} was up")
+    why = f"it is not up after {START_LIMIT_S:g} s" if child.poll() is None else how_ended(child, log)
+    raise Problem(f"the {name} did not start: {why} (see {log})")
+
+
+def end_all(children: Mapping[str, subprocess.Popen[bytes]], told: Collection[str]) -> list[str]:
+    """Wait for the end of all; those named in `told` are asked to end. Returns who did not end well, by name."""
+    for name in told:
+        if children[name].poll() is None:
+            children[name].send_signal(signal.SIGTERM)
+    failed = []
+    for name, child in children.items():
+        try:
+            code = child.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            code = child.wait()
+        if code != 0:
+            failed.append(name)
+    return failed

@@ -1,0 +1,81 @@
+"""`cogrip lab`: a whole session in virtual time."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cogrip.cli.runs.new_run import new_run_folder
+from cogrip.cli.session.before_run import AllowUnstable, check_settings
+from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
+from cogrip.cli.terminal.console import make_console
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.sim.runs.folder import summary_text
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.verdict import succeeded
+
+
+def lab(
+    config: Path,
+    /,
+    *,
+    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
+    device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
+    allow_unstable: AllowUnstable = False,
+    json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    runs: Path = Path("runs"),
+) -> int:
+    """Run a session in virtual time with the very cores of the live processes.
+
+    Exit code 0 only if the run was passive and stable, devices included, and nobody ended in a fault.
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    overrides
+        Override a setting: section.key=value. Repeatable; a user's are users.0.key.
+    hands
+        Hand of the first, second ... person in place of the settings'. Repeatable.
+    device
+        Device address of the first, second ... person in place of the settings', such as emulated:vintage. Repeatable.
+    json
+        Write only the summary, as JSON, to this file (- for standard output), and no run folder.
+    runs
+        Folder in which the run's own folder (summary, report, plots, traces) is made.
+    """
+    settings = with_people(load(config, overrides), hands, device)
+    refuse_real(settings)
+    try_hands(settings)
+    check_settings(settings, allow_unstable)
+    console = make_console(stderr=True)
+    folder = None if json else new_run_folder(runs, settings.name)
+    with on_signals(Stop()) as stop, Progress(
+        TextColumn("[progress.description]{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} s"),
+        TimeRemainingColumn(), console=console, transient=True,
+    ) as progress:  # fmt: skip
+        task = progress.add_task(settings.name, total=settings.seconds)
+        outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done), stop)
+    summary = outcome.summary
+    if json == "-":
+        sys.stdout.write(summary_text(summary))
+    elif json:
+        Path(json).write_text(summary_text(summary))
+    else:
+        from cogrip.cli.runs.summary_table import terminal_summary
+        from cogrip.sim.runs.report.page import write_report
+
+        assert folder is not None
+        with console.status("writing the report"):
+            report = write_report(folder)
+        make_console().print(terminal_summary(summary))
+        make_console().print(f"report: {report}")
+    if outcome.diverged:
+        console.print(f"diverged: {outcome.diverged}", highlight=False)
+    if outcome.interrupted:
+        console.print("interrupted: the summary covers what was run", highlight=False)
+        return 130
+    return 0 if succeeded(summary) else 1

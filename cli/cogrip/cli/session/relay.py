@@ -1,0 +1,338 @@
+"""`cogrip relay`: an emulated network between any two programs that speak UDP."""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from cogrip.cli.session.log_lines import LogLines
+from cogrip.cli.session.settings_file import from_flags, load
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.tables import Fitted, has_width, wrapped
+from cogrip.cli.terminal.tables import say as say_lines
+from cogrip.protocol.channel import place_text
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
+from cogrip.protocol.link_profile import Link, Way
+from cogrip.protocol.network_profiles import ProfileName
+from cogrip.sim.session.configured_link import configured_link
+from cogrip.sim.session.delay_trace import TraceError, read_trace
+from cogrip.sim.session.io.relay_loop import LiveRelay, PlaceError, RelayError
+from cogrip.sim.session.link import LinkEmulator
+from cogrip.sim.session.outage_script import ScriptError, read_script
+from cogrip.sim.session.relay import Relay
+
+RELAY_PORT = DEFAULT_PORT + 1
+WAYS: tuple[Way, Way] = ("up", "down")
+PIPED_WIDTH = 300  # all columns in one table for a file
+MOST_FLOWS = 400  # `select` takes sockets up to number 1023
+NOTHING = "adds nothing"
+CLEAR = "\r\x1b[K"
+OUTCOMES = ("delivered", "lost", "outage", "queue_dropped", "duplicated", "held", "reordered", "in_flight")
+TROUBLES = ("crowded", "not_sent", "refused")
+
+
+def relay(
+    config: Path | None = None,
+    /,
+    *,
+    to: str,
+    listen: str = f"127.0.0.1:{RELAY_PORT}",
+    profile: ProfileName | None = None,
+    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    seed: int | None = None,
+    up_trace: Path | None = None,
+    down_trace: Path | None = None,
+    outages: Path | None = None,
+    flows: int = 64,
+    idle_s: float = 60.0,
+    seconds: float | None = None,
+    json: Json = None,
+) -> int:
+    """Relay datagrams between clients and a server, and do to them what a network does, until Ctrl-C or SIGTERM.
+
+    Nothing of a datagram is read, so that sealed sessions and other programs can be tested as well. Every client address has a
+    way of its own to the server, numbered as they come, from 0: number n meets what seat n meets in `cogrip lab`.
+
+    Parameters
+    ----------
+    config
+        Settings file, or a name (`cogrip configs`); its [link] and seed are taken.
+    to
+        The server: HOST:PORT, or HOST for the usual port.
+    listen
+        Where clients come: HOST:PORT of this machine; 0.0.0.0 is all of its addresses.
+    profile
+        A network by name, as link.profile; `docs/networks.md` tells what each is.
+    overrides
+        Override a setting: link.key=value, link.up.key=value. Repeatable.
+    seed
+        Of all chance; else the settings file's, else 1.
+    up_trace
+        Recorded delays from clients to server: CSV with t_s,delay_ms. As link.up.trace.
+    down_trace
+        Recorded delays from server to clients. As link.down.trace.
+    outages
+        Script of outages: CSV with start_s,length_s and perhaps way; from the first datagram on.
+    flows
+        Most clients at once; whoever comes beyond that is not relayed.
+    idle_s
+        A flow that has been silent for so long is over.
+    seconds
+        Stop by yourself after so long.
+    json
+        Write the answer as JSON to this file (- for standard output).
+    """
+    link, seed = _link(config, overrides, profile, seed, {"up": up_trace, "down": down_trace})
+    script: Mapping[Way, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
+    if outages is not None:
+        try:
+            script = read_script(outages)
+        except ScriptError as error:
+            raise BadInput(f"--outages {error}") from None
+    _check(flows, idle_s, seconds)
+
+    def make_link(number: int, way: Way, origin_ns: int) -> LinkEmulator:
+        return configured_link(link, way, f"{seed}/{number}/{way}", script[way], origin_ns)
+
+    console = make_console(soft_wrap=True, stderr=json == "-")
+    if not has_width(console):
+        console.width = PIPED_WIDTH
+    lines = LogLines(stream=sys.stderr if json == "-" else sys.stdout)
+    say = _over_status(lines, console)
+    stop = Stop()
+    core = Relay(make_link, flows, round(idle_s * 1e9))
+    live = LiveRelay(
+        core, _place("--listen", listen, RELAY_PORT), _place("--to", to, DEFAULT_PORT), stop,
+        say, seconds=seconds,
+    )  # fmt: skip
+    if console.is_terminal:
+        live.each_second = lambda now_ns: lines.put(_status(live, console.size.width))
+    with on_signals(stop):
+        try:
+            live.open()
+        except PlaceError as error:
+            raise BadInput(str(error)) from None
+        except RelayError as error:
+            raise Problem(str(error)) from None
+        _tell_network(link, script, say)
+        say(f"relaying from {place_text(live.bound)} to {place_text(live.far)}; seed {seed}; Ctrl-C ends")
+        live.run()
+    if lines.lost:
+        live.counts["log line"] = lines.lost
+    if console.is_terminal:
+        lines.put("\n")
+    told = StringIO()  # to be put with the lines: it may find no reader either
+    end = make_console(file=told, width=console.width, force_terminal=console.is_terminal, soft_wrap=True)
+    end.print(f"ended: {stop.reason}", markup=False)
+    end.print(_table(live))
+    _print_rest(live, end)
+    lines.put(told.getvalue(), wait=True)
+    if json is not None:
+        write_json({"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}, json)
+    return 0
+
+
+def _over_status(lines: LogLines, console: Console) -> Callable[[str], None]:
+    """Say a line, wrapped, in place of the status that stands there on a terminal."""
+
+    def say(text: str) -> None:
+        if console.is_terminal:
+            lines.put(CLEAR)
+        for line in wrapped(text, console).split("\n"):
+            lines.say(line)
+
+    return say
+
+
+def _link(
+    config: Path | None,
+    overrides: Sequence[str],
+    profile: str | None,
+    seed: int | None,
+    traces: Mapping[Way, Path | None],
+) -> tuple[Link, int]:
+    """[link] and seed of a settings file, if there is one, with what the flags say. Raises BadInput."""
+    for text in overrides:
+        if not text.strip().startswith("link."):
+            raise BadInput(f"--set {text}: the relay takes keys of [link] only, such as link.delay_ms=30")
+    if config is not None and profile is not None:
+        raise BadInput(
+            "--profile and a settings file exclude each other; add --set link.profile=NAME if both are meant"
+        )
+    flags = []
+    for way, path in traces.items():
+        if path is None:
+            continue
+        try:
+            read_trace(path)
+        except TraceError as error:
+            raise BadInput(f"--{way}-trace {error}") from None
+        flags.append(f"link.{way}.trace={_quoted(str(path))}")
+    if profile is not None:
+        flags.insert(0, f"link.profile={profile}")
+    if seed is not None:
+        flags.append(f"seed={seed}")
+    settings = load(config, [*flags, *overrides]) if config else from_flags([*flags, *overrides])
+    return settings.link, settings.seed
+
+
+def _quoted(text: str) -> str:
+    """As a TOML string."""
+    return msgspec.json.encode(text).decode()
+
+
+def _place(flag: str, text: str, port: int) -> tuple[str, int]:
+    """HOST:PORT. Raises BadInput."""
+    if flag == "--listen" and text.endswith(":0"):  # a free one
+        text, port = text[:-2], 0
+    try:
+        host, given = split_place(text)
+    except LinkError as error:
+        raise BadInput(f"{flag} {error}; write HOST:PORT, such as 127.0.0.1:{port or RELAY_PORT}") from None
+    return host, port if given is None else given
+
+
+def _check(flows: int, idle_s: float, seconds: float | None) -> None:
+    if not 1 <= flows <= MOST_FLOWS:
+        raise BadInput(f"--flows {flows} is outside 1 to {MOST_FLOWS}")
+    if not 1.0 <= idle_s <= 1e6:
+        raise BadInput(f"--idle-s {idle_s:g} is outside 1 to 1000000")
+    if seconds is not None and not 0.0 < seconds < inf:
+        raise BadInput(f"--seconds {seconds:g} is no time to relay: give more than 0, or leave it out")
+
+
+def _described(link: Link) -> dict[str, Any]:
+    return {way: {**msgspec.structs.asdict(link.direction(way)), "trace": link.trace_of(way)} for way in WAYS}
+
+
+def _tell_network(link: Link, script: Mapping[Way, Sequence[Any]], say: Callable[[str], None]) -> None:
+    words = {way: _words(link, way, len(script[way])) for way in WAYS}
+    for way in WAYS:
+        say(f"{way}: {words[way]}")
+    if set(words.values()) == {NOTHING}:
+        say("no network is emulated: give --profile NAME, --set link.KEY=VALUE or a settings file")
+
+
+def _words(link: Link, way: Way, scripted: int) -> str:
+    """What a way does to datagrams, in few words."""
+    profile = link.direction(way)
+    words = [f"{profile.delay_ms:g} ms"] if profile.delay_ms else []
+    if profile.jitter_ms:
+        words.append(f"jitter {profile.jitter_ms:g} ms")
+    if profile.loss:
+        words.append(f"loss {100 * profile.loss:g} % in runs of {profile.burst_frames:g}")
+    shares = {name: getattr(profile, name) for name in ("duplicate", "reorder")}
+    words += [f"{name} {100 * share:g} %" for name, share in shares.items() if share]
+    if profile.rate_kbps:
+        words.append(f"{profile.rate_kbps:g} kbit/s")
+    if profile.outage_s:
+        words.append(f"outage of {profile.outage_s:g} s every {profile.outage_every_s:g} s")
+    if scripted := scripted + len(link.script(way)):
+        words.append(f"{scripted} outage{'s' if scripted > 1 else ''} by script")
+    if trace := link.trace_of(way):
+        words.append(f"trace {trace}")
+    return ", ".join(words) or NOTHING
+
+
+def _status(live: LiveRelay, width: int) -> str:
+    """One line that is written over, shorter on a narrow terminal: a table would take as long as several datagrams."""
+    totals = {way: live.relay.totals(way) for way in WAYS}
+    begin = f"{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: "
+    line = begin
+    forms = ("{sent} in, {delivered} out, {lost} lost, {outage} in outages", "{sent} in, {delivered} out", "{sent} in")
+    for form in forms:
+        line = begin + "; ".join(f"{way} {form.format(**total)}" for way, total in totals.items())
+        if len(line) < width:  # a line that fills the last column would begin another
+            break
+    return f"\r{line[: width - 1]}\x1b[K"
+
+
+def _summary(live: LiveRelay) -> dict[str, Any]:
+    core = live.relay
+    return {
+        "listen": place_text(live.bound),
+        "to": place_text(live.far),
+        "seconds": live.elapsed_s,
+        "stopped": live.stop.reason,
+        "flows": [
+            {
+                "number": flow.number,
+                "address": place_text(flow.address),
+                **{lane.way: lane.counters() for lane in flow.lanes},
+            }
+            for flow in core.flows.values()
+        ],
+        "totals": {way: core.totals(way) for way in WAYS},
+        "late_us": {
+            way: {name: value if late.count else None for name, value in late.summary_us((50, 99, 99.9)).items()}
+            for way, late in core.late.items()
+        },
+        "flows_begun": core.begun,
+        "flows_expired": core.expired,
+        "strangers": core.strangers,
+        "trouble": live.counts,
+    }
+
+
+def _table(live: LiveRelay) -> Fitted:
+    """A row for each way of each flow, and the totals; on a narrow terminal in several tables."""
+    core = live.relay
+    flows = [(f"{flow.number}", place_text(flow.address)) for flow in core.flows.values()]
+    rows = [
+        ({"flow": f"{flow.number}", "client": place_text(flow.address), "way": lane.way}, lane.counters())
+        for flow in core.flows.values()
+        for lane in flow.lanes
+    ]
+    rows += [({"flow": "all", "client": f"{core.begun} flows", "way": way}, core.totals(way)) for way in WAYS]
+    shown = ["sent", *OUTCOMES, *(name for name in TROUBLES if any(counters[name] for _, counters in rows))]
+    first, second = shown[:5], shown[5:]
+
+    def table(of: Sequence[str], counted: Sequence[str]) -> Table:
+        made = Table(box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
+        for heading in of:
+            made.add_column(heading, no_wrap=True)
+        for heading in counted:
+            made.add_column(heading.replace("_", "\n"), justify="right", no_wrap=True)
+        for named, counters in rows:
+            made.add_row(*(named[heading] for heading in of), *(f"{counters[name]}" for name in counted))
+        return made
+
+    def clients() -> Table:
+        made = Table("flow", "client", box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
+        for number, address in flows:
+            made.add_row(number, address)
+        return made
+
+    whose, which = ("flow", "client", "way"), ("flow", "way")
+    return Fitted(
+        lambda: [table(whose, shown)],
+        lambda: [table(whose, first), table(which, second)],
+        lambda: [clients(), table(which, first), table(which, second)],
+    )
+
+
+def _print_rest(live: LiveRelay, console: Console) -> None:
+    core = live.relay
+    for way, late in core.late.items():
+        if late.count:
+            us = late.summary_us((50, 99))
+            say_lines(
+                console,
+                f"{way}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), at most {us['max']:.0f} us",
+            )
+    counts = {"of strangers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
+    if words := ", ".join(f"{name} {count}" for name, count in counts.items() if count):
+        say_lines(console, f"dealt with: {words}")
+    refused = [measure for measure in live.measures if not measure.granted]
+    if refused:
+        say_lines(console, f"without: {', '.join(measure.name for measure in refused)} (`cogrip doctor` says how)")

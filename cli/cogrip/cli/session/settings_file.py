@@ -1,0 +1,188 @@
+"""Reading settings, by file or by name (TOML, or the JSON that a run folder keeps) with its `--set` overrides."""
+
+import difflib
+import json
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cogrip.cli.session.shipped_settings import SUFFIX, is_name, no_such_settings, shipped, shipped_names
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.device import DeviceError
+from cogrip.devices.for_user import try_for
+from cogrip.devices.registry import is_real
+from cogrip.protocol.settings import Settings, rates_of, resolve
+from cogrip.protocol.settings_table import SettingsError, parse_override
+
+NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
+
+
+def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
+    """Settings of a file, or of a bare name such as `demo` those that come with cogrip (README, Use).
+
+    A file of exactly that name comes first; a folder does not count. Raises BadInput, naming the file, for anything wrong
+    in it.
+    """
+    text = ""
+    try:
+        file = _file_of(path)
+        _refuse_endless(file)
+        text = file.read_text(encoding="utf-8")
+        table = json.loads(text) if file.suffix == ".json" else tomllib.loads(text)
+    except FileNotFoundError:
+        raise BadInput(f"{path}: there is no such file; {_cure(path)}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    except tomllib.TOMLDecodeError as error:
+        words, _, place = str(error).partition(" (at ")
+        found = re.fullmatch(r"line (\d+), column (\d+)\)", place)
+        line, column = found.groups() if found else (text.count("\n") + 1, "")
+        raise BadInput(_not_valid(path, "TOML", words, line, column)) from None
+    except json.JSONDecodeError as error:
+        raise BadInput(_not_valid(path, "JSON", error.msg, error.lineno, error.colno)) from None
+    except RecursionError:
+        raise BadInput(f"{path}: {NESTED}") from None
+    if not isinstance(table, dict):
+        raise BadInput(
+            f"{path}: holds no table of settings; give a settings file, or a name of `cogrip configs`, such as demo"
+        )
+    _place_traces(table, file.parent)
+    try:
+        settings = resolve(table, _overrides(overrides))
+    except RecursionError:
+        raise BadInput(f"{path}: {NESTED}") from None
+    except SettingsError as error:
+        raise BadInput(f"{path}: {error}") from None
+    _try_traces(settings, f"{path}: ")
+    return settings
+
+
+def _file_of(path: Path) -> Path:
+    """The file that `path` means: the one of that name, else for a bare name the one that comes with cogrip."""
+    if not is_name(path) or path.is_file() or path.name not in shipped_names():
+        return path
+    file, here = shipped(path.name), path.with_suffix(SUFFIX)
+    if here.is_file() and not here.samefile(file):
+        errors = make_console(stderr=True, soft_wrap=True)
+        errors.print(f"note: {path} is the one that comes with cogrip; write {here} for the file in this folder")
+    return file
+
+
+def _refuse_endless(file: Path) -> None:
+    """Raises BadInput for a pipe or device by its name, which may never end; what a shell opened (`<(...)`, -) may be one."""
+    if file.exists() and not (file.is_file() or file.is_dir() or str(file).startswith(("/dev/stdin", "/dev/fd/"))):
+        raise BadInput(f"{file}: is no regular file; give a settings file, or a name of `cogrip configs`, such as demo")
+
+
+def _cure(path: Path) -> str:
+    """Say what to give in place of a file that does not exist."""
+    if is_name(path):
+        return no_such_settings(path.name)
+    ours = {str(path.with_name(f"{name}{SUFFIX}")): f"{name}, which comes with cogrip" for name in shipped_names()}
+    here = {str(found): str(found) for found in path.parent.glob(f"*{SUFFIX}")}
+    known = ours | here
+    close = difflib.get_close_matches(str(path), known, n=1)
+    return (
+        f"did you mean {known[close[0]]}?"
+        if close
+        else "give the path of a settings file, or a name of `cogrip configs`"
+    )
+
+
+def _not_valid(path: Path, form: str, words: str, line: object, column: object) -> str:
+    place = f"column {column}" if column else "the end of the file"
+    return f"{path}:{line}: not valid {form}, at {place}: {words[:1].lower()}{words[1:]}"
+
+
+def from_flags(overrides: Sequence[str]) -> Settings:
+    """Settings of `--set` alone. Raises BadInput."""
+    try:
+        settings = resolve({}, _overrides(overrides))
+    except SettingsError as error:
+        raise BadInput(str(error)) from None
+    _try_traces(settings, "")
+    return settings
+
+
+def _overrides(texts: Sequence[str]) -> dict[str, Any]:
+    """`--set` by key. A trace's path in it counts from where we are. Raises BadInput."""
+    found = dict(override(text) for text in texts)
+    for key, value in found.items():
+        if key in ("link.trace", "link.up.trace", "link.down.trace") and isinstance(value, str) and value:
+            found[key] = str(Path(value).absolute())
+    return found
+
+
+def _place_traces(table: dict[str, Any], folder: Path) -> None:
+    """A trace's path in a settings file counts from that file; whoever reads the settings later may be elsewhere."""
+    link = table.get("link")
+    sections = [link, *(link.get(way) for way in ("up", "down"))] if isinstance(link, dict) else []
+    for section in sections:
+        if isinstance(section, dict) and isinstance(section.get("trace"), str) and section["trace"]:
+            section["trace"] = str((folder / section["trace"]).absolute())
+
+
+def _try_traces(settings: Settings, where: str) -> None:
+    """Raises BadInput for a trace that cannot be read, before anything is started."""
+    traces = {settings.link.trace_of(way) for way in ("up", "down")} - {""}
+    if traces:
+        from cogrip.sim.session.delay_trace import TraceError, read_trace
+
+        for trace in sorted(traces):
+            try:
+                read_trace(Path(trace))
+            except TraceError as error:
+                raise BadInput(f"{where}link.trace: {error}") from None
+
+
+def try_hands(settings: Settings) -> None:
+    """Raises BadInput for a device or hand that cannot be had, before anything is started or left behind."""
+    for user in settings.users:
+        try:
+            try_for(user, settings.object.axes, rates_of(settings, user).device_hz)
+        except DeviceError as error:
+            raise BadInput(f"{user.name}: {error}") from None
+
+
+def refuse_real(settings: Settings) -> None:
+    """Raises BadInput for a device of hardware, which no virtual time can hold; nothing is opened."""
+    for user in settings.users:
+        try:
+            real = is_real(user.device)
+        except DeviceError as error:
+            raise BadInput(f"{user.name}: {error}") from None
+        if real:
+            raise BadInput(
+                f"{user.name}: {user.device}: is hardware, and virtual time would not wait for it: take emulated: (such as"
+                " emulated:vintage) or sim:, or hold it live with `cogrip demo` or `cogrip join`"
+            )
+
+
+def with_people(settings: Settings, hands: Sequence[str], devices: Sequence[str]) -> Settings:
+    """`settings` with the first, second ... person's hand or device replaced. Raises BadInput for too many."""
+    users = list(settings.users)
+    for flag, key, values in (("--hands", "hand", hands), ("--device", "device", devices)):
+        if len(values) > len(users):
+            raise BadInput(f"{flag} is given {len(values)} times, but {settings.name} has {len(users)} users")
+        for number, value in enumerate(values):
+            users[number] = msgspec.structs.replace(users[number], **{key: value})
+    return msgspec.structs.replace(settings, users=tuple(users))
+
+
+def override(text: str) -> tuple[str, Any]:
+    """Key and value of a `--set`, the value read as TOML; a bare word is text. Raises BadInput."""
+    try:
+        key, value = parse_override(text)
+    except SettingsError as error:
+        raise BadInput(str(error)) from None
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+    except RecursionError:
+        raise BadInput(f"--set {key}: the value {NESTED}") from None

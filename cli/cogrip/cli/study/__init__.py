@@ -1,0 +1,1 @@
+"""Commands that predict and compare: advise, stability, feel, figures, sweep, compare."""

@@ -1,0 +1,260 @@
+"""`cogrip advise`: what to know of a session before anyone holds a device."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from cogrip.cli.session.settings_file import load, with_people
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Devices, Overrides, Question
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.advice import AMPLE, Advice, Finding, advise, plain
+from cogrip.sim.analysis.advice_change import Change, ranked_changes
+from cogrip.sim.analysis.delay_budget import Stage, budget, total_s
+from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
+from cogrip.sim.analysis.stiffest import NEARLY, Stiffest, stiffest
+from cogrip.sim.session.laboratory_check import Check, check, checked_change, checked_stiffest
+
+
+def advise_command(
+    config: Path,
+    /,
+    *,
+    for_stiffness: bool = False,
+    laboratory: bool = True,
+    overrides: Overrides = (),
+    device: Devices = (),
+    json: Json = None,
+) -> int:
+    """Say before anyone holds a device: stable or not, by what margin; passive or not; what hands feel; what would help.
+
+    Computed from the lifted model, with free devices, each client's own velocity estimate, and the link's constant
+    delays; then checked by sessions in virtual time, with the link's jitter and loss. Exit code 0 whatever the advice.
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    for_stiffness
+        The other way round: the stiffest contact that can be felt with these devices over this link, and which b and K make it.
+    laboratory
+        Check the advice by sessions in virtual time: some seconds; `--no-laboratory` leaves the model's word for it.
+    device
+        Device address of the first, second ... person in place of the settings'. Repeatable.
+    """
+    settings = with_people(load(config, overrides), (), device)
+    try:
+        if for_stiffness:
+            return _tell_stiffest(config, settings, laboratory, json)
+        advice = advise(settings)
+        session = linear_session(settings)
+        checked = _watched("running sessions in virtual time", lambda _: check(settings)) if laboratory else None
+        change = _change(settings, advice, checked)
+    except (ModelError, DeviceError) as error:
+        raise BadInput(f"{config}: {error}") from None
+    Question.tell_rounding(session)
+    if json:
+        write_json(_record(advice, session, change, checked), json)
+        return 0
+    names = [user.name for user in settings.users]
+    rows = _rows([*advice.findings, *_seen(checked)], names)
+    budgets: dict[tuple[Stage, ...], list[str]] = {}
+    for number, person in enumerate(session.people):
+        budgets.setdefault(budget(session, number), []).append(person.name)
+    for stages, alike in budgets.items():
+        told = ", ".join(f"{stage.way} {stage.name} {1e3 * stage.delay_s:.1f}" for stage in stages if stage.delay_s)
+        rows.append(("", "delay", f"{', '.join(alike)}: {1e3 * total_s(stages):.1f} ms round: {told}"))
+    rows.append(
+        (
+            "",
+            "conditions",
+            f"{AS_IT_STANDS.conditions}{'; the laboratory sessions have jitter, loss and simulated hands' if checked else ''}",
+        )
+    )
+    by = (
+        " (as sessions in virtual time bear out)"
+        if checked and (not change or change.measured)
+        else " (by the model alone)"
+    )
+    if change:
+        last = f"most helpful{by}: --set {change.setting}: {change.effect}"
+    else:
+        last = f"most helpful: nothing of what was tried would be better{by}"
+    _print(rows, last)
+    return 0
+
+
+def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Json) -> int:
+    def look(progress: Callable[[int, int], None]) -> tuple[Stiffest, Check | None] | None:
+        if laboratory:
+            return checked_stiffest(settings, progress)
+        found = stiffest(settings, progress)
+        return (found, None) if found else None
+
+    answer: tuple[Stiffest, Check | None] | None = _watched("looking for the stiffest", look)
+    if answer is None:
+        sessions = ", and a session in virtual time bears out" if laboratory else ""
+        raise BadInput(
+            f"{config}: no b and K up to what the devices carry was found with which this session is stable{sessions}"
+        )
+    found, checked = answer
+    if json:
+        write_json({"stiffest": _stiffest_record(found, checked)}, json)
+        return 0
+    people = [user.name for user in settings.users]
+    most = found.limit.stiffness_npm
+    reasons = {
+        "stability": f"K stays {AMPLE:g} times below {plain(most or 0.0)} N/m, up to which the session is stable",
+        "the line": f"K is so large that {100.0 * NEARLY:g} % of what the line lets through is felt",
+        "sessions": "with a larger b or K a session in virtual time was not passive and stable",
+        "the device's record": "more is felt than the device's record advises with a larger K or b",
+    }
+    felt = " and ".join(dict.fromkeys(plain(user.felt_npm) for user in found.advice.users))
+    shown = [finding for finding in found.advice.findings if finding.topic in ("device", "free motion")]
+    rows = [
+        ("", "stiffest", f"{_in_sessions(checked)}{felt} N/m felt at rest, calculated without jitter and loss"),
+        ("", "settings", " ".join(f"--set {Change.written(key, value)}" for key, value in found.overrides.items())),
+        ("", "bound", reasons[found.bounded]),
+        *_rows([*shown, *_seen(checked, {user.name: user.felt_npm for user in found.advice.users})], people),
+    ]
+    _print(rows, "")
+    return 0
+
+
+Row = tuple[str, str, str]
+
+
+def _seen(checked: Check | None, expected_npm: Mapping[str, float] | None = None) -> list[Finding]:
+    return [checked.session, *checked.felt(expected_npm)] if checked else []
+
+
+def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
+    """A row a finding; people of whom the same is to be said share one."""
+    named: dict[tuple[str, str, str], list[str]] = {}
+    for finding in findings:
+        name, _, rest = finding.text.partition(": ")
+        whose = name if name in people else ""
+        named.setdefault((finding.level, finding.topic, rest if whose else finding.text), []).append(whose)
+    return [
+        (level, topic, f"{', '.join(names)}: {text}" if any(names) else text)
+        for (level, topic, text), names in named.items()
+    ]
+
+
+def _print(rows: Iterable[Row], last: str) -> None:
+    """Level, topic and text in columns, the text wrapped within its own."""
+    console = make_console()
+    table = Table.grid(padding=(0, 2, 0, 0))
+    tones = {"warning": "yellow", "note": "cyan", "ok": "green"}
+    for level, topic, text in rows:
+        table.add_row(Text(level, style=tones.get(level, "")), Text(topic), Text(text, overflow="fold"))
+    console.print(table)
+    if last:
+        console.print(Text(last))
+
+
+def _watched(doing: str, work: Callable[[Callable[[int, int], None]], Any]) -> Any:
+    """Do it; on a terminal, say so meanwhile."""
+    errors = make_console(stderr=True)
+    with errors.status(doing) as status:
+        return work(lambda tried, total: status.update(f"{doing}: {tried} of {total} tried"))
+
+
+def _change(settings: Settings, advice: Advice, checked: Check | None) -> Change | None:
+    """Find what helps most; of many people far apart it takes a while."""
+
+    def look(progress: Callable[[int, int], None]) -> Change | None:
+        if checked is None:
+            return next(ranked_changes(settings, advice, progress), None)
+        return checked_change(settings, advice, checked, progress)
+
+    found: Change | None = _watched("looking for what would help", look)
+    return found
+
+
+def _record(advice: Advice, session: LinearSession, change: Change | None, checked: Check | None) -> dict[str, Any]:
+    findings = [*advice.findings, *_seen(checked)]
+    return {
+        "scheme": advice.verdict.scheme,
+        "stable": advice.verdict.stable,
+        "spectral_radius": advice.verdict.spectral_radius,
+        "radius_without_structural": advice.verdict.decaying,
+        "largest_stable_stiffness_npm": advice.limit.stiffness_npm,
+        "stiffness_npm": advice.stiffness_npm,
+        "conditions": AS_IT_STANDS.conditions,
+        "users": [
+            {
+                "name": user.name,
+                "asked_stiffness_npm": user.asked_npm,
+                "felt_stiffness_npm": user.felt_npm,
+                "laboratory_felt_npm": _felt_in(checked, user.name),
+                "free_mass_kg": user.free_mass_kg,
+                "compensated_stiffness_npm": user.compensated_npm,
+                "enough_impedance_nspm": user.enough_impedance_nspm,
+                "b_tc_over_m": user.b_tc_over_m,
+                "advised_damping_nspm": user.advised_damping_nspm,
+                "largest_impedance_nspm": user.largest_impedance_nspm,
+                "impedance_bound": user.impedance_bound,
+                "delay_ms": {f"{stage.way} {stage.name}": 1e3 * stage.delay_s for stage in budget(session, number)},
+            }
+            for number, user in enumerate(advice.users)
+        ],
+        "findings": [{"topic": finding.topic, "level": finding.level, "text": finding.text} for finding in findings],
+        "warnings": [finding.text for finding in findings if finding.warns],
+        "laboratory": _judged(checked),
+        "change": {"set": change.setting, "effect": change.effect} if change else None,
+    }
+
+
+def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
+    return {
+        "set": [Change.written(key, value) for key, value in found.overrides.items()],
+        "damper_nspm": found.damper_nspm,
+        "stiffness_npm": found.stiffness_npm,
+        "felt_stiffness_npm": found.felt_npm,
+        "largest_stable_stiffness_npm": found.limit.stiffness_npm,
+        "bounded_by": found.bounded,
+        "laboratory": _judged(checked),
+        "users": [
+            {
+                "name": user.name,
+                "felt_stiffness_npm": user.felt_npm,
+                "laboratory_felt_npm": _felt_in(checked, user.name),
+                "free_mass_kg": user.free_mass_kg,
+            }
+            for user in found.advice.users
+        ],
+    }
+
+
+def _in_sessions(checked: Check | None) -> str:
+    """Say first what sessions felt where that is a range: jitter and loss soften it."""
+    told = [value for values in checked.felt_npm.values() for value in values if value is not None] if checked else []
+    if not told or max(told) < 1.01 * min(told):
+        return ""
+    return f"{plain(min(told), 3)} to {plain(max(told), 3)} N/m felt at rest in sessions over this link; "
+
+
+def _judged(checked: Check | None) -> dict[str, Any] | None:
+    """Return how the session in virtual time was judged; None where none was run."""
+    if checked is None:
+        return None
+    finding = checked.session
+    return {
+        "seconds": checked.seconds,
+        "passive": checked.passive == "good",
+        "stable": checked.stable == "good",
+        "level": finding.level,
+        "text": finding.text,
+    }
+
+
+def _felt_in(checked: Check | None, name: str) -> list[float | None] | None:
+    """Return what was measured, a value a seed; None where nothing was."""
+    return list(checked.felt_npm[name]) if checked and name in checked.felt_npm else None

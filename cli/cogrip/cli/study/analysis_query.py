@@ -1,0 +1,88 @@
+"""What the commands that analyse have in common: the settings with a scheme put in, the delays, and notes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import say
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import (
+    LinearSession,
+    ModelError,
+    Scheme,
+    linear_session,
+    rounding_notes,
+    scheme_overrides,
+)
+
+Devices = Annotated[tuple[str, ...], Parameter(name="--device", negative="")]
+Overrides = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set", negative="", help="Override a setting: section.key=value. Repeatable; a user's are users.0.key."
+    ),
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """Which linear session a settings file stands for."""
+
+    scheme: Annotated[
+        Scheme | None,
+        Parameter(
+            help="Analyse it as this scheme; paper brings its filter (lowpass) and encoder (velocity). Else the file's."
+        ),
+    ] = None
+    hands: Annotated[
+        bool, Parameter(help="Let the simulated hands hold on; else devices are free, as in the paper.")
+    ] = False
+    estimated: Annotated[
+        bool,
+        Parameter(
+            negative="--exact-velocity",
+            help="Read the client's velocity estimate where a device gives none; --exact-velocity: the idealised session, "
+            "with exact velocities, as in the paper.",
+        ),
+    ] = True
+
+    @property
+    def conditions(self) -> str:
+        """Say under which conditions an answer holds."""
+        velocity = "velocities as clients estimate them" if self.estimated else "idealised: exact velocities"
+        hands = "simulated hands hold on" if self.hands else "nobody holds the devices"
+        return f"{velocity}; {hands}; constant delays, lasting contact; no jitter, loss, friction or encoder steps"
+
+    def settings(self, config: Path, overrides: Sequence[str]) -> Settings:
+        """The file's settings as a session of the scheme; what `--set` says stands above both. Raises BadInput."""
+        of_scheme = [f"{key}={value}" for key, value in scheme_overrides(self.scheme).items()] if self.scheme else []
+        return load(config, [*of_scheme, *overrides])
+
+    def model(self, config: Path, overrides: Sequence[str], delay_frames: float | None) -> LiftedModel:
+        """The lifted model; raises BadInput where there is none, and says what was done about the delays."""
+        settings = self.settings(config, overrides)
+        try:
+            session = linear_session(settings, delay_frames=delay_frames, hands=self.hands, estimated=self.estimated)
+        except (ModelError, DeviceError) as error:
+            raise BadInput(f"{config}: {error}") from None
+        self.tell_rounding(session)
+        return LiftedModel(session)
+
+    @staticmethod
+    def tell_rounding(*sessions: LinearSession) -> None:
+        """On stderr, what was done about delays that are no whole number of ticks or frames."""
+        console = make_console(stderr=True, soft_wrap=True)
+        for note in dict.fromkeys(note for session in sessions for note in rounding_notes(session)):
+            say(console, f"note: {note}")
+
+
+AS_IT_STANDS = Question()

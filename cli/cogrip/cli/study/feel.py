@@ -1,0 +1,99 @@
+"""`cogrip feel`: what one person's hand will feel, from the lifted model."""
+
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Question
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.sim.analysis.delay_budget import budget, total_s
+from cogrip.sim.analysis.feel import conditions
+from cogrip.sim.analysis.linear_session import LinearSession
+
+
+def feel(
+    config: Path,
+    /,
+    *,
+    user: int = 0,
+    question: Question = AS_IT_STANDS,
+    delay_frames: float | None = None,
+    out: Path | None = None,
+    overrides: Overrides = (),
+    json: Json = None,
+) -> int:
+    """Felt stiffness, damping and inertia at low frequency, and where the time goes; with --out the impedance to 64 Hz.
+
+    In free motion without contact, alone with the object, on a wall, and with everybody else holding on (300 N/m, 5 N s/m).
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    user
+        Whose hand: the user's number.
+    delay_frames
+        Delay each way in network frames, in place of the file's link and playout.
+    out
+        Folder for feel.png, .svg and .csv: rendered and ideal impedance over frequency.
+    """
+    session = question.model(config, overrides, delay_frames).session
+    if not 0 <= user < len(session.people):
+        raise BadInput(f"--user {user}: users are numbered 0 to {len(session.people) - 1}")
+    if json:
+        write_json(_record(session, user), json)
+    else:
+        _tell(session, user)
+    if out is not None:
+        from cogrip.sim.analysis.figures.feel import feel_page
+        from cogrip.sim.analysis.figures.page import save_page
+
+        try:
+            paths = save_page(out, feel_page(session, user))
+        except OSError as error:
+            raise Problem(f"--out {out}: cannot be written: {error}") from None
+        make_console(stderr=True, soft_wrap=True).print("written: " + ", ".join(map(str, paths)))
+    return 0
+
+
+def _tell(session: LinearSession, user: int) -> None:
+    console = make_console()
+    table = Table(title=f"what {session.people[user].name} feels, the device apart")
+    for column in ("", "stiffness (N/m)", "damping (N s/m)", "inertia (kg)"):
+        table.add_column(column, justify="right")
+    for condition in conditions(session, user, np.array([1.0])):
+        slow = condition.slow
+        table.add_row(condition.name, _number(slow.stiffness_npm), _number(slow.damping_nspm), _number(slow.inertia_kg))
+    console.print(table)
+    stages = budget(session, user)
+    delays = Table(title=f"from the hand to its answer: {1e3 * total_s(stages):.1f} ms")
+    for column in ("way", "stage", "ms", ""):
+        delays.add_column(column)
+    for stage in stages:
+        delays.add_row(stage.way, stage.name, f"{1e3 * stage.delay_s:.2f}", stage.why)
+    console.print(delays)
+
+
+def _number(value: float) -> str:
+    return "0" if abs(value) < 1e-6 else f"{value:.4g}"
+
+
+def _record(session: LinearSession, user: int) -> dict[str, object]:
+    found = {}
+    for condition in conditions(session, user, np.array([1.0])):
+        slow = condition.slow
+        found[condition.name] = {
+            "stiffness_npm": slow.stiffness_npm,
+            "damping_nspm": slow.damping_nspm,
+            "inertia_kg": slow.inertia_kg,
+        }
+    stages = budget(session, user)
+    return {
+        "user": session.people[user].name,
+        "conditions": found,
+        "delay_ms": {f"{stage.way} {stage.name}": 1e3 * stage.delay_s for stage in stages},
+        "delay_total_ms": 1e3 * total_s(stages),
+    }

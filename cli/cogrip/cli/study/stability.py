@@ -1,0 +1,193 @@
+"""`cogrip stability`: is a session stable, up to which stiffness, and in which region of two people's stiffnesses."""
+
+from pathlib import Path
+
+from cyclopts import App
+
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Question
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.tables import say
+from cogrip.devices.device import DeviceError
+from cogrip.sim.analysis.linear_session import ModelError
+from cogrip.sim.analysis.stability import largest_stable, verdict
+
+stability = App(
+    name="stability", help="Is a session stable, and up to which stiffness? From the lifted model (P eq. 36)."
+)
+
+_SCHEMES = {"passive": "passive scheme", "paper": "the paper's scheme", "coupling": "virtual coupling"}
+
+
+@stability.command
+def radius(
+    config: Path,
+    /,
+    *,
+    question: Question = AS_IT_STANDS,
+    delay_frames: float | None = None,
+    overrides: Overrides = (),
+    json: Json = None,
+) -> int:
+    """Spectral radius of one network frame.
+
+    Eigenvalues that the structure puts at 1 are counted by name: with any, the whole map's radius is at least 1. "Stable"
+    looks at all the others.
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    delay_frames
+        Delay each way in network frames, in place of the file's link and playout.
+    """
+    found = verdict(question.model(config, overrides, delay_frames))
+    if json:
+        answer = {
+            "scheme": found.scheme,
+            "spectral_radius": found.spectral_radius,
+            "structural": len(found.structural),
+            "states": found.states,
+            "stable": found.stable,
+        }
+        write_json(answer, json)
+        return 0
+    console = make_console()
+    say(console, f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
+    say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
+    say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
+    say(console, f"({question.conditions})")
+    return 0
+
+
+@stability.command
+def limit(
+    config: Path,
+    /,
+    *,
+    question: Question = AS_IT_STANDS,
+    delay_frames: float | None = None,
+    overrides: Overrides = (),
+    json: Json = None,
+) -> int:
+    """The largest stiffness up to which the session is stable.
+
+    All users' stiffnesses grow together, in the proportion they have in the settings; the answer is the largest of them.
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    delay_frames
+        Delay each way in network frames, in place of the file's link and playout.
+    """
+    model = question.model(config, overrides, delay_frames)
+    try:
+        found = largest_stable(model)
+    except ValueError as error:
+        raise BadInput(f"{config}: {error}") from None
+    if json:
+        answer = {
+            "largest_stable_stiffness_npm": found.stiffness_npm,
+            "searched_to_npm": found.searched_to_npm,
+        }
+        write_json(answer, json)
+        return 0
+    if found.stiffness_npm is None:
+        text = f"stable at any stiffness up to {found.searched_to_npm:g} N/m"
+    elif found.stiffness_npm == 0.0:
+        text = "stable at no stiffness"
+    else:
+        text = f"stable up to {found.stiffness_npm:.6g} N/m"
+    if found.stable_again:
+        text += ", and again at some stiffness beyond"
+    console = make_console()
+    say(console, f"{_SCHEMES[model.session.scheme]}: {text}")
+    say(console, f"({question.conditions})")
+    return 0
+
+
+@stability.command
+def region(
+    config: Path,
+    /,
+    *,
+    out: Path,
+    question: Question = AS_IT_STANDS,
+    delays_frames: str = "0,1,2,4",
+    to_npm: str = "",
+    grid: int = 0,
+    overrides: Overrides = (),
+) -> int:
+    """The stable region in the plane of the first two users' stiffnesses, at several delays: PNG, SVG, CSV and JSON.
+
+    Its outline is traced, and verified on both sides: stable just inside, unstable just outside. Further users keep their own
+    stiffness. Exit code 1 if an outline could not be verified.
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    out
+        Folder for region.png, .svg, .csv and .json. An answer to another question there is never overwritten.
+    delays_frames
+        Delays each way in network frames, with commas between them.
+    to_npm
+        How far the axes go [N/m], one number or two with a comma between them; else as far as the outlines need.
+    grid
+        Compute a dense grid of so many cells a side besides, into the CSV and as a thin contour.
+    """
+    from cogrip.sim.analysis.figures.page import FilesInTheWayError, save_page
+    from cogrip.sim.analysis.figures.region import extent, frames, region_page, region_record
+    from cogrip.sim.analysis.region import regions
+
+    settings = question.settings(config, overrides)
+    delays = _numbers(delays_frames, "--delays-frames")
+    box = _sides(to_npm) if to_npm else None
+    try:
+        found, box = regions(
+            settings, delays, to_npm=box, grid_cells=grid, hands=question.hands, estimated=question.estimated
+        )
+    except (ModelError, DeviceError) as error:
+        raise BadInput(str(error)) from None
+    question.tell_rounding(*(each.session for each in found))
+    try:
+        paths = save_page(
+            out,
+            region_page(found, box, question.conditions, question.estimated),
+            region_record(found, box, settings, question.hands, question.estimated),
+        )
+    except FilesInTheWayError as error:
+        raise BadInput(f"--out: {error}") from None
+    except OSError as error:
+        raise Problem(f"--out {out}: cannot be written: {error}") from None
+    console = make_console()
+    say(console, f"({question.conditions})")
+    for each in found:
+        doubt = "" if each.outline.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
+        say(console, f"{frames(each.delay_frames)} each way: {extent(each.outline)}{doubt}")
+    say(console, "written: " + ", ".join(str(path) for path in paths))
+    return 0 if all(each.outline.verified for each in found) else 1
+
+
+def _numbers(text: str, flag: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise BadInput(f"{flag} {text!r}: write numbers with commas between them, such as 0,1,2,4") from None
+    if len(set(numbers)) < len(numbers):
+        raise BadInput(f"{flag} {text!r}: a number stands twice")
+    return numbers
+
+
+def _sides(text: str) -> tuple[float, float]:
+    try:
+        sides = [float(part) for part in text.split(",")]
+    except ValueError:
+        sides = []
+    if len(sides) not in (1, 2):
+        raise BadInput(
+            f"--to-npm {text!r}: write one number, or two with a comma between them, such as 5000 or 5000,2000"
+        )
+    return sides[0], sides[-1]

@@ -1,0 +1,165 @@
+"""`cogrip sweep`: a session, or its linear model, over a grid of settings."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cogrip.cli.session.before_run import check_plausible
+from cogrip.cli.session.settings_file import load, try_hands
+from cogrip.cli.study.analysis_query import Overrides
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
+from cogrip.sim.experiments.sweep.folder import FolderError, SweepFolder
+from cogrip.sim.experiments.sweep.grid import GridError, parse_axis
+from cogrip.sim.experiments.sweep.measures import DEFAULT, MeasureError, needs_session
+from cogrip.sim.experiments.sweep.picture import draw_measure
+from cogrip.sim.experiments.sweep.run import Report, Sweep, Workers, prepare, run_sweep
+from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.runs.plots.style import NotDrawnError, png
+
+MOST_PICTURES = 12
+
+
+def sweep(
+    config: Path,
+    /,
+    *,
+    vary: Annotated[tuple[str, ...], Parameter(negative="")],
+    measure: Annotated[tuple[str, ...], Parameter(negative="")] = DEFAULT,
+    overrides: Overrides = (),
+    out: Path | None = None,
+    jobs: int | None = None,
+    json: Json = None,
+    cluster: Literal["ray"] | None = None,
+    address: str = "",
+) -> int:
+    """Run a cell for every combination of values: table.csv, and a heat map for each measure.
+
+    The same command again goes on where the last one ended: no finished cell is run twice. Exit code 0 if every cell could be
+    run, 1 if some failed, 130 if it was interrupted.
+
+    Parameters
+    ----------
+    config
+        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
+    vary
+        A setting and its values: key=first:last:count, key=first:last:countlog, or key=value,value. Repeatable.
+    measure
+        What to read of each cell: a path into summary.json (users.0.peak_force_n, users.*.peak_force_n), or a number
+        of the lifted model (lifted.radius_without_structural, lifted.stable, lifted.largest_stable_stiffness_npm,
+        lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable.
+    out
+        The sweep's folder; else `sweeps/<name>-<digest>`, the digest being of what is asked.
+    jobs
+        Worker processes; else one for each processor.
+    cluster
+        Run the cells on a Ray cluster instead (needs the extra `cluster`).
+    address
+        The cluster's address; else $RAY_ADDRESS, else a new one on this machine.
+    """
+    console = make_console(stderr=True, soft_wrap=True)
+    asked = _prepare(config, overrides, vary, measure)
+    stop = Stop()
+    workers = _workers(cluster, address, jobs, stop)
+    folder = _folder(out or Path("sweeps") / f"{asked.grid.base['name']}-{asked.digest}", asked)
+    if folder.finished:
+        console.print(f"{len(folder.finished)} of {asked.grid.cells} cells are finished already, in {folder.path}")
+    with on_signals(stop), Progress(
+        TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=console, transient=True,
+    ) as bar:  # fmt: skip
+        task = bar.add_task("cells", total=asked.grid.cells)
+        report = _run(asked, folder, workers, lambda finished: bar.update(task, completed=finished))
+    pictures = _draw(asked, folder, console)
+    return _tell(report, folder.path, pictures, stop, json, console)
+
+
+def _prepare(config: Path, overrides: tuple[str, ...], vary: tuple[str, ...], measure: tuple[str, ...]) -> Sweep:
+    settings = load(config, overrides)
+    try:
+        axes = [parse_axis(text) for text in vary]
+        if needs_session(measure):
+            try_hands(settings)
+            check_plausible(settings)
+        return prepare(settings, axes, measure)
+    except (GridError, MeasureError) as error:
+        raise BadInput(str(error)) from None
+
+
+def _workers(cluster: str | None, address: str, jobs: int | None, stop: Stop) -> AbstractContextManager[Workers]:
+    if jobs is not None and jobs < 1:
+        raise BadInput(f"--jobs {jobs} must be at least 1")
+    if cluster:
+        return RayWorkers(address, stop)
+    if address:
+        raise BadInput(f"--address {address}: is a cluster's; give --cluster ray with it")
+    return LocalWorkers(jobs or processors(), stop)
+
+
+def _folder(path: Path, asked: Sweep) -> SweepFolder:
+    try:
+        return SweepFolder(path, asked.asked)
+    except FolderError as error:
+        raise BadInput(f"--out: {error}") from None
+    except OSError as error:
+        raise Problem(f"--out {path}: cannot be written: {error}") from None
+
+
+def _run(
+    asked: Sweep, folder: SweepFolder, workers: AbstractContextManager[Workers], progress: Callable[[int], None]
+) -> Report:
+    try:
+        with workers as these:
+            return run_sweep(asked, folder, these, progress)
+    except ClusterError as error:
+        raise Problem(str(error)) from None
+
+
+def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
+    from cogrip.sim.analysis.figures.page import svg
+
+    paths: list[Path] = []
+    for column in asked.columns[:MOST_PICTURES]:
+        try:
+            figure = draw_measure(asked.grid, folder.finished, column)
+        except NotDrawnError as reason:
+            console.print(f"not drawn: {reason}", markup=False)
+            continue
+        path = folder.path / f"heatmap-{column}.png"
+        path.write_bytes(png(figure))
+        path.with_suffix(".svg").write_bytes(svg(figure))
+        paths.append(path)
+    return paths
+
+
+def _tell(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
+    failed = sum(report.failed.values())
+    if json:
+        answer = {
+            "cells": report.cells,
+            "computed": report.computed,
+            "kept": report.kept,
+            "failed": failed,
+            "folder": str(folder),
+            "table": str(report.table),
+        }
+        write_json(answer, json)
+    console.print(
+        f"{report.computed} cells run, {report.kept} kept from before, of {report.cells}; table: {report.table}"
+    )
+    for picture in pictures:
+        console.print(f"picture: {picture}")
+    for reason, count in sorted(report.failed.items(), key=lambda item: -item[1]):
+        console.print(f"failed: {count} cells: {reason}", markup=False)
+    if stop.reason:
+        console.print(f"{stop.reason}: the same command goes on from here")
+        return 130
+    return 1 if failed else 0

@@ -1,0 +1,1 @@
+"""Terminal output: consoles, tables that fit, errors in one line."""

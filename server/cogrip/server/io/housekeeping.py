@@ -1,0 +1,232 @@
+"""What a server does beside its ticks, as chores that wait for nothing: its keeper's orders, tokens, checkpoints, metrics."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from cogrip.server.checkpoint import CheckpointError, decode, encode
+from cogrip.server.events import Happening
+from cogrip.server.io import checkpoint_file
+from cogrip.server.io.authenticator import TokenDoor
+from cogrip.server.io.checkpoint_file import CheckpointWriter
+from cogrip.server.io.control import Control, Kick, Reload, Request, Who
+from cogrip.server.io.metrics_feed import MetricsFeed
+from cogrip.server.io.service_notify import ServiceNotifier
+from cogrip.server.io.state_folder import StateError, StateFolder
+from cogrip.server.loop import LiveServer
+from cogrip.server.room import Room
+from cogrip.server.roster import MOST_PRESENT, Present, people_of
+from cogrip.server.snapshot import Snapshot, SnapshotMaker
+
+EVERY_NS = 500_000_000  # checkpoints and metrics
+LOOK_EVERY_NS = 50_000_000  # for orders
+TURNS = EVERY_NS // LOOK_EVERY_NS
+
+Say = Callable[[Happening], None]
+
+
+class Keeper:
+    """Looks after one live server that listens; `begin` before it runs, `end` after. Each part may be missing."""
+
+    def __init__(
+        self,
+        server: LiveServer,
+        say: Say,
+        *,
+        folder: StateFolder | None = None,
+        door: TokenDoor | None = None,
+        metrics: MetricsFeed | None = None,
+        software: str = "",
+        fresh: bool = False,
+    ) -> None:
+        """Raises ControlError. fresh: begin with every object at its start, whatever checkpoints there are."""
+        self._fresh = fresh
+        self._server = server
+        self._say = say
+        self._folder = folder
+        self._door = door
+        self._metrics = metrics
+        self._notifier = ServiceNotifier()
+        self._control = Control(folder) if folder else None
+        self._writers = (
+            {room.name: CheckpointWriter(folder.checkpoint(room.name), self._trouble) for room in server.core.rooms}
+            if folder
+            else {}
+        )
+        self._kept: list[tuple[int, str]] = []  # sessions and tickets of all seats
+        self._told_limited: set[tuple[int, str]] = set()
+        self._rested: set[str] = set()  # rooms where nothing has happened since their checkpoint
+        self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
+        self._look_ns = self._next_ns = self._watchdog_ns = 0
+        self._turn = 0
+
+    def _trouble(self, text: str) -> None:
+        self._say(Happening("trouble", text))
+
+    def begin(self) -> None:
+        """Go on from the checkpoints of a server that did not end as it should; say that all is ready."""
+        core = self._server.core
+        for room, writer in self._writers.items():
+            try:
+                data = checkpoint_file.read(writer.path)
+                if data is not None and self._fresh:
+                    self._say(
+                        Happening("notice", f"{room}: begins at its start (--fresh): a checkpoint is left aside", room)
+                    )
+                    checkpoint_file.remove(writer.path)
+                elif data is not None:
+                    core.restore(decode(data), time.monotonic_ns())
+            except (CheckpointError, StateError, OSError) as error:
+                self._trouble(f"{writer.path}: room {room} begins anew: {error}")
+        while core.events:
+            self._say(core.events.popleft())
+        self._server.chores.append(self.chore)
+        self._notifier.ready(f"rooms: {', '.join(room.name for room in core.rooms)}")
+
+    def chore(self, now_ns: int) -> None:
+        """Between two ticks."""
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + LOOK_EVERY_NS
+        self._turn = (
+            self._turn + 1
+        ) % TURNS  # each room once in EVERY_NS, never so many at once that a tick has to wait
+        self._write_checkpoints(self._server.core.rooms[self._turn :: TURNS])
+        if self._server.stop.take_reload():
+            self._notifier.reloading(now_ns)
+            self._reload()
+            self._notifier.ready()
+        if self._control is not None:
+            for request in self._control.poll(now_ns):
+                self._obey(request)
+        kept = [(seat.session, seat.ticket) for room in self._server.core.rooms for seat in room.seats]
+        if kept != self._kept:  # whoever has just sat down must be known to the next server as well
+            self._kept = kept
+            self._write_checkpoints(self._server.core.rooms)
+        if now_ns >= self._next_ns:
+            self._next_ns = now_ns + EVERY_NS
+            self._end_revoked()
+            self._tell_limited()
+            if self._metrics is not None:
+                self._metrics.put(self._look())
+        every_ns = self._notifier.watchdog_every_ns
+        if every_ns is not None and now_ns >= self._watchdog_ns:
+            self._watchdog_ns = now_ns + every_ns
+            self._notifier.watchdog()
+
+    def counts(self) -> dict[str, int]:
+        """What went wrong in the keeping, by name."""
+        counts = {
+            "metrics not taken": self._metrics.not_taken if self._metrics else 0,
+            "checkpoint not written": sum(writer.failures for writer in self._writers.values()),
+            "service manager not told": self._notifier.failed,
+        }
+        return {name: count for name, count in counts.items() if count}
+
+    def _look(self) -> Snapshot:
+        server = self._server
+        rtt_ns = {
+            (room.name, number): seat.rtt_ns
+            for room in server.core.rooms
+            for number, seat in enumerate(room.seats)
+            if seat.rtt_ns is not None
+        }
+        drops = (server.drops(), server.losses(), self.counts())
+        return self._maker.look(server.elapsed_s, *drops, rtt_ns=rtt_ns, datagrams=server.datagrams)
+
+    def end(self, *, said_goodbye: bool) -> None:
+        """The server has ended. If it said goodbye nobody comes back to these seats; else the next server goes on from here."""
+        self._notifier.stopping()
+        if self._control is not None:
+            self._control.close()
+        for writer in self._writers.values():
+            writer.close()
+            if said_goodbye:
+                with suppress(OSError):
+                    checkpoint_file.remove(writer.path)
+        if self._door is not None:
+            self._door.close()
+        if self._metrics is not None:
+            self._metrics.close()
+        self._notifier.close()
+
+    def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
+        for room in rooms if self._writers else ():
+            resting = room.deserted
+            if resting and room.name in self._rested:
+                continue
+            (self._rested.add if resting else self._rested.discard)(room.name)
+            self._writers[room.name].put(encode(room.checkpoint()))
+
+    def _tell_limited(self) -> None:
+        """Once for each session of a seat and each reason."""
+        now, events = set(), self._server.events  # of those no more are said than a log can bear
+        for room in self._server.core.rooms:
+            for number, seat in enumerate(room.seats):
+                for reason in room.limited(number):
+                    now.add(what := (seat.session, reason))
+                    if what not in self._told_limited:
+                        words = f"{room.name}: {seat.name} brings in more than the seat may: {reason}"
+                        events.append(Happening("limited", words, room.name, seat.name, token=seat.token))
+        self._told_limited = now
+
+    def _reload(self) -> tuple[str, bool]:
+        if self._door is None:
+            text = "nothing to read again: this server takes no tokens"
+            self._say(Happening("reloaded", text))
+            return text, True
+        good = self._door.reload()
+        ended = self._end_revoked()
+        words = f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"
+        return words, good
+
+    def _end_revoked(self) -> int:
+        revoked = self._door.revoked() if self._door is not None else set()
+        return self._server.core.revoke(revoked) if revoked else 0
+
+    def _obey(self, request: Request) -> None:
+        assert self._control is not None
+        order = request.order
+        if isinstance(order, Kick):
+            text, ok = self._kick(order)
+        elif isinstance(order, Reload):
+            text, ok = self._reload()
+        elif isinstance(order, Who):
+            text, ok, people = self._who(order)
+            self._control.answer(request, text, ok=ok, people=people)
+            return
+        else:
+            text, ok = self._status(), True
+        self._control.answer(request, text, ok=ok)
+
+    def _kick(self, order: Kick) -> tuple[str, bool]:
+        core = self._server.core
+        tokens = {
+            who.token for room, who in core.present() if who.name == order.user and order.room in ("", room.name)
+        } - {""}
+        if not core.kick(order.user, order.room, order.reason):
+            here = ", ".join(who.name for _, who in core.present())
+            return f"nobody here is {order.user!r}; there is: {here or 'nobody'}", False
+        if order.revoke and self._door is not None:
+            for token in tokens:
+                self._door.revoke(token)
+        revoked = ""
+        if order.revoke:
+            revoked = f"; revoked: {', '.join(sorted(tokens))}" if tokens else "; there was no token to revoke"
+        return f"{order.user} was shown out{revoked}", True
+
+    def _who(self, order: Who) -> tuple[str, bool, list[Present]]:
+        rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]
+        if not rooms:
+            return f"there is no room {order.room!r} here", False, []
+        people = people_of(rooms, time.monotonic_ns())
+        more = len(people) - MOST_PRESENT
+        words = f"{len(people)} in {len(rooms)} room{'s' if len(rooms) != 1 else ''}" if people else "nobody is here"
+        return f"{words}; {more} are not listed" if more > 0 else words, True, people[:MOST_PRESENT]
+
+    def _status(self) -> str:
+        rooms = [
+            f"{room.name}: {', '.join(seat.name for seat in room.seats if seat.state == 'seated') or 'nobody'}"
+            for room in self._server.core.rooms
+        ]
+        return f"up for {self._server.elapsed_s:.0f} s; {'; '.join(rooms)}"

@@ -1,0 +1,46 @@
+"""The plain server's channel: datagrams are messages, but from strangers nothing passes that does not look like a hello."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from cogrip.protocol.channel import Address, PlainChannel
+from cogrip.protocol.messages import HELLO_BYTES, MAGIC
+from cogrip.server.events import Happening
+from cogrip.server.rate_limit import Gate
+
+HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()  # its tag, and the magic as MessagePack text
+
+
+def looks_like_hello(datagram: bytes) -> bool:
+    """Whether a datagram is as long as a hello and begins as the hello of every protocol version does."""
+    if len(datagram) < HELLO_BYTES:
+        return False
+    first = datagram[0]
+    header = 1 if 0x90 <= first <= 0x9F else 3 if first == 0xDC else 0  # of a MessagePack array
+    return bool(header) and datagram.startswith(HELLO_BEGINS, header)
+
+
+class PlainListener(PlainChannel):
+    """`Channel` of a plain server. known: whether someone sits at an address, as the core says."""
+
+    def __init__(self, gate: Gate, known: Callable[[Address], bool]) -> None:
+        super().__init__()
+        self.renewed: deque[Address] = deque()  # nobody can tell here
+        self.events: deque[Happening] = deque()
+        self._gate = gate
+        self._known = known
+
+    def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        gate = self._gate
+        reason = gate.size(datagram)
+        if not reason:
+            if self._known(address):
+                reason = gate.peer(address, now_ns)
+            elif looks_like_hello(datagram):
+                reason = gate.contact(address, now_ns)
+            else:
+                reason = "stranger"
+        if reason:
+            self.dropped[reason] = self.dropped.get(reason, 0) + 1
+            return ()
+        return (datagram,)

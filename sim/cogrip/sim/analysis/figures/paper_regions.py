@@ -1,0 +1,158 @@
+"""The paper's Fig. 4 and Fig. 6 from the lifted model, beside ours on the same axes, and how they depend on masses P omits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from matplotlib.axes import Axes
+
+from cogrip.protocol.settings import Settings, resolve
+from cogrip.sim.analysis.figures.page import Page, Table
+from cogrip.sim.analysis.figures.region import COLUMNS, SCHEME_NAMES, draw_regions, frames, line_style, region_rows
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import Scheme, linear_session, scheme_overrides
+from cogrip.sim.analysis.region import Region, regions
+from cogrip.sim.analysis.stability import largest_stable
+from cogrip.sim.runs.plots.style import INK, Sheet, title
+
+DELAYS_FRAMES = (0.0, 1.0, 2.0, 4.0)
+NETWORK_HZ = 128
+DEVICE_KG = 0.1
+OBJECT_KG = 0.2
+SHOWN_DEVICES_KG = (0.045, 0.1)
+DEVICE_MASSES_KG = (0.045, 0.1, 0.3, 1.0)
+OBJECT_MASSES_KG = tuple(np.geomspace(0.1, 1.0, 21).tolist())
+_SHORT: dict[Scheme, str] = {"coupling": "virtual coupling", "paper": "the paper's scheme", "passive": "cogrip"}
+MASS_DELAYS_FRAMES = (0.0, 1.0, 4.0)
+
+
+def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: float = OBJECT_KG) -> Settings:
+    """P section VI: b = 20, B = 10 N s/m, no device damping, 1024 and 128 Hz; two users alike. The masses are ours."""
+    people = [
+        {"name": name, "device": "sim:ideal", "hand": "push", "device_mass_kg": device_kg}
+        for name in ("user 1", "user 2")
+    ]
+    return resolve({"object": {"mass_kg": object_kg}, "users": people}, scheme_overrides(scheme))
+
+
+def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
+    """One scheme's region at the four delays, for a light device and for theory section 6's, on the same axes."""
+    side = max(
+        regions(paper_settings(scheme, device), DELAYS_FRAMES, estimated=False)[1][0] for device in SHOWN_DEVICES_KG
+    )
+    sheet = Sheet(1, len(SHOWN_DEVICES_KG), row_in=4.2)
+    rows: list[list[Any]] = []
+    told = []
+    for panel, device in zip(sheet.panels[0], SHOWN_DEVICES_KG, strict=True):
+        found, box = regions(paper_settings(scheme, device), DELAYS_FRAMES, to_npm=(side, side), estimated=False)
+        draw_regions(panel, found, box)
+        title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
+        rows += [[device, *row] for row in region_rows(found, box)]
+        told.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
+    figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
+    caption = (
+        f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 N s/m, "
+        f"no device damping, object {OBJECT_KG:g} kg "
+        "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
+        f"{'; '.join(told)}. Every line is traced and verified on both sides."
+    )
+    return Page(name, heading, caption, figure, Table(("device_mass_kg", *COLUMNS), rows))
+
+
+def side_by_side() -> Page:
+    """The three schemes on the same axes: velocities as clients estimate them above, exact ones, as in P, below."""
+    box = max(regions(paper_settings(scheme), DELAYS_FRAMES, estimated=False)[1] for scheme in ("paper", "coupling"))
+    order: tuple[Scheme, ...] = ("coupling", "paper", "passive")
+    sheet = Sheet(2, len(order), row_in=3.4)
+    rows: list[list[Any]] = []
+    told: dict[bool, str] = {}
+    for line, estimated in zip(sheet.panels, (True, False), strict=True):
+        found = {scheme: _side(scheme, estimated, box) for scheme in order}
+        for panel, scheme in zip(line, order, strict=True):
+            draw_regions(panel, found[scheme], box)
+            title(panel, f"{_SHORT[scheme]}, {'estimated velocity' if estimated else 'idealised'}")
+            rows += [[scheme, estimated, *row] for row in region_rows(found[scheme], box)]
+        told[estimated] = "; ".join(
+            f"{SCHEME_NAMES[scheme]} {', '.join(_words(region) for region in found[scheme])}" for scheme in order
+        )
+    figure = sheet.finish("$K_1$ [kN/m]", ["$K_2$ [kN/m]"] * 2, _delays_legend(), columns=4)
+    caption = (
+        f"The same two users, devices of {DEVICE_KG:g} kg, object of {OBJECT_KG:g} kg, on the same axes. Above, devices give "
+        "positions alone and clients estimate velocities, as they do at a real arm; below, the idealised session of P, with "
+        "exact velocities. Largest stable stiffness of two alike at 0, 1, 2, 4 frames each way [N/m], estimated: "
+        f"{told[True]}; idealised: {told[False]}. With exact velocities P's claim of a larger region holds with delay; "
+        "without delay virtual coupling has the larger one. cogrip's server step, which solves the ports within the step, has "
+        "no border of its own: "
+        "what is left above is each device's sampled damper."
+    )
+    columns = ("scheme", "estimated", *COLUMNS)
+    return Page("regions", "Virtual coupling, the paper's waves, and ours", caption, figure, Table(columns, rows))
+
+
+def _side(scheme: Scheme, estimated: bool, box_npm: tuple[float, float]) -> list[Region]:
+    settings = paper_settings(scheme)
+    if estimated:  # P's devices but for their velocities: without friction, to be linear
+        device = f"sim:phantom?mass_kg={DEVICE_KG!r}&friction_n=0"
+        users = tuple(msgspec.structs.replace(user, device=device) for user in settings.users)
+        settings = msgspec.structs.replace(settings, users=users)
+    return regions(settings, DELAYS_FRAMES, to_npm=box_npm, estimated=estimated)[0]
+
+
+def _words(region: Region) -> str:
+    limit = largest_stable(LiftedModel(region.session), relative=1e-4).stiffness_npm
+    return "any" if limit is None else "none" if limit == 0.0 else f"{limit:.0f}"
+
+
+def masses() -> Page:
+    """Largest stable stiffness of two users alike over the object's mass, for devices of several masses."""
+    shown: tuple[Scheme, ...] = ("paper", "coupling")
+    sheet = Sheet(len(MASS_DELAYS_FRAMES), len(shown), row_in=2.3)
+    rows: list[list[Any]] = []
+    for row, delay in enumerate(MASS_DELAYS_FRAMES):
+        for column, scheme in enumerate(shown):
+            panel = sheet.panels[row, column]
+            for number, device in enumerate(DEVICE_MASSES_KG):
+                limits = [_limit(scheme, device, object_, delay) for object_ in OBJECT_MASSES_KG]
+                panel.plot(OBJECT_MASSES_KG, limits, **line_style(number))
+                pairs = zip(OBJECT_MASSES_KG, limits, strict=True)
+                rows += [[scheme, delay, device, object_, limit] for object_, limit in pairs]
+            title(panel, f"{SCHEME_NAMES[scheme]}, {frames(delay)} each way")
+            _logarithmic(panel)
+    legend = [(f"device {device:g} kg", line_style(number)) for number, device in enumerate(DEVICE_MASSES_KG)]
+    labels: Sequence[str] = ["largest stable\n$K_1 = K_2$ [N/m]"] * len(MASS_DELAYS_FRAMES)
+    figure = sheet.finish("mass of the object [kg]", labels, legend, columns=4)
+    caption = (
+        "P prints no masses: its appendix is missing. The largest stable stiffness of two users alike, over the masses that "
+        "devices and objects like P's have. Where a curve ends on the left the scheme is stable at no stiffness. With light "
+        "devices (0.045 kg, about a Phantom Omni's) P's region hardly changes with delay, as P says; with heavier ones it "
+        "shrinks. Idealised as in P: exact velocities, with which cogrip's passive scheme has no limit at any of these masses."
+    )
+    columns = ("scheme", "delay_frames", "device_mass_kg", "object_mass_kg", "largest_stable_stiffness_npm")
+    return Page("masses", "How the picture depends on masses", caption, figure, Table(columns, rows))
+
+
+def _limit(scheme: Scheme, device_kg: float, object_kg: float, delay_frames: float) -> float:
+    session = linear_session(paper_settings(scheme, device_kg, object_kg), delay_frames=delay_frames, estimated=False)
+    return largest_stable(LiftedModel(session), relative=1e-4).stiffness_npm or float("nan")
+
+
+def _alike(region: Region) -> float:
+    return largest_stable(LiftedModel(region.session), relative=1e-4).stiffness_npm or 0.0
+
+
+def _delays_legend() -> list[tuple[str, dict[str, Any]]]:
+    return [
+        (f"{frames(delay)} ({1e3 * delay / NETWORK_HZ:.3g} ms)", line_style(number))
+        for number, delay in enumerate(DELAYS_FRAMES)
+    ]
+
+
+def _logarithmic(panel: Axes) -> None:
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.set_xticks([0.1, 0.2, 0.5, 1.0], ["0.1", "0.2", "0.5", "1"])
+    panel.minorticks_off()
+    panel.tick_params(colors=INK)

@@ -1,0 +1,119 @@
+"""The stiffness that each person feels at rest: a probe of its own, with a static load on the same link and coupling.
+
+Person i holds an ideal device against a constant force P_i, balanced over all people, until everything rests:
+
+    K_felt,i = mean F_i / mean (x_i - x_o)        over the last LAST_S, x_i and x_o from where they began
+
+F_i is the force on the hand and x_o the object itself. The device has damping b of its own, which ends the line without
+echo, so that it comes to rest after a few round trips; at rest a damper carries no force, so K_felt is the method's alone.
+Frames that are lost under load let the hand creep, which makes what it feels softer the longer it pulls: that is in it.
+
+Theory section 4: waves make 1 / K_felt = 1 / K + (T_fwd + T_back + T_n) / (2 b).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from cogrip.protocol.settings import Settings, User, coupling_of
+from cogrip.sim.experiments.methods.trace import Watch
+from cogrip.sim.session.laboratory import Laboratory
+
+LOAD_N = 1.0
+START_S, APART_S = 0.5, 0.05  # then springs have their full stiffness; one after the other, so that the object is moved
+LAST_S = 2.0  # lost frames make the force flicker: the mean is what is felt
+SETTLE_S, SETTLE_ROUND_TRIPS = 2.0, 12.0
+SHAKING = 2.0  # swing of the force against the load, from which on nothing rests
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """Of one person. felt_npm is None where the probe diverged, or where the force on this hand never came to rest."""
+
+    person: str
+    asked_npm: float
+    felt_npm: float | None
+
+    @property
+    def error_percent(self) -> float | None:
+        """K_felt / K - 1 [%]: people of unlike K can be held against each other by it."""
+        return 100.0 * (self.felt_npm / self.asked_npm - 1.0) if self.felt_npm else None
+
+    @property
+    def added_mm_per_n(self) -> float | None:
+        """1 / K_felt - 1 / K [mm/N]: the softness that the method and the network have added, which of waves no K changes."""
+        return 1e3 * (1.0 / self.felt_npm - 1.0 / self.asked_npm) if self.felt_npm else None
+
+
+def measure_felt(settings: Settings) -> tuple[Felt, ...]:
+    """Of every person with a spring. Empty where no balanced load can be put on."""
+    loads = balanced_loads(settings)
+    if loads is None:
+        return ()
+    probe = probe_settings(settings, loads)
+    laboratory = Laboratory(probe)
+    watch = Watch(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
+    laboratory.run(watch.each_tick, watch.each_frame)
+    trace = watch.trace()
+    frames = round(LAST_S * probe.rates.network_hz)
+    ticks = round(len(trace.force_n) * frames / max(1, len(trace.position_m)))
+    found: list[Felt] = []
+    for number, (user, load) in enumerate(zip(settings.users, loads, strict=True)):
+        asked = coupling_of(settings, user).stiffness_npm
+        if not asked:
+            continue
+        force = trace.force_n[-ticks:, number, 0]
+        stretch = float((trace.position_m[-frames:, number, 0] - trace.object_m[-frames:, 0]).mean())
+        rests = not laboratory.diverged and np.ptp(force) <= SHAKING * abs(load) and stretch != 0.0
+        found.append(Felt(user.name, asked, float(force.mean()) / stretch if rests else None))
+    return tuple(found)
+
+
+def furthest_off(people: Sequence[Felt]) -> Felt | None:
+    """The person whose felt stiffness is off the K asked for by the largest share, or who feels none; None of nobody."""
+    errors = [(person, person.error_percent) for person in people]
+    return next(
+        (person for person, error in errors if error is None),
+        max(people, key=lambda person: abs(person.error_percent or 0.0), default=None),
+    )
+
+
+def balanced_loads(settings: Settings) -> Sequence[float] | None:
+    """The force with which each person pushes along the first axis [N]: +- LOAD_N, their sum 0 unless the object is fixed.
+
+    None where that cannot be: one person alone at a free object, or faces that are pushed from one side only.
+    """
+    users, kind = settings.users, settings.object.kind
+    if kind == "cube":
+        signs = [1.0 if number % 2 == 0 else -1.0 for number in range(len(users))]
+    else:
+        signs = [1.0 if user.side == "left" else -1.0 for user in users]
+    if kind == "wall":
+        return [LOAD_N * sign for sign in signs]
+    left, right = signs.count(1.0), signs.count(-1.0)
+    if not left or not right:
+        return None
+    return [LOAD_N if sign > 0.0 else -LOAD_N * left / right for sign in signs]
+
+
+def probe_settings(settings: Settings, loads_n: Sequence[float]) -> Settings:
+    """The same session under a static load, as long as it takes to settle."""
+    ways = [settings.link.direction("up"), settings.link.direction("down")]
+    round_trip_s = 1e-3 * sum(way.delay_ms + 2.0 * way.jitter_ms for way in ways)
+    users: list[User] = []
+    for number, (user, load) in enumerate(zip(settings.users, loads_n, strict=True)):
+        start_s = START_S + APART_S * number
+        users.append(
+            msgspec.structs.replace(
+                user,
+                device="sim:ideal",
+                hand=f"push&force_n={load!r}&start_s={start_s!r}",
+                device_damping_nspm=coupling_of(settings, user).impedance_nspm,
+            )
+        )
+    seconds = START_S + APART_S * len(users) + SETTLE_S + SETTLE_ROUND_TRIPS * round_trip_s + LAST_S
+    return msgspec.structs.replace(settings, users=tuple(users), seconds=seconds)

@@ -1,0 +1,203 @@
+"""What a comparison reads of each session, with units and formulas. Shapes and symbols are those of `watch.Trace`.
+
+Everything is read in the same way whatever the method is: from forces on hands, from where hands and object are, and from
+what each person was told. Nothing asks a method for its own books, but for `margin_mj` (the least of its lines' margins)
+and `leak_mj` (what clients say that their devices' sampled dampers have given out: `created_mj` of waves is at most this).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from cogrip.sim.experiments.methods.trace import Array, Trace
+from cogrip.sim.runs.summary_values import Summary, is_number, people, worst_margin
+from cogrip.sim.runs.verdict import SOFTER, felt
+
+LAST_S = 0.5  # of the rest at the end, over which it is judged
+SWING_N = 1.0  # swing of a force between hands that hold still
+SWING_MJ = 5.0  # and energy created meanwhile: a long line that only rings makes none
+ACTIVE_SHARE = 0.1  # of what hands have put in, once what devices leak is taken off: of many people that alone is more
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """heading and unit for tables; what is measured, in a sentence; digits after the point."""
+
+    heading: str
+    unit: str
+    what: str
+    digits: int = 2
+
+
+MEASURES: Mapping[str, Measure] = {
+    "created_mj": Measure(
+        "energy created", "mJ",
+        "The most that the network had given out beyond what the hands had put in: the largest value over time of the "
+        "object's kinetic energy and its own damper's take, less the work of all hands; 0 if there never was any.",
+    ),
+    "peak_force_n": Measure("peak force", "N", "The largest force on any hand."),
+    "force_step_n": Measure("largest step", "N", "The largest change of force on any hand from one tick to the next."),
+    "coherence_rms_mm": Measure(
+        "views apart, rms", "mm",
+        "How far apart two people are told that the object is at the same moment: root mean square over time, of the "
+        "pair that is furthest apart.",
+    ),
+    "coherence_max_mm": Measure("views apart, max", "mm", "The largest of these distances."),
+    "hands_rms_mm": Measure(
+        "hands apart, rms", "mm",
+        "Distance of two hands, each from where it began: root mean square over time, of the pair that is furthest apart.",
+    ),
+    "rest_mm": Measure(
+        "drift at rest", "mm",
+        f"Distance of two hands, each from where it began, over the last {LAST_S:g} s, in which all hands hold where they "
+        "began: what the network has left between them.", 3,
+    ),
+    "rest_swing_n": Measure(
+        "swing at rest", "N",
+        f"Largest less smallest force on any hand over the same last {LAST_S:g} s.",
+    ),
+    "error_clean_n": Measure(
+        "force error to clean link", "N",
+        "Root mean square over ticks and hands of the force's difference to the same method, hands and seed on a link "
+        "without delay and loss.", 3,
+    ),
+    "error_ideal_n": Measure(
+        "force error to ideal", "N",
+        "The same difference to the object directly in the hands: springs K and dampers B at the device rate, no network.", 3,
+    ),
+    "felt_error_percent": Measure(
+        "felt stiffness error", "%",
+        "By how much the stiffness that a person feels under a static load is off the K asked for that person, K_felt / K - 1; "
+        "of the person for whom this share is largest (felt.csv has everybody).", 1,
+    ),
+}  # fmt: skip
+COLUMNS = (
+    "diverged", "diverged_s", "reason", "oscillates", "active", "passive", "not_felt", "margin_mj", "leak_mj", *MEASURES,
+    "felt_person", "lost", "late",
+)  # fmt: skip
+FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each person, beside the K asked for
+
+
+def created_j(work_j: Array, object_j: Array) -> float:
+    """max over t of (object_j - work_j), at least 0 [J].
+
+    Whatever lies between the hands and the object, springs, lines and servers, begins empty and cannot owe. So a passive
+    one has object_j(t) <= work_j(t) at every t; what goes beyond was made of nothing.
+    """
+    return max(0.0, float(np.max(object_j - work_j, initial=0.0)))
+
+
+def created_at_rest_j(trace: Trace) -> float:
+    """By how much `created_j` has grown over the last LAST_S of a session [J]."""
+    frames = max(1, round(LAST_S / trace.frame_s))
+    return created_j(trace.work_j, trace.object_j) - created_j(trace.work_j[:-frames], trace.object_j[:-frames])
+
+
+def furthest(position_m: Array) -> tuple[float, float]:
+    """Of the pair furthest apart: root mean square over time, and the largest distance of any pair [m]; shape (m, n, a)."""
+    rms = most = 0.0
+    for one, other in combinations(range(position_m.shape[1]), 2):
+        square = ((position_m[:, one] - position_m[:, other]) ** 2).sum(axis=1)
+        if square.size:
+            rms = max(rms, float(np.sqrt(square.mean())))
+            most = max(most, float(np.sqrt(square.max())))
+    return rms, most
+
+
+def swing_n(force_n: Array) -> float:
+    """Largest less smallest force of any hand on any axis [N]; shape (k, n, a)."""
+    return float(np.ptp(force_n, axis=0).max()) if len(force_n) else 0.0
+
+
+def force_error_n(force_n: Array, reference_n: Array) -> float | None:
+    """Root mean square over the ticks that both have, and over hands, of |F - F_ref| [N]; shapes (k, n, a)."""
+    ticks = min(len(force_n), len(reference_n))
+    if not ticks:
+        return None
+    return float(np.sqrt(((force_n[:ticks] - reference_n[:ticks]) ** 2).sum(axis=2).mean()))
+
+
+def at_rest(trace: Trace) -> tuple[float, float]:
+    """Distance of hands [m] (of the means over LAST_S) and swing of forces [N], over the last LAST_S of a session."""
+    frames = max(1, round(LAST_S / trace.frame_s))
+    ticks = max(1, round(len(trace.force_n) * frames / max(1, len(trace.position_m))))
+    middle = trace.position_m[-frames:].mean(axis=0, keepdims=True)
+    return furthest(middle)[1], swing_n(trace.force_n[-ticks:])
+
+
+def is_oscillating(swing_n: float, created_mj: float) -> bool:
+    """Whether forces go on swinging between resting hands, fed by energy that is created meanwhile: both over LAST_S.
+
+    A device that saturates keeps what is unstable from growing until something leaves the workspace. A passive line may ring
+    for some round trips after its hands have come to rest, but creates nothing.
+    """
+    return swing_n > SWING_N and created_mj > SWING_MJ
+
+
+def put_in_j(work_j: Array) -> float:
+    """What hands have put in, frame by frame, whatever came out in others [J]; work_j as in `Trace`."""
+    return float(np.maximum(0.0, np.diff(work_j, prepend=0.0)).sum())
+
+
+def is_active(created_mj: float, put_in_mj: float) -> bool:
+    """Whether so much was made of nothing that it drove the session, though in the end it came to rest.
+
+    created_mj: beyond what the devices' sampled dampers have given out (`leak_mj`): that is no method's doing.
+    """
+    return created_mj > max(SWING_MJ, ACTIVE_SHARE * put_in_mj)
+
+
+def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
+    """All columns but those of the felt stiffness. Of a session that diverged, up to then; its rest never came.
+
+    What is of two people is None of one alone.
+
+    clean, ideal: forces to hold against, (k, n, a); None where the ideal itself is not stable.
+    """
+    rms, most = furthest(trace.view_m)
+    users = people(summary)
+    worst = worst_margin(users)
+    apart_m, swing = at_rest(trace)
+    seen = any(user.get("oscillates") is True for user in users)  # at a device port, whenever that was
+    oscillates = not diverged and (seen or is_oscillating(swing, created_at_rest_j(trace) * 1e3))
+    felt_so = felt(summary)
+    softer = felt_so.sentence.startswith(SOFTER)  # the felt stiffness has a column of its own
+    created_mj = created_j(trace.work_j, trace.object_j) * 1e3
+    leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
+    made_mj = created_mj - leak_mj  # by the method itself, at least
+    pair = trace.position_m.shape[1] > 1
+    return {
+        "diverged": bool(diverged),
+        "diverged_s": summary["seconds"] if diverged else None,
+        "reason": diverged,
+        "oscillates": oscillates,
+        "active": not diverged and not oscillates and is_active(made_mj, put_in_j(trace.work_j) * 1e3),
+        "passive": summary["passive"],
+        "not_felt": felt_so.sentence
+        if felt_so.tone == "warn" and not softer and not diverged and not oscillates
+        else "",
+        "margin_mj": worst[0] * 1e3 if worst else None,
+        "leak_mj": leak_mj,
+        "created_mj": created_mj,
+        "peak_force_n": largest(user["peak_force_n"] for user in users),
+        "force_step_n": largest(user["peak_force_step_n"] for user in users),
+        "coherence_rms_mm": rms * 1e3 if pair else None,
+        "coherence_max_mm": most * 1e3 if pair else None,
+        "hands_rms_mm": furthest(trace.position_m)[0] * 1e3 if pair else None,
+        "rest_mm": apart_m * 1e3 if pair and not diverged else None,
+        "rest_swing_n": None if diverged else swing,
+        "error_clean_n": force_error_n(trace.force_n, clean),
+        "error_ideal_n": None if ideal is None else force_error_n(trace.force_n, ideal),
+        "lost": sum(user["link"]["lost"] for user in users),
+        "late": sum(user["link"]["late"] for user in users),
+    }
+
+
+def largest(values: Any) -> float | None:
+    """Of those that are numbers."""
+    return max((float(value) for value in values if is_number(value)), default=None)

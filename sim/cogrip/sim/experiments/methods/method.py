@@ -1,0 +1,145 @@
+"""What is compared: methods and networks by name, and the settings of one session.
+
+A method is a table of overrides of the settings that were given; everything else (hands, object, K, B, b, rates) stays.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import gcd
+from typing import Any
+
+import msgspec
+
+from cogrip.protocol.network_profiles import PROFILES
+from cogrip.protocol.settings import Settings, User, rates_of, resolve
+from cogrip.protocol.settings_table import copied
+
+CLEAN, OWN = "clean", "own"
+OURS = "wave"
+
+
+class ChoiceError(ValueError):
+    """There is no method or network of that name; the text names near ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """`title` is for tables; `overrides` are settings by their path."""
+
+    title: str
+    overrides: Mapping[str, Any]
+
+
+METHODS: Mapping[str, Method] = {
+    OURS: Method(
+        "cogrip's waves",
+        {
+            "coupling.kind": "wave",
+            "coupling.server_step": "passive",
+            "coupling.decimator": "boxcar",
+            "coupling.encoder": "displacement",
+            "playout.frames": "auto",
+        },
+    ),
+    "paper": Method(
+        "the paper's waves",  # over the same line: what differs is P's own filter, encoder and server step
+        {
+            "coupling.kind": "wave",
+            "coupling.server_step": "paper",
+            "coupling.decimator": "lowpass",
+            "coupling.lowpass_rad_s": 50.0,
+            "coupling.encoder": "velocity",
+            "playout.frames": "auto",
+        },
+    ),
+    "coupling": Method("virtual coupling", {"coupling.kind": "coupling", "coupling.server_step": "passive"}),
+    "tdpa": Method("time-domain passivity", {"coupling.kind": "tdpa", "coupling.server_step": "passive"}),
+}
+NETWORKS: tuple[str, ...] = tuple(PROFILES)
+
+
+def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
+    """The names asked for, none twice, in their order. Raises ChoiceError."""
+    found: dict[str, None] = {}
+    for name in asked:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            cure = f"did you mean {near[0]}? " if near else ""
+            raise ChoiceError(f"there is no {what} {name!r}; {cure}there are: {', '.join(known)}")
+        found[name] = None
+    if not found:
+        raise ChoiceError(f"no {what} is named; there are: {', '.join(known)}")
+    return tuple(found)
+
+
+def session_settings(base: Mapping[str, Any], method: str, network: str, seed: int) -> Settings:
+    """Settings of one session. network: a profile's name, CLEAN, or OWN for [link] as it stands. Raises SettingsError."""
+    table = copied(base)
+    if network != OWN:
+        table["link"] = {} if network == CLEAN else {"profile": network}
+    overrides = METHODS[method].overrides
+    _seed(table, seed)
+    _drop_own(table, overrides)
+    return resolve(table, overrides)
+
+
+def ideal_settings(base: Mapping[str, Any], seed: int) -> Settings:
+    """The object directly in the hands: springs K, B at the device rate, with no network between. Raises SettingsError."""
+    table = copied(base)
+    table["link"] = {}
+    settings = resolve(table)
+    rates = [rates_of(settings, user).device_hz for user in settings.users]
+    common_hz = gcd(*rates)
+    if common_hz != settings.rates.device_hz:
+        for user, rate_hz in zip(table["users"], rates, strict=True):
+            user["device_hz"] = rate_hz
+    overrides = {
+        "coupling.kind": "coupling",
+        "coupling.server_step": "passive",
+        "coupling.compensate": False,
+        "rates.device_hz": common_hz,
+        "rates.network_hz": common_hz,
+    }
+    _seed(table, seed)
+    _drop_own(table, overrides)
+    return resolve(table, overrides)
+
+
+def _drop_own(table: dict[str, Any], overrides: Mapping[str, Any]) -> None:
+    """A user's own value would stand above the method's."""
+    for key in overrides:
+        section, _, name = key.partition(".")
+        if section == "coupling" and name in User.__struct_fields__:
+            for user in table["users"]:
+                user[name] = None
+
+
+def _seed(table: dict[str, Any], seed: int) -> None:
+    """One seed for the network's fates and for hands that tremble, each of their own."""
+    table["seed"] = seed
+    for number, user in enumerate(table["users"]):
+        for key in ("hand", "device"):
+            user[key] = _trembling(user[key], seed, number)
+
+
+def _trembling(address: str, seed: int, number: int) -> str:
+    """The address with a tremor's seed in it, drawn from its own one, the session's and the person's number."""
+    name, mark, query = address.partition("?") if address.startswith("sim:") else ("", "", address)
+    items = query.split("&")
+    if not any(item in ("tremor", "hand=tremor") for item in items):
+        return address
+    own = next((int(float(item.removeprefix("seed="))) for item in items if item.startswith("seed=")), 0)
+    kept = [item for item in items if not item.startswith("seed=")]
+    return f"{name}{mark}{'&'.join([*kept, f'seed={(own * 65_536 + seed) * 256 + number}'])}"
+
+
+def described(settings: Settings) -> dict[str, Any]:
+    """Both directions of a session's link, in words of [link]."""
+    return {way: msgspec.to_builtins(_as_table(settings, way)) for way in ("up", "down")}
+
+
+def _as_table(settings: Settings, way: Any) -> dict[str, Any]:
+    return msgspec.structs.asdict(settings.link.direction(way))

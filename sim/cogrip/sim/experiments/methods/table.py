@@ -1,0 +1,222 @@
+"""A comparison's results: gathered over seeds, and as the table of a paper (Markdown, rows of text for a terminal)."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cogrip.protocol.version import VERSION
+from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
+from cogrip.sim.experiments.methods.method import OURS
+from cogrip.sim.experiments.methods.query import FELT_SEEDS, Comparison
+from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.runs.summary_values import is_number
+
+FELT = "felt_error_percent"
+NONE = "–"
+
+
+class Column(NamedTuple):
+    """A measure in the table: heading with its unit; its symbol in a paper, in LaTeX."""
+
+    measure: str
+    heading: str
+    unit: str
+    symbol: str
+
+
+TABLE = (
+    Column("created_mj", "created", "mJ", "E^{+}"),
+    Column("peak_force_n", "peak", "N", "F_{\\max}"),
+    Column("force_step_n", "step", "N", "\\Delta F"),
+    Column("coherence_rms_mm", "views", "mm", "\\delta_{\\mathrm{rms}}"),
+    Column("coherence_max_mm", "max", "mm", "\\delta_{\\max}"),
+    Column("rest_mm", "rest", "mm", "d"),
+    Column(FELT, "felt", "%", "\\epsilon_K"),
+    Column("error_clean_n", "to clean", "N", "e_{\\mathrm{cl}}"),
+    Column("error_ideal_n", "to ideal", "N", "e_{\\mathrm{id}}"),
+)
+
+
+def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
+    """`summary.json`: what was asked, and one row for every method on every network, over all seeds."""
+    rows = []
+    for network in asked.networks:
+        for method in asked.methods:
+            found = [
+                result
+                for cell, result in sorted(results.items())
+                if asked.values(cell)["method"] == method and asked.values(cell)["network"] == network
+            ]
+            rows.append({"network": network, "method": method, **_gathered(found)})
+    return {
+        "name": asked.base["name"],
+        "sessions": asked.cells,
+        "run": len(results),
+        "version": VERSION,
+        "measures": {name: {"unit": measure.unit, "what": measure.what} for name, measure in MEASURES.items()},
+        "asked": asked.asked,
+        "rows": rows,
+    }
+
+
+def _gathered(results: Sequence[Result]) -> dict[str, Any]:
+    ran = [result.measures for result in results if not result.error]
+    ends = sorted(row["diverged_s"] for row in ran if row["diverged"])
+    return {
+        "runs": len(ran),
+        "failed": sum(bool(result.error) for result in results),
+        "errors": dict(Counter(result.error for result in results if result.error)),
+        "diverged": len(ends),
+        "diverged_s": {"median": statistics.median(ends), "first": ends[0]} if ends else None,
+        "reasons": dict(Counter(row["reason"].partition(" at ")[0] for row in ran if row["diverged"])),
+        "oscillates": sum(row["oscillates"] for row in ran),
+        "active": sum(row["active"] for row in ran),
+        "not_passive": sum(row["passive"] is False for row in ran),
+        "not_felt": sum(bool(row["not_felt"]) for row in ran),
+        "felt": _felt([row["felt"] for row in ran if row["felt"]]),
+        **{name: spread([row[name] for row in ran]) for name in MEASURES if name != FELT},
+        FELT: of_probes([row[FELT] for row in ran if row["felt"]]),
+    }
+
+
+def spread(values: Sequence[Any]) -> dict[str, float] | None:
+    """Median, quartiles, and the worst: the value furthest from 0. None where nobody has a number."""
+    numbers = [float(value) for value in values if is_number(value)]
+    if not numbers:
+        return None
+    first, median, third = statistics.quantiles(numbers, n=4, method="inclusive") if len(numbers) > 1 else numbers * 3
+    return {"median": median, "q1": first, "q3": third, "worst": max(numbers, key=abs)}
+
+
+def of_probes(values: Sequence[float | None]) -> dict[str, float] | None:
+    """The spread of the felt stiffness, of the `n` probes that came to rest of all; None where none did."""
+    found = spread(values)
+    return found and {**found, "n": sum(map(is_number, values)), "of": len(values)}
+
+
+def _felt(sessions: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+    """Each person over seeds; the K asked for is the same in all."""
+    people = []
+    for seeds in zip(*sessions, strict=True):
+        found = {name: of_probes([seed[name] for seed in seeds]) for name in FELT_MEASURES}
+        if stiffness := found["felt_npm"]:
+            del stiffness["worst"]  # what is furthest from 0 is the best of a stiffness
+        people.append({"person": seeds[0]["person"], "asked_npm": seeds[0]["asked_npm"], **found})
+    return people
+
+
+def feels(found: Mapping[str, float] | None) -> bool:
+    """Whether more than half of the probes came to rest: else the number would be that of the few that did."""
+    return found is not None and 2 * found["n"] > found["of"]
+
+
+def ours_failed(summary: Mapping[str, Any]) -> bool:
+    """Return whether cogrip's own method diverged or oscillated anywhere, or gave out energy that had not been put in."""
+    return any(
+        row["method"] == OURS and (row["diverged"] or row["oscillates"] or row["not_passive"])
+        for row in summary["rows"]
+    )
+
+
+def unstable(row: Mapping[str, Any]) -> bool:
+    """Whether half of the runs or more diverged or oscillate."""
+    return bool(row["runs"]) and 2 * (row["diverged"] + row["oscillates"]) >= row["runs"]
+
+
+def verdict(row: Mapping[str, Any]) -> str:
+    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, and how many could not be run.
+
+    Behind it what else the judgements of runs say: `not passive 3/20`, `not as intended 3/20` (felt: limits, replaced frames).
+    """
+    runs, words = row["runs"], []
+    if row["diverged"]:
+        words.append(f"diverged {row['diverged']}/{runs} at {row['diverged_s']['median']:.2g} s")
+    if row["oscillates"]:
+        words.append(f"oscillates {row['oscillates']}/{runs}")
+    if row["active"]:
+        words.append(f"active {row['active']}/{runs}")
+    if row["not_passive"]:
+        words.append(f"not passive {row['not_passive']}/{runs}")
+    if not words and runs:
+        words.append("stable")
+    if row["not_felt"]:
+        words.append(f"not as intended {row['not_felt']}/{runs}")
+    if row["failed"]:
+        words.append(f"not run {row['failed']}")
+    return ", ".join(words) or NONE
+
+
+def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:
+    """The median, and the worst behind it where it differs as shown."""
+    found = row[column.measure]
+    if found is None or (column.measure == FELT and (unstable(row) or not feels(found))):
+        return NONE
+    show = _signed if column.measure == FELT else _short
+    median, worst = show(found["median"]), show(found["worst"])
+    return f"{median} ({worst})" if worst_too and worst != median else median
+
+
+def _short(value: float) -> str:
+    """Three digits; powers of ten as people write them where there are many zeros."""
+    if round(abs(value)) >= 1e5:
+        digits, _, power = f"{value:.1e}".partition("e")
+        return f"{digits}e{int(power)}"
+    return "0" if abs(value) < 0.0005 else f"{value:.{decimals(value)}f}"
+
+
+def decimals(value: float) -> int:
+    """Digits after the point, so that there are three at most: of what stands there once it is rounded (9.996 is 10.0)."""
+    return _decimals(float(f"{value:.{_decimals(value)}f}"))
+
+
+def _decimals(value: float) -> int:
+    size = abs(value)
+    return 0 if size >= 100.0 else 1 if size >= 10.0 else 2 if size >= 0.1 else 3
+
+
+def _signed(value: float) -> str:
+    text = f"{value:+.1f}"
+    return "0.0" if float(text) == 0.0 else text.replace("-", "−")
+
+
+def cells(row: Mapping[str, Any], worst_too: bool = True) -> list[str]:
+    """One row's text, from the verdict on."""
+    return [verdict(row), *(shown(row, column, worst_too) for column in TABLE)]
+
+
+def headings() -> list[str]:
+    return ["profile", "method", "stability", *(f"{column.heading} [{column.unit}]" for column in TABLE)]
+
+
+def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
+    """What stands under the table."""
+    seeds = len(summary["asked"]["seeds"])
+    felt = f"felt{first_seeds(seeds)}"
+    return (
+        f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, "
+        "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance of what two "
+        "people are told of the object, "
+        "rms and max over time; rest: distance left between hands that hold still at the end; "
+        f"{felt}: stiffness felt under a static load against the K asked for, where more than half of the probes came to rest; "
+        "to clean, to ideal: rms force difference to the same method on a clean link, and to the object directly in the hands. "
+        "Sessions that diverged are measured up to then."
+    )
+
+
+def first_seeds(seeds: int) -> str:
+    """What stands behind a felt stiffness, where it is not measured with all `seeds`."""
+    return f" (first {FELT_SEEDS} seeds)" if seeds > FELT_SEEDS else ""
+
+
+def markdown(summary: Mapping[str, Any]) -> str:
+    """The table in Markdown."""
+    lines = [_bars(headings()), _bars(["---", "---", "---", *["---:"] * len(TABLE)])]
+    lines += [_bars([row["network"], row["method"], *cells(row)]) for row in summary["rows"]]
+    return "\n".join([*lines, "", note(summary), ""])
+
+
+def _bars(texts: Sequence[str]) -> str:
+    return f"| {' | '.join(text.replace('|', '/') for text in texts)} |"

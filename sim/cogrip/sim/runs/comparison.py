@@ -1,0 +1,181 @@
+"""Runs held against the first of them: whether they can be, their summaries' numbers, the settings that differ."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cogrip.sim.runs.summary_values import UNKNOWN, Summary, dig, energy, is_number, name_of, number, people
+from cogrip.sim.runs.traces import Run
+
+MOST_RUNS = 12  # more colours are not told apart
+NOT_SET = "not set"
+
+
+class ComparisonError(ValueError):
+    """These runs cannot be compared; the text says why, and the cure."""
+
+
+class Quantity(NamedTuple):
+    """A number of a summary: its place below a person (or below the top), and how to show it. No unit: an energy."""
+
+    key: str
+    what: str
+    unit: str = ""
+    scale: float = 1.0
+    digits: int = 1
+    missing: str = UNKNOWN
+
+    def of(self, table: Any) -> float | None:
+        value = dig(table, *self.key.split("."))
+        return float(value) if is_number(value) else None
+
+    def show(self, value: float | None) -> str:
+        if value is None:
+            return self.missing
+        return number(value, scale=self.scale, digits=self.digits) if self.unit else energy(value)
+
+
+_PERSON = (
+    Quantity("peak_force_n", "peak force", "N", digits=2),
+    Quantity("travel_m", "travel", "mm", 1e3),
+    Quantity("felt_stiffness_npm", "felt stiffness", "N/m", digits=0, missing="not measured"),
+    Quantity("predicted_stiffness_npm", "predicted stiffness", "N/m", digits=0),
+    Quantity("energy.up_reserve_j", "least reserve up, after 1 s"),
+    Quantity("energy.down_reserve_j", "least reserve down, after 1 s"),
+    Quantity("energy.line_reserve_j", "least reserve line, after 1 s"),
+    Quantity("energy.device_reserve_j", "least reserve port, after 1 s"),
+    Quantity("energy.up_margin_j", "least margin of the line up"),
+    Quantity("energy.down_margin_j", "least margin of the line down"),
+    Quantity("energy.line_margin_j", "least margin of the whole line"),
+    Quantity("energy.device_margin_j", "least margin of the device port"),
+    Quantity("leak_j", "leak of the device port"),
+    Quantity("at_limit", "force at a limit", "% of ticks", 100.0),
+    Quantity("link.lost", "lost", "frames", digits=0),
+    Quantity("link.late", "late", "frames", digits=0),
+    Quantity("link.rtt_ms.p50", "round trip, median", "ms"),
+    Quantity("link.rtt_ms.p99", "round trip, 99 %", "ms"),
+)
+_ALL = (Quantity("object.travel_m", "travel", "mm", 1e3), Quantity("seconds", "length", "s"))
+
+
+class Difference(NamedTuple):
+    """One number in every run, in the units of summary.json; who: a person, or "" for the object and the run."""
+
+    who: str
+    quantity: Quantity
+    values: tuple[float | None, ...]
+
+    def change(self, number: int) -> float | None:
+        """Of run `number` against the first; None where one of them does not tell."""
+        first, other = self.values[0], self.values[number]
+        return None if first is None or other is None else other - first
+
+    def shown(self) -> list[str]:
+        """The values as a table shows them, and words where there is none."""
+        return [self.quantity.show(value) for value in self.values]
+
+    def shown_change(self, number: int) -> str:
+        """`=` where nothing changed, else the difference with its sign, and in percent of the first run's value."""
+        change, first = self.change(number), self.values[0]
+        if change is None or first is None:
+            return ""
+        if not change:
+            return "="
+        if not self.quantity.unit:
+            text = energy(change)
+            return "=" if text == "0 J" else text if change < 0.0 else f"+{text}"
+        scaled = change * self.quantity.scale
+        text = f"{scaled:+.0f}" if abs(scaled) >= 100.0 else f"{scaled:+.3g}"
+        if first:
+            percent = 100.0 * change / abs(first)
+            text += f" ({percent:+.0f} %)" if abs(percent) >= 100.0 else f" ({percent:+.1f} %)"
+        return text.replace("-", "−")
+
+
+class SettingsDifference(NamedTuple):
+    """A setting that is not the same in all runs, by the name that `--set` gives it; NOT_SET where it does not stand."""
+
+    key: str
+    values: tuple[Any, ...]
+
+
+def labels_of(folders: Sequence[Path]) -> list[str]:
+    """What to call runs: by their folders' names, by whole paths where two have one name."""
+    names = [folder.resolve().name for folder in folders]
+    return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
+
+
+def check_comparable(runs: Sequence[Run], labels: Sequence[str]) -> list[str]:
+    """Names of the people whom all runs have in common, in the order of the first one's seats. Raises ComparisonError."""
+    if not 2 <= len(runs) <= MOST_RUNS:
+        raise ComparisonError(f"{len(runs)} runs cannot be compared; name 2 to {MOST_RUNS} of them")
+    for what, of in (("axes", axes_of), ("kind", object_of)):
+        known = [(label, value) for run, label in zip(runs, labels, strict=True) if (value := of(run)) is not None]
+        for label, value in known[1:]:
+            if value != known[0][1]:
+                raise ComparisonError(
+                    f"{label} cannot be compared with {known[0][0]}: its object.{what} is {value!r}, not "
+                    f"{known[0][1]!r}; compare runs in which it is the same"
+                )
+    for run, label in zip(runs[1:], labels[1:], strict=True):
+        if not set(runs[0].names) & set(run.names):
+            raise ComparisonError(
+                f"{label} cannot be compared with {labels[0]}: nobody held on in both; its people are "
+                f"{', '.join(run.names) or 'not known'}, not {', '.join(runs[0].names) or 'known'}"
+            )
+    everywhere = [name for name in runs[0].names if all(name in run.names for run in runs)]
+    if not everywhere:
+        raise ComparisonError(f"{', '.join(labels)} cannot be compared: nobody held on in all of them")
+    return everywhere
+
+
+def axes_of(run: Run) -> int | None:
+    """How many axes were held on, as far as settings or recordings tell."""
+    axes = dig(run.settings, "object", "axes")
+    if isinstance(axes, int):
+        return axes
+    trace = run.room or next(iter(run.clients.values()), None)
+    if trace is None:
+        return None
+    return sum(name.startswith("object_m.") for name in trace.columns)
+
+
+def object_of(run: Run) -> str | None:
+    """What was held, where the settings tell."""
+    kind = dig(run.settings, "object", "kind")
+    return kind if isinstance(kind, str) else None
+
+
+def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None) -> list[Difference]:
+    """Every number that the summaries tell, side by side: the run's, then those of each person.
+
+    names: whose; else those of everybody who is in all the summaries that name anybody.
+    """
+    tables = [{name_of(user): user for user in people(summary)} for summary in summaries]
+    if names is None:
+        known = [table for table in tables if table]
+        names = [name for name in (known[0] if known else ()) if all(name in table for table in known)]
+    rows = [Difference("", quantity, tuple(quantity.of(summary) for summary in summaries)) for quantity in _ALL]
+    for name in names:
+        rows += [
+            Difference(name, quantity, tuple(quantity.of(table.get(name)) for table in tables)) for quantity in _PERSON
+        ]
+    return rows
+
+
+def settings_differences(settings: Sequence[dict[str, Any]]) -> list[SettingsDifference]:
+    """In the order in which they stand in the first settings that have them."""
+    flat = [dict(_flat(table, "")) for table in settings]
+    keys = dict.fromkeys(key for table in flat for key in table)
+    rows = [SettingsDifference(key, tuple(table.get(key, NOT_SET) for table in flat)) for key in keys]
+    return [row for row in rows if any(value != row.values[0] for value in row.values)]
+
+
+def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """(`section.key`, value) of everything below; a table or list that is empty stands for nothing."""
+    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else None
+    if parts is None:
+        yield path, value
+        return
+    for key, inner in parts:
+        yield from _flat(inner, f"{path}.{key}" if path else str(key))

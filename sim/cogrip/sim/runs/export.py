@@ -1,0 +1,218 @@
+"""Recordings as plain tables: a CSV or Parquet file for each end and kind of message (columns: `flat_records`).
+
+`time_s` stands first, on the run's clock. A table is written chunk by chunk, so half an hour needs no more memory than a
+minute.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
+from io import TextIOWrapper
+from pathlib import Path
+from typing import IO, Any, Literal, NamedTuple, Protocol
+
+import msgspec
+
+from cogrip.protocol.recording.folder import RECOVERED
+from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.records import KINDS, kind_of
+from cogrip.server.recorder import step_topic
+from cogrip.sim.runs.flat_accounts import NUMBER, Column, Row, Shape
+from cogrip.sim.runs.flat_records import shape_of
+from cogrip.sim.runs.records import End, RunRecords
+
+Format = Literal["csv", "parquet"]
+ROWS_HELD = 16_384  # in memory, of one Parquet table
+_DATAGRAMS = ("datagram_in", "datagram_out")
+
+
+class ExportError(Exception):
+    """It cannot be exported; the text says why, and the cure."""
+
+
+class Exported(NamedTuple):
+    path: Path
+    rows: int
+
+
+class Table(Protocol):
+    """Rows on their way into a file."""
+
+    def write(self, rows: list[Row]) -> None: ...
+
+    def close(self) -> None:
+        """Write what is left; the file is closed too."""
+
+
+Make = Callable[[IO[bytes], Sequence[Column]], Table]
+
+
+class CsvTable:
+    """Floats are written by `repr`, the shortest text that reads back as the same bits."""
+
+    def __init__(self, file: IO[bytes], columns: Sequence[Column]) -> None:
+        self._file = TextIOWrapper(file, encoding="utf-8", newline="")
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._writer.writerow(column.name for column in columns)
+
+    def write(self, rows: list[Row]) -> None:
+        self._writer.writerows(rows)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class ParquetTable:
+    """Row groups of about ROWS_HELD rows."""
+
+    def __init__(self, file: IO[bytes], columns: Sequence[Column]) -> None:
+        self._arrow, parquet = _pyarrow()
+        self._schema = self._arrow.schema([(name, getattr(self._arrow, kind)()) for name, kind in columns])
+        self._file = file
+        self._writer = parquet.ParquetWriter(file, self._schema, compression="zstd")
+        self._rows: list[Row] = []
+
+    def write(self, rows: list[Row]) -> None:
+        self._rows += rows
+        if len(self._rows) >= ROWS_HELD:
+            self._flush()
+
+    def _flush(self) -> None:
+        columns = zip(*self._rows, strict=True)
+        arrays = [
+            self._arrow.array(values, type=field.type) for values, field in zip(columns, self._schema, strict=True)
+        ]
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+        self._rows = []
+
+    def close(self) -> None:
+        try:
+            if self._rows:
+                self._flush()
+            self._writer.close()
+        finally:
+            self._file.close()
+
+
+_TABLES: dict[Format, Make] = {"csv": CsvTable, "parquet": ParquetTable}
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    """pyarrow and its parquet. Raises ExportError where it is not installed."""
+    try:
+        import pyarrow  # type: ignore[import-untyped]
+        import pyarrow.parquet  # type: ignore[import-untyped]
+    except ImportError:
+        raise ExportError(
+            "--to parquet needs pyarrow, which is not installed: pip install 'cogrip[parquet]', or export --to csv"
+        ) from None
+    return pyarrow, pyarrow.parquet
+
+
+def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False) -> list[Exported]:
+    """Write the tables of a run into the folder `out`; a topic without messages has none.
+
+    datagrams: those that came and went as well, which are much of a recording.
+    Raises ExportError, before anything is written, where a file is in the way or `to` cannot be had, and OSError where it
+    cannot be written; what it had begun is then removed.
+    """
+    if to == "parquet":
+        _pyarrow()
+    ends = [*run.clients.values(), *([run.server] if run.server else [])]
+    called = {run.folder.name, *(end.recording.header.room for end in run.clients.values())}
+    plans = [(end, _paths(end, called, to, out, datagrams)) for end in ends]
+    for _, paths in plans:
+        for path in paths.values():
+            if path.exists():
+                raise ExportError(f"{path} exists, and nothing is overwritten; remove it, or name another folder")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"{out}: no folder can be made there: {error.strerror}; name another") from None
+    begun: list[Path] = []
+    try:
+        return [table for end, paths in plans for table in _export_end(end, paths, _TABLES[to], begun)]
+    except BaseException:
+        for path in begun:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: bool) -> dict[int, Path]:
+    """Where each topic goes, by its number. Of a server's rooms those that are `called` so, or all where none is."""
+    topics = end.recording.topics
+    rooms = [topic for topic in topics if kind_of(topic) == "step"]
+    rooms = [topic for topic in rooms if topic in map(step_topic, called)] or rooms
+    stem = end.path.name.removesuffix(RECOVERED).removesuffix(".mcap")
+    found = {}
+    for number, topic in enumerate(topics):
+        kind = kind_of(topic)
+        if kind not in KINDS or (kind in _DATAGRAMS and not datagrams) or (kind == "step" and topic not in rooms):
+            continue
+        if kind == "step" and len(rooms) > 1:
+            room_name = re.sub(r"[^\w.-]", "+", topic.removeprefix("/room/").removesuffix("/step"))
+            kind = f"{room_name}.{kind}"
+        found[number] = out / f"{stem}.{kind}.{to}"
+    return found
+
+
+class _Topic:
+    """The messages of one topic on their way into a table, which is made with the first of them."""
+
+    def __init__(self, kind: str, start: str, path: Path, make: Make, begun: list[Path]) -> None:
+        self._decode = msgspec.json.Decoder(KINDS[kind]).decode
+        self._start, self._make, self._begun = start, make, begun
+        self._shape: Shape | None = None
+        self._table: Table | None = None
+        self.path = path
+        self.rows = 0
+
+    def write(self, messages: list[Message], offset_s: float) -> None:
+        try:
+            records = [self._decode(message.payload) for message in messages]
+            shape = self._shape = self._shape or shape_of(records[0], self._start)
+            rows = [
+                [message.time_ns * 1e-9 + offset_s, *row]
+                for message, record in zip(messages, records, strict=True)
+                for row in shape.rows(record)
+            ]
+        except (msgspec.MsgspecError, ValueError, LookupError, TypeError) as error:
+            raise ExportError(f"{self.path.name}: a message is not what its topic says: {error}") from None
+        if self._table is None:
+            file = self.path.open("xb")
+            self._begun.append(self.path)
+            self._table = self._make(file, [Column("time_s", NUMBER), *shape.columns])
+        width = 1 + len(shape.columns)
+        if any(len(row) != width for row in rows):
+            raise ExportError(f"{self.path.name}: not all messages have as many axes or seats as the first")
+        self._table.write(rows)
+        self.rows += len(rows)
+
+    def close(self) -> None:
+        if self._table is not None:
+            self._table.close()
+
+
+def _export_end(end: End, paths: dict[int, Path], make: Make, begun: list[Path]) -> Iterator[Exported]:
+    """One pass over the recording for all its tables."""
+    topics = {
+        number: _Topic(kind_of(end.recording.topics[number]), end.recording.header.start, path, make, begun)
+        for number, path in paths.items()
+    }
+    try:
+        for chunk in end.recording.chunks():
+            of_topic: dict[int, list[Message]] = {}
+            for message in chunk:
+                of_topic.setdefault(message.topic, []).append(message)
+            for number, messages in of_topic.items():
+                if number in topics:
+                    topics[number].write(messages, end.offset_s)
+        for topic in topics.values():
+            topic.close()
+    except BaseException:
+        for topic in topics.values():
+            with suppress(OSError, ValueError):  # it is the first problem that counts
+                topic.close()
+        raise
+    return (Exported(topic.path, topic.rows) for topic in topics.values() if topic.rows)

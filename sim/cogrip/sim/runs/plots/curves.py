@@ -1,0 +1,109 @@
+"""Curves of a run against its time: who is drawn, from which trace, in what style."""
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cogrip.sim.runs.plots.style import ALARM, DASHED, Array, Legend, NotDrawnError, Style, label, person_style
+from cogrip.sim.runs.traces import MOST_PEOPLE, Run
+
+Window = tuple[float, float]
+PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # the object's end
+_SHORTEST_S = 1e-3  # an axis needs some length
+_LEAST_SPAN_J = 1e-5  # and height: below it lies rounding
+
+
+class Line(NamedTuple):
+    """One curve against the run's time."""
+
+    time: Array
+    values: Array
+    style: Style
+
+
+def shown(run: Run) -> list[tuple[int, str]]:
+    """(seat number, name) of the people who are drawn."""
+    return list(enumerate(run.names[:MOST_PEOPLE]))
+
+
+def seat_columns(run: Run, number: int, name: str) -> Array | None:
+    """A seat's column or vector as columns, shape (rows, n); not a number while nobody sits there."""
+    if run.room is None or f"{number}.seated" not in run.room.columns:
+        return None
+    columns, key = run.room.columns, f"{number}.{name}"
+    values = columns[key][:, None] if key in columns else run.room.vector(key)
+    values[columns[f"{number}.seated"] == 0.0] = np.nan
+    return values
+
+
+RESERVES = ("up_reserve_j", "down_reserve_j", "line_reserve_j")
+
+
+def reserve(run: Run, name: str, key: str) -> Line | None:
+    """One of RESERVES over time [J]; None where nothing tells it, as in recordings of older versions."""
+    if key == "down_reserve_j":
+        trace = run.clients.get(name)
+        values = trace.columns[key] if trace else None
+    else:
+        trace, seat = run.room, seat_columns(run, run.names.index(name), key)
+        values = seat[:, 0] if seat is not None else None
+    if trace is None or values is None or not np.isfinite(values).any():
+        return None
+    return Line(trace.time_s, values, {})
+
+
+FORBIDDEN: tuple[str, Style] = ("energy out of nothing", {"color": ALARM, "alpha": 0.13, "lw": 9})
+
+
+def forbid(panel: Any, lines: Iterable[Line], lent_j: float | None, scale: float) -> None:
+    """Fit a panel to reserves, and shade it where none may be: below 0, or what both directions may lend, `lent_j` each."""
+    border = -2.0 * (lent_j or 0.0)
+    ends = [float(each(line.values)) for line in lines for each in (np.fmin.reduce, np.fmax.reduce)]
+    low, high = min([border, *ends]), max([_LEAST_SPAN_J, *ends])
+    foot, top = low - 0.12 * (high - low), high + 0.05 * (high - low)
+    panel.axhspan(foot * scale, border * scale, **{**FORBIDDEN[1], "lw": 0})
+    panel.set_ylim(foot * scale, top * scale)
+    panel.locator_params(axis="y", nbins=4)
+
+
+def extent(run: Run) -> Window:
+    """When anybody was there: from the first client's first tick to the last one's last."""
+    traces = list(run.clients.values()) or ([run.room] if run.room else [])
+    if not traces:
+        raise NotDrawnError("no trace is here")
+    start, end = min(float(trace.time_s[0]) for trace in traces), max(float(trace.time_s[-1]) for trace in traces)
+    return (0.0 if 0.0 <= start < 0.1 * end else start), max(end, start + _SHORTEST_S)
+
+
+def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int, Line]]:
+    """(axis, curve) of a vector of everybody's client trace."""
+    for number, person in shown(run):
+        trace = run.clients.get(person)
+        if trace is None:
+            continue
+        for axis, values in enumerate(trace.vector(name).T):
+            yield axis, Line(trace.time_s, values * scale, {**person_style(number), "lw": 1.2, **style})
+
+
+def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
+    """(axis, curve) of a vector of every seat of the room."""
+    for number, _ in shown(run):
+        vectors = seat_columns(run, number, name)
+        if vectors is None or run.room is None:
+            continue
+        for axis, values in enumerate(vectors.T):
+            yield axis, Line(run.room.time_s, values * scale, {**person_style(number), **PROXY})
+
+
+def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Line]]:
+    """(axis, curve) of the object: the room's own, or else what the first client heard of it."""
+    source = run.room or next(iter(run.clients.values()), None)
+    if source is None:
+        raise NotDrawnError("no trace is here")
+    for axis, values in enumerate(source.vector("object_m").T):
+        yield axis, Line(source.time_s, values * scale, style)
+
+
+def people_legend(run: Run, *others: tuple[str, Style]) -> Legend:
+    return [*((label(name), {**person_style(number), "lw": 2.0}) for number, name in shown(run)), *others]

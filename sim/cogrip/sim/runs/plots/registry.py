@@ -1,0 +1,78 @@
+"""Every plot of a report, in its order.
+
+In all of them solid is what the hand's end knows, dashed what the object's end knows; a person keeps one colour.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from matplotlib.figure import Figure
+
+from cogrip.sim.runs.plots.coherence import coherence
+from cogrip.sim.runs.plots.energy import energies
+from cogrip.sim.runs.plots.link import link
+from cogrip.sim.runs.plots.loops import loops
+from cogrip.sim.runs.plots.motion import forces, positions, waves
+from cogrip.sim.runs.traces import Run
+
+
+class Plot(NamedTuple):
+    """File name, heading, function (NotDrawnError says why there is nothing to draw), and what to look for."""
+
+    name: str
+    heading: str
+    draw: Callable[[Run], Figure]
+    caption: str
+
+
+PLOTS = (
+    Plot(
+        "positions",
+        "Positions",
+        positions,
+        "Each hand, the proxy that stands for it at the object, and the object: the gap between hand and proxy is what "
+        "line and spring give way, and it should close when nobody pushes.",
+    ),
+    Plot(
+        "forces",
+        "Forces",
+        forces,
+        "What each hand feels and what its proxy does to the object, which is the same curve shifted by the delay: "
+        "look for swings that grow, and for a bar at the foot, where the force was held back.",
+    ),
+    Plot(
+        "waves",
+        "Waves",
+        waves,
+        "What each hand sends into the line and what comes back to it: a gap to zero in the right half is a frame "
+        "that did not come in time.",
+    ),
+    Plot(
+        "energy",
+        "Energy",
+        energies,
+        "Left, where the work of each hand goes; right, the energy reserve of each line, put in less taken "
+        "out: 0 where all that was put in has come out, and a curve that enters the red has given out what nobody put in.",
+    ),
+    Plot(
+        "link",
+        "Link",
+        link,
+        "How long an answer takes, median and spread, and how many frames were not there when their time came: "
+        "a spike is one that came after all, too late; a step that stays is one lost for good.",
+    ),
+    Plot(
+        "loops",
+        "Loops",
+        loops,
+        "How late the ticks came and how long the work of each took: a tick that would come more than a period late, "
+        "right of the dotted line, is skipped, and counted in the legend.",
+    ),
+    Plot(
+        "coherence",
+        "Coherence",
+        coherence,
+        "How far the hands move as one, frequency by frequency: trust it above the dashed level, "
+        "and where the lower panel shows that the hands do move.",
+    ),
+)

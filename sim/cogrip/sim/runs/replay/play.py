@@ -1,0 +1,227 @@
+"""Recorded inputs into new cores. A play takes every message of its recording in turn and does what it tells.
+
+A tick's record holds the sample that the core was given and stands where its force was known, so the datagrams that came
+between the two halves of the tick stand before it (`cogrip.client.recorder`): they wait until it is clear whose they are.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import msgspec
+
+from cogrip.client.recorder import RecordedClient, capability_of, sample_of
+from cogrip.client.recorder import start_of as client_start
+from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.messages import Hello
+from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.records import Asked, Command, Datagram, Step, Tick
+from cogrip.protocol.recording.sink import Sink
+from cogrip.server.admission import Denied, Grant
+from cogrip.server.checkpoint import decode as decode_checkpoint
+from cogrip.server.recorder import RecordedServer, address_of, step_topic
+from cogrip.server.recorder import start_of as server_start
+from cogrip.sim.runs.replay.replay_input import Tape, UntoldError
+
+_tick = msgspec.json.Decoder(Tick).decode
+_datagram = msgspec.json.Decoder(Datagram).decode
+_command = msgspec.json.Decoder(Command).decode
+_step = msgspec.json.Decoder(Step).decode
+_force = msgspec.json.Decoder(tuple[float, ...]).decode
+_kick = msgspec.json.Decoder(tuple[str, str, str]).decode
+_names = msgspec.json.Decoder(list[str]).decode
+_granted = msgspec.json.Decoder(Grant | Denied).decode
+_ticks = msgspec.json.Decoder(TickCount).decode
+
+
+MOST_REST = 10**9
+"""Steps at rest that are believed: three months of them."""
+
+
+class Play(Protocol):
+    """`ticks`: of a client, or steps of a server, played so far."""
+
+    ticks: int
+
+    def take(self, message: Message) -> None:
+        """Do what an input tells; let an output pass. Raises ValueError for what is not known."""
+        ...
+
+    def finish(self) -> None:
+        """There are no more messages."""
+        ...
+
+
+class ClientPlay:
+    """One person's core."""
+
+    def __init__(self, tape: Tape, sink: Sink) -> None:
+        hello, capability = client_start(tape.recording.header.start)
+        self.core = RecordedClient(hello, capability)
+        self.core.record(sink)
+        self.ticks = 0
+        self._gives_velocity = capability.gives_velocity
+        self._kinds = tape.kinds
+        self._waiting: list[tuple[bytes, int]] = []
+        self._account: ClientAccount | None = None
+
+    def take(self, message: Message) -> None:
+        self.core.outbox.clear()  # it was noted; nobody is there to send it to
+        kind, now_ns = self._kinds[message.topic], message.time_ns
+        if kind == "tick":
+            self._tick(_tick(message.payload), now_ns)
+        elif kind == "datagram_in":
+            self._waiting.append((_datagram(message.payload).data, now_ns))
+            if not self.core.seated:  # nothing ticks yet
+                self._hear()
+        elif kind == "command":
+            self._hear()
+            self._command(_command(message.payload), now_ns)
+
+    def finish(self) -> None:
+        self._hear()
+
+    def _hear(self) -> None:
+        for datagram, now_ns in self._waiting:
+            self.core.receive(datagram, now_ns)
+        self._waiting.clear()
+
+    def _tick(self, tick: Tick, now_ns: int) -> None:
+        core = self.core
+        if not core.seated:
+            raise ValueError(f"tick {tick.tick} stands before a seat was had")
+        core.sense(tick.tick, sample_of(tick, self._gives_velocity), now_ns)
+        self._hear()
+        core.timing = (tick.late_us, tick.work_us, tick.skipped)
+        core.act(now_ns)
+        self.ticks += 1
+
+    def _command(self, command: Command, now_ns: int) -> None:
+        core = self.core
+        act: Callable[[], object] | None = {
+            "call": lambda: core.call(now_ns),
+            "poll": lambda: core.poll(now_ns),
+            "keep_seat": lambda: core.keep_seat(now_ns),
+            "fail": lambda: core.fail(command.reason),
+            "acted": lambda: core.acted(_force(command.reason)),
+            "equip": lambda: core.equip(capability_of(command.reason)),
+            "stop": core.stop,
+            "rearm": core.rearm,
+            "account": lambda: self._end(command),
+            "leave": lambda: self._leave(command, now_ns),
+        }.get(command.verb)
+        if act is None:
+            raise ValueError(f"no command {command.verb!r} is known")
+        act()
+
+    def _end(self, command: Command) -> None:
+        self._account = self.core.account(_ticks(command.ticks))
+
+    def _leave(self, command: Command, now_ns: int) -> None:
+        if self._account is None:
+            raise ValueError("a client leaves before its account was made up")
+        self.core.leave(command.reason, self._account, now_ns)
+
+
+class ServerPlay:
+    """A server's core with all its rooms."""
+
+    def __init__(self, tape: Tape, sink: Sink) -> None:
+        rooms, software = server_start(tape.recording.header.start)
+        self.core = RecordedServer(
+            rooms, software, lambda: _session(tape.asked()), TapeDoor(tape), lambda: _ticket(tape.asked())
+        )
+        for room in self.core.rooms:
+            self.core.count_ticks(room, lambda: _told(tape.asked()))
+        self.core.record(sink)
+        self.ticks = 0
+        self._kinds = tape.kinds
+        topics = {step_topic(room.name): room for room in self.core.rooms}
+        self._rooms = [topics.get(topic) for topic in tape.recording.topics]
+
+    def take(self, message: Message) -> None:
+        kind, now_ns, core = self._kinds[message.topic], message.time_ns, self.core
+        core.outbox.clear()  # it was noted; nobody is there to send it to
+        core.events.clear()
+        if kind == "step":
+            room, step = self._rooms[message.topic], _step(message.payload)
+            if room is None:
+                raise ValueError("a step of a room that the recording's settings do not have")
+            core.timing[room.name] = (step.late_us, step.work_us, step.skipped)
+            core.tick(room, now_ns, step.frames)
+            self.ticks += 1
+        elif kind == "datagram_in":
+            datagram = _datagram(message.payload)
+            core.receive(datagram.data, address_of(datagram.address), now_ns)
+        elif kind == "command":
+            self._command(_command(message.payload), now_ns)
+
+    def _command(self, command: Command, now_ns: int) -> None:
+        core, words = self.core, command.reason
+        act: Callable[[], object] | None = {
+            "rest": lambda: self._rest(command, now_ns),
+            "stop": lambda: core.stop(words),
+            "socket_failed": lambda: core.socket_failed(words),
+            "kick": lambda: core.kick(*_kick(words)),
+            "revoke": lambda: core.revoke(_names(words)),
+            "restore": lambda: core.restore(decode_checkpoint(words.encode()), now_ns),
+            "disown": lambda: core.disown(address_of(words)),
+            "close_books": core.close_books,
+        }.get(command.verb)
+        if act is None:
+            raise ValueError(f"no command {command.verb!r} is known")
+        act()
+
+    def _rest(self, command: Command, now_ns: int) -> None:
+        room = next((room for room in self.core.rooms if room.name == command.reason), None)
+        if room is None or not 0 <= command.count <= MOST_REST:
+            raise ValueError(f"a rest of {command.count} steps in room {command.reason!r}")
+        for _ in range(command.count):
+            self.core.tick(room, now_ns)
+        self.ticks += command.count
+
+    def finish(self) -> None:
+        self.core.note_rest()
+
+
+class TapeDoor:
+    """Lets in whom the recorded doorkeeper let in."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
+
+    def admit(self, hello: Hello) -> Grant | Denied:
+        return _grant(self._tape.asked())
+
+    def admitted(self, grant: Grant) -> None:
+        """It was seen to when it happened."""
+
+
+PLAYS: dict[str, Callable[[Tape, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
+"""By the role in a recording's header."""
+
+
+def _session(asked: Asked) -> int:
+    if not asked.session:
+        raise UntoldError
+    return asked.session
+
+
+def _ticket(asked: Asked) -> str:
+    """A ticket's mark, "" where the server gave none."""
+    if asked.session or asked.grant or asked.ticks:
+        raise UntoldError
+    return asked.ticket
+
+
+def _grant(asked: Asked) -> Grant | Denied:
+    if not asked.grant:
+        raise UntoldError
+    granted: Grant | Denied = _granted(asked.grant)
+    return granted
+
+
+def _told(asked: Asked) -> TickCount:
+    """The ticks that an answer tells. Raises UntoldError where it answers another question: one is missing before it."""
+    if not asked.ticks:
+        raise UntoldError
+    return _ticks(asked.ticks)

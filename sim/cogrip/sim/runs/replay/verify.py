@@ -1,0 +1,73 @@
+"""Does a recording play again exactly? Its inputs go into the same core, which notes everything as it did then; what it
+notes now must be, message for message and byte for byte, what the file holds.
+"""
+
+from dataclasses import dataclass
+
+from cogrip.protocol.recording.header import versions_here
+from cogrip.protocol.recording.reader import Damage, Recording, RecordingError
+from cogrip.protocol.recording.records import Gap
+from cogrip.protocol.recording.recover import is_closed
+from cogrip.sim.runs.replay.comparison import Comparison, Difference
+from cogrip.sim.runs.replay.play import PLAYS, Play
+from cogrip.sim.runs.replay.replay_input import Tape, UntoldError
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """How one recording played.
+
+    messages, ticks  compared and equal; ticks of a client, steps of a server
+    versions         what differs between the machine that recorded and this one
+    hole             inputs are missing here: nothing after `hole_ns` could be compared
+    cut              the file was not closed; what is there was compared
+    """
+
+    who: str
+    start_ns: int
+    messages: int
+    ticks: int
+    seconds: float
+    difference: Difference | None
+    versions: tuple[str, ...]
+    hole: Damage | Gap | None
+    hole_ns: int | None
+    cut: bool
+
+    @property
+    def exact(self) -> bool:
+        return self.difference is None and self.hole is None
+
+
+def verify(recording: Recording) -> Verdict:
+    """Play a recording through a new core. Raises RecordingError for one that cannot be played."""
+    header = recording.header
+    if header.role not in PLAYS:
+        raise RecordingError(f"{recording.path} is of a {header.role!r}; only {' and '.join(PLAYS)} can be replayed")
+    closed = is_closed(recording.path) and not header.cut
+    tape, comparison = Tape(recording), Comparison(recording.topics)
+    try:
+        play = PLAYS[header.role](tape, comparison)
+        _compare(tape, play, comparison, closed)
+    except (KeyError, ValueError, TypeError, IndexError) as error:
+        raise RecordingError(f"{recording.path} cannot be replayed: {error}") from error
+    first_ns = tape.first_ns if tape.first_ns is not None else tape.last_ns
+    return Verdict(
+        header.who, first_ns, comparison.equal, play.ticks, (tape.last_ns - first_ns) * 1e-9, comparison.difference,
+        tuple(header.versions.differences(versions_here())), tape.hole, tape.hole_ns, not closed,
+    )  # fmt: skip
+
+
+def _compare(tape: Tape, play: Play, comparison: Comparison, closed: bool) -> None:
+    try:
+        for message in tape:
+            comparison.expect(message)
+            play.take(message)
+            if comparison.difference is not None:
+                return
+        if closed and tape.hole is None:  # else the next input, and what is to be done with the last ones, is not known
+            play.finish()
+            comparison.finish()
+    except UntoldError:
+        if closed and tape.hole is None:
+            comparison.untold(tape.last_ns, f"/{tape.recording.header.who}/asked")

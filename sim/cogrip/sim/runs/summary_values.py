@@ -1,0 +1,122 @@
+"""A run's `summary.json` as values: what stands where, and numbers in readable units. Whatever is missing is said to be."""
+
+import math
+from typing import Any
+
+from cogrip.protocol.passivity_control import LENT_J
+
+Summary = dict[str, Any]
+UNKNOWN = "not known"
+MARGINS = {"up_margin_j": "line up", "down_margin_j": "line down", "line_margin_j": "whole line"}
+ROUNDING_J = 1e-12  # what margins are allowed for rounding
+
+
+def dig(table: Any, *keys: str) -> Any:
+    """table[key][key]..., None where there is no such thing."""
+    for key in keys:
+        table = table.get(key) if isinstance(table, dict) else None
+    return table
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def number(value: Any, *, scale: float = 1.0, digits: int = 1) -> str:
+    """`value` in display units, or UNKNOWN; what is no number at all stands as it is."""
+    if is_number(value):
+        text = f"{value * scale:.{digits}f}"
+        return text.replace("-", "−") if float(text) else text.lstrip("-")
+    return UNKNOWN if value is None else str(value)[:80]
+
+
+def vector(values: Any, *, scale: float = 1.0, digits: int = 1) -> str:
+    """Components side by side, or UNKNOWN."""
+    if not isinstance(values, (list, tuple)):
+        return number(values, scale=scale, digits=digits)
+    return ", ".join(number(value, scale=scale, digits=digits) for value in values) or UNKNOWN
+
+
+def energy(value_j: Any) -> str:
+    """With the unit that fits; rounding errors are 0 J."""
+    if not is_number(value_j):
+        return number(value_j)
+    if abs(value_j) <= ROUNDING_J:
+        return "0 J"
+    for unit, size_j in (("J", 1.0), ("mJ", 1e-3), ("µJ", 1e-6), ("nJ", 1e-9), ("pJ", 1e-12)):
+        if abs(value_j) >= size_j:
+            return f"{value_j / size_j:.3g} {unit}".replace("-", "−")
+    return f"{value_j:.1g} J"
+
+
+def people(summary: Summary) -> list[dict[str, Any]]:
+    users = summary.get("users")
+    return [user for user in users if isinstance(user, dict)] if isinstance(users, list) else []
+
+
+def earlier(user: dict[str, Any]) -> list[dict[str, Any]]:
+    """The sittings of a person before the last, oldest first."""
+    before = user.get("earlier")
+    return [each for each in before if isinstance(each, dict)] if isinstance(before, list) else []
+
+
+def sittings(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Every sitting of everybody."""
+    return [sitting for user in users for sitting in (*earlier(user), user)]
+
+
+def name_of(user: dict[str, Any]) -> str:
+    return str(user.get("name") or "nameless")
+
+
+def ticks_share(ticks: Any) -> float | None:
+    """Ticks run of those that were due, 0 to 1."""
+    due, run = dig(ticks, "due"), dig(ticks, "run")
+    return run / due if is_number(due) and is_number(run) and due > 0 else None
+
+
+def share(value: float | None) -> str:
+    """Percent that says 100 only if nothing is missing."""
+    if value is None:
+        return UNKNOWN
+    return "100 %" if value >= 1.0 else f"{min(value * 100.0, 99.99):.2f} %"
+
+
+def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
+    """Return whether a margin that is a number is below what its ledger may lend: the tank of each direction."""
+    bounds = {key: -(2.0 if key == "line_margin_j" else 1.0) * tank_j - ROUNDING_J for key in MARGINS}
+    return any(
+        is_number(value := dig(user, "energy", key)) and value < bounds[key]
+        for user in sittings(users)
+        for key in ledgers(user)
+    )
+
+
+def ledgers(user: dict[str, Any]) -> dict[str, str]:
+    """Those that the verdict rests on: not the one that only somebody else's client kept."""
+    return {key: words for key, words in MARGINS.items() if key != "down_margin_j" or not user.get("claimed")}
+
+
+def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | None:
+    """(least energy reserve after the first second [J], whose), by its key in `energy`; None where no end told."""
+    found = [(float(value), name_of(user)) for user in sittings(users) if is_number(value := dig(user, "energy", key))]
+    return min(found, default=None)
+
+
+def lent_j(settings: Any) -> float | None:
+    """Return what each direction of a line may lend itself [J], by the settings of a run; None where they do not tell."""
+    if dig(settings, "coupling", "kind") == "tdpa":
+        return LENT_J
+    tank_mj = dig(settings, "playout", "tank_mj")
+    return tank_mj * 1e-3 if is_number(tank_mj) else None
+
+
+def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:
+    """(energy [J], which ledger, whose); None where no end told."""
+    found = [
+        (float(value), words, name_of(user))
+        for user in sittings(users)
+        for key, words in ledgers(user).items()
+        if is_number(value := dig(user, "energy", key))
+    ]
+    return min(found) if found else None

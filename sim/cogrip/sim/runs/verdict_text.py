@@ -1,0 +1,103 @@
+"""A run's summary in sentences, for the report and the terminal: three judgements, then what else there is to say."""
+
+from collections.abc import Iterator
+
+from cogrip.sim.runs.summary_values import (
+    Summary,
+    dig,
+    energy,
+    is_number,
+    name_of,
+    people,
+    share,
+    sittings,
+    ticks_share,
+)
+from cogrip.sim.runs.verdict import Tone, judgements
+
+_BALANCE_J = 1e-9  # what rounding can put the books of one step out by, generously
+_SHOWN_PEOPLE = 6
+MUCH_LATE, MANY_LATE = 0.05, 20  # share, and number, of one direction's frames from which on a depth is too shallow
+
+
+def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, str]]:
+    """Sentences, each with its tone. tank_j: what the lines may lend (settings), None if not known."""
+    if not summary:
+        return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
+    return [
+        *((judgement.tone, judgement.sentence) for judgement in judgements(summary, tank_j)),
+        *((tone, sentence) for tone, sentence, _ in notes(summary)),
+    ]
+
+
+def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
+    """Sentences beside the three judgements, each with its tone and, in a word or two, what it is about."""
+    for about, sentences in (
+        ("energy balance", _balance), ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
+    ):  # fmt: skip
+        for tone, sentence in sentences(summary):
+            yield tone, sentence, about
+
+
+def _balance(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    error_j = dig(summary, "server", "energy_balance_error_j")
+    if is_number(error_j) and error_j > _BALANCE_J:
+        yield "warn", f"The object's step does not keep its books: one step made or lost up to {energy(error_j)}."
+
+
+def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    for user in people(summary):
+        state, reason = user.get("state"), user.get("reason")
+        if state is None:
+            silent = "told no account" if dig(user, "link", "up", "received") else "was never heard"
+            yield "warn", f"The client of {name_of(user)} {silent}: what it alone knows is missing."
+        elif state in ("fault", "degraded") and not summary.get("diverged"):
+            said = ", its client says" if user.get("claimed") else ""
+            yield (
+                ("bad" if state == "fault" else "warn"),
+                f"{name_of(user)} ended in {state}{said}: {reason or 'no reason given'}.",
+            )
+
+
+def _late(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    """A depth of playout that was set, and is too shallow for the network that there was; only waves are played out."""
+    frames = summary.get("playout_frames")
+    if not is_number(frames):
+        return  # it follows the network, or nobody says
+    found = []
+    for user in sittings(people(summary)):
+        for way in ("up", "down"):
+            late, sent = dig(user, "link", way, "late"), dig(user, "link", way, "sent")
+            if not (dig(user, "playout", way) and is_number(late) and is_number(sent)):
+                continue
+            if late >= max(MANY_LATE, MUCH_LATE * sent):
+                found.append((late / max(late, sent), "from" if way == "up" else "to", name_of(user)))
+    if found:
+        part, way, name = max(found)
+        others = f" (and 5 % or more in {len(found) - 1} of the other directions)" if len(found) > 1 else ""
+        text = (
+            f"{100.0 * part:.0f} % of the frames {way} {name}{others} came too late for playout.frames = {frames} and were "
+            'not played: a larger number waits for more of them, "auto" follows the network.'
+        )
+        yield "warn", text
+
+
+def _loops(summary: Summary) -> Iterator[tuple[Tone, str]]:
+    loops = [(name_of(user), user.get("ticks")) for user in people(summary)]
+    loops.append(("the server", dig(summary, "server", "ticks")))
+    shares = [(part, name) for name, ticks in loops if (part := ticks_share(ticks)) is not None]
+    if not shares:
+        yield "warn", "How many ticks were run is not known."
+        return
+    least = min(shares)[0]
+    if least >= 1.0:
+        text = "Every loop ran every tick"
+    elif len(shares) <= _SHOWN_PEOPLE:
+        text = "Ticks run: " + ", ".join(f"{name} {share(part)}" for part, name in shares)
+    else:
+        text = f"Ticks run: {share(least)} at worst, by {min(shares)[1]}"
+    late = [(value, name) for name, ticks in loops if is_number(value := dig(ticks, "late_us", "p99"))]
+    if late:
+        value, name = max(late)
+        text += f"; 99 of 100 ticks came within {value:.0f} µs of their time (the latest: {name})"
+    yield ("good" if least >= 0.999 else "warn" if least >= 0.99 else "bad"), f"{text}."

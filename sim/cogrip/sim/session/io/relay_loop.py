@@ -1,0 +1,257 @@
+"""The live relay: one thread, one socket for the clients, and one towards the server for each of them.
+
+It sleeps in `select` until something comes or is due, hands on at once what is not delayed, and asks for the same real-time
+measures as the loops of client and server. What it adds by itself is told by `cogrip bench relay`.
+"""
+
+import errno
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from ipaddress import ip_address
+from typing import Any
+
+from cogrip.protocol.channel import place_text
+from cogrip.protocol.io.realtime import Measure, engage, release
+from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
+from cogrip.protocol.io.stop import Stop
+from cogrip.sim.session.relay import Flow, Lane, Relay
+
+MOST_BYTES = 65_535  # of a datagram: what programs send is theirs to know
+MOST_AT_ONCE = 32  # datagrams of one socket before what is due gets its turn
+LOOK_S = 0.1  # between two looks at whether to stop
+CHORES_NS = 1_000_000_000
+
+
+class RelayError(Exception):
+    """The relay cannot listen. The text says why and what to do."""
+
+
+class PlaceError(RelayError):
+    """There is no such place, and there will be none."""
+
+
+def resolve(flag: str, host: str, port: int) -> tuple[socket.AddressFamily, Any]:
+    """Family and address of a place, looked up once. Raises PlaceError."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise PlaceError(f"{flag} {place_text((host, port))}: {why}; check the name, or give an address") from None
+    return found[0], found[4]
+
+
+@dataclass(slots=True)
+class LiveRelay:
+    """Everything between `listen` and `to`. `open`, then `run` until `stop` is set; `close` where it is not run.
+
+    each_second: called so often, with the time [ns]; it must be quick, for nothing is relayed meanwhile.
+    """
+
+    relay: Relay
+    listen: tuple[str, int]
+    to: tuple[str, int]
+    stop: Stop
+    say: Callable[[str], None]
+    each_second: Callable[[int], None] = lambda now_ns: None
+    seconds: float | None = None
+    counts: dict[str, int] = field(init=False, default_factory=dict)
+    measures: list[Measure] = field(init=False, default_factory=list)
+    bound: tuple[str, int] = field(init=False, default=("", 0))
+    far: tuple[str, int] = field(init=False, default=("", 0))
+    started_ns: int = field(init=False, default=0)
+    _clients: socket.socket = field(init=False)
+    _far: tuple[socket.AddressFamily, Any] = field(init=False)
+    _ways: dict[Flow, socket.socket] = field(init=False, default_factory=dict)
+    _flows: dict[socket.socket, Flow] = field(init=False, default_factory=dict)
+    _overran: int = field(init=False, default=0)  # of sockets that are closed
+
+    def open(self) -> None:
+        """Look up both places, and bind. Raises RelayError."""
+        self._far = resolve("--to", *self.to)
+        self.far = self._far[1][:2]
+        family, address = resolve("--listen", *self.listen)
+        self._clients = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            enlarge(self._clients)
+            self._clients.setblocking(False)
+            self._clients.bind(address)
+        except OSError as error:
+            self._clients.close()
+            raise _cannot_listen(self.listen, error) from None
+        self.bound = self._clients.getsockname()[:2]
+        if self._goes_to_itself():
+            self._clients.close()
+            raise PlaceError(f"--to {place_text(self.far)} is where the relay itself listens; give the server's place")
+
+    def _goes_to_itself(self) -> bool:
+        (here, port), (there, far_port) = self.bound, self.far
+        if port != far_port:
+            return False
+        own, other = (ip_address(text.partition("%")[0]) for text in (here, there))
+        if own.is_unspecified:
+            return own.version >= other.version and _is_ours(*self._far)
+        if other.is_unspecified:  # who sends there comes to loopback
+            return own == ip_address("127.0.0.1" if other.version == 4 else "::1")
+        return own == other
+
+    def close(self) -> None:
+        for each in (self._clients, *self._ways.values()):
+            each.close()
+
+    def run(self) -> None:
+        """Relay until stopped."""
+        self.measures = engage()
+        self.started_ns = time.monotonic_ns()
+        try:
+            self._loop()
+        finally:
+            release(self.measures)
+            overran = self._overrun()
+            self.close()
+            if overran:
+                self._count(OVERRUN, overran)
+
+    @property
+    def elapsed_s(self) -> float:
+        return (time.monotonic_ns() - self.started_ns) * 1e-9
+
+    def _loop(self) -> None:
+        relay, clock = self.relay, time.monotonic_ns
+        end_ns = None if self.seconds is None else self.started_ns + round(self.seconds * 1e9)
+        chores_ns = self.started_ns + CHORES_NS
+        buffer = memoryview(bytearray(MOST_BYTES))
+        while not self.stop.reason:
+            next_ns, now_ns = relay.next_ns, clock()
+            if end_ns is not None and now_ns >= end_ns:
+                self.stop.reason = "the time is over"
+                break
+            wait_s = LOOK_S if next_ns is None else min(LOOK_S, max(0.0, (next_ns - now_ns) * 1e-9))
+            for ready in select.select([self._clients, *self._flows], [], [], wait_s)[0]:
+                self._hear(ready, buffer)
+            now_ns = clock()
+            next_ns = relay.next_ns
+            if next_ns is not None and next_ns <= now_ns:
+                relay.due(now_ns)
+                self._flush()
+            if now_ns >= chores_ns:
+                chores_ns = max(chores_ns + CHORES_NS, now_ns)
+                for flow in relay.expire(now_ns):
+                    self._end(flow)
+                self.each_second(now_ns)
+
+    def _hear(self, ready: socket.socket, buffer: memoryview) -> None:
+        relay, clock = self.relay, time.monotonic_ns
+        flow = self._flows.get(ready)
+        for _ in range(MOST_AT_ONCE):
+            try:
+                size, address = ready.recvfrom_into(buffer)
+            except BlockingIOError:
+                return
+            except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
+                self._failed(flow.up if flow is not None else None, error)
+                return
+            datagram, now_ns = bytes(buffer[:size]), clock()
+            if flow is not None:
+                relay.from_server(datagram, flow, now_ns)
+            elif (heard := relay.from_client(datagram, address, now_ns)) is not None and heard not in self._ways:
+                self._begin(heard)
+            if (next_ns := relay.next_ns) is not None and next_ns <= now_ns:
+                relay.due(now_ns)
+                self._flush()
+
+    def _begin(self, flow: Flow) -> None:
+        """A way to the server for a new client."""
+        try:
+            way = socket.socket(self._far[0], socket.SOCK_DGRAM)
+            way.setblocking(False)
+            enlarge(way)
+            way.connect(self._far[1])
+        except OSError as error:
+            self._failed(flow.up, error)
+            return
+        self._ways[flow] = way
+        self._flows[way] = flow
+        self.say(f"flow {flow.number}: {_text(flow.address)} by way of {_text(way.getsockname())}")
+
+    def _end(self, flow: Flow) -> None:
+        self.say(f"flow {flow.number}: {_text(flow.address)} was idle for too long, and is over")
+        way = self._ways.pop(flow, None)
+        if way is not None:
+            self._overran += overrun(way)
+            del self._flows[way]
+            way.close()
+
+    def _flush(self) -> None:
+        outbox = self.relay.outbox
+        while outbox:
+            lane, datagram = outbox.popleft()
+            if lane.way == "up":
+                self._put_up(lane, datagram)
+                continue
+            try:
+                self._clients.sendto(datagram, lane.flow.address)  # type: ignore[call-overload]  # the socket's own
+            except OSError as error:
+                lane.not_sent += 1
+                self._count(f"to a client: {error.strerror}")
+
+    def _put_up(self, lane: Lane, datagram: bytes) -> None:
+        way = self._ways.get(lane.flow)
+        if way is None:
+            lane.not_sent += 1
+            return
+        try:
+            way.send(datagram)
+        except (
+            ConnectionRefusedError
+        ) as error:  # an earlier one found no one; the socket has told that, and takes the next
+            self._failed(lane, error)
+            try:
+                way.send(datagram)
+            except OSError as again:
+                self._failed(lane, again)
+                lane.not_sent += 1
+        except OSError as error:
+            lane.not_sent += 1
+            self._count(f"to the server: {error.strerror}")
+
+    def _failed(self, lane: Lane | None, error: OSError) -> None:
+        """Trouble that an earlier datagram had, as ICMP told it."""
+        if lane is not None and isinstance(error, ConnectionRefusedError):
+            lane.refused += 1
+        else:
+            self._count(f"{'to a client' if lane is None else 'to the server'}: {error.strerror}")
+
+    def _count(self, name: str, more: int = 1) -> None:
+        self.counts[name] = self.counts.get(name, 0) + more
+
+    def _overrun(self) -> int:
+        return self._overran + sum(overrun(each) for each in (self._clients, *self._ways.values()))
+
+
+def _is_ours(family: socket.AddressFamily, address: Any) -> bool:
+    """Whether it is an address of this machine: only those can be bound."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address[0], 0, *address[2:]))
+        except OSError:
+            return False
+    return True
+
+
+def _text(address: Any) -> str:
+    return place_text(address[:2])
+
+
+def _cannot_listen(place: tuple[str, int], error: OSError) -> RelayError:
+    why = error.strerror or error
+    if error.errno == errno.EADDRNOTAVAIL:
+        return PlaceError(
+            f"--listen {place_text(place)} is no address of this machine ({why}); 0.0.0.0 is all of its addresses, "
+            "127.0.0.1 itself alone"
+        )
+    return RelayError(
+        f"cannot listen on {place_text(place)}: {why}; choose another port, or end the program that has it"
+    )

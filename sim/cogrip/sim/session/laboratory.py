@@ -1,0 +1,337 @@
+"""A whole session in virtual time: the very cores of the live processes, their datagrams, an emulated link, no sleeping.
+
+At a frame border the order is that of theory section 6: every client senses and sends, what has arrived by now is
+delivered, the server steps, its answers that have arrived by now are delivered, every client acts. A link delay of
+exactly d frames therefore means d frames.
+
+Between two borders every client ticks on its own grid, exactly: those of one rate at the same moments, in seat order; a client
+hears what has come when it ticks itself. Borders are common to all, so all begin a frame together.
+
+People may go and come, lose their address, or their server: `leave`, `come`, `lose_address`, `kill` and `restart`, each
+between two frames. A way to the server is an address here, and dialling gives another one.
+"""
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from itertools import count
+
+from cogrip.client.device_port import BarePort
+from cogrip.client.path_migration import Dialler
+from cogrip.client.recorder import RecordedClient
+from cogrip.client.supervised_device import Handle
+from cogrip.devices.device import Device
+from cogrip.devices.for_user import address_of, make_for
+from cogrip.protocol.accounts import TickCount
+from cogrip.protocol.link_profile import LinkProfile
+from cogrip.protocol.rates import due_ns
+from cogrip.protocol.recording.sink import Nowhere, Sink
+from cogrip.protocol.session import make_hello
+from cogrip.protocol.settings import Settings, digest, rates_of
+from cogrip.protocol.version import VERSION
+from cogrip.server.checkpoint import RoomCheckpoint
+from cogrip.server.recorder import RecordedServer
+from cogrip.sim.session.configured_link import configured_link
+from cogrip.sim.session.link import LinkEmulator
+
+Watch = Callable[["Laboratory"], None]
+Moment = tuple[tuple[int, int], ...]
+"""Who ticks at one time: seat numbers, each with the tick of the frame that it is for them."""
+Record = Callable[[RecordedClient | RecordedServer, str], Sink]
+"""Where an end's recording goes: called with its core and, for a client, the person's name (else "")."""
+
+
+def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:
+    """No recording."""
+    return Nowhere()
+
+
+class Person:
+    """One user: device, core and the two directions of the link. visit: how often this person has come before."""
+
+    def __init__(self, settings: Settings, number: int, begins: int, visit: int = 0, bare: bool = False) -> None:
+        user = settings.users[number]
+        self.begins = begins  # tick of the session, at this person's rate, that is their first
+        self.rates = rates_of(settings, user)
+        self.visit = visit
+        self.name = user.name
+        self.going = self.gone = False
+        self.lost: set[str] = set()  # addresses that nothing comes or goes by any more
+        self._address = f"person {number}" + (f" again {visit}" if visit else "")
+        self.dialler = Dialler(self._address)
+        device = make_for(user, settings.object.axes)
+        record = device.capability
+        hello = make_hello(
+            software=VERSION, nonce=number + 1 + visit * len(settings.users), room=settings.name, name=user.name,
+            digest=digest(settings), device=address_of(user), axes=settings.object.axes, rate_hz=float(record.rate_hz),
+            force_n=record.peak_force_n, speed_mps=record.speed_mps,
+        )  # fmt: skip
+        self.core = RecordedClient(hello, device.capability)
+        if bare:
+            self.core.make_port = BarePort
+        self.handle = Handle(device, self.core, self.rates.device_hz)
+        self.up = LinkEmulator(LinkProfile(), "")
+        self.down = LinkEmulator(LinkProfile(), "")
+
+    @property
+    def address(self) -> str:
+        """Where the server hears this person from."""
+        return self.dialler.way
+
+    def ticks_at(self, tick: int) -> bool:
+        """Whether this person's loop runs at a tick of the session, counted at their rate."""
+        return tick >= self.begins and not self.gone
+
+    def dial(self, now_ns: int, refused: bool) -> None:
+        """Another address, where the live client would dial anew."""
+        resuming = self.core.session.state == "resuming"
+        if self.dialler.due(now_ns, resuming, True, refused):
+            self.dialler.dialled(f"{self._address} dial {self.dialler.dials + 1}", now_ns)
+        self.dialler.spare(now_ns, resuming)
+
+    @property
+    def device(self) -> Device:
+        return self.handle.device
+
+    @device.setter
+    def device(self, device: Device) -> None:
+        self.handle.device = device
+
+
+class Laboratory:
+    """One session of `settings`. `run` to the end, or `frame` by frame.
+
+    bare: without the controllers of the device port, for experiments on what they are for (`BarePort`)
+    begins: each person's first tick, at their own rate, a whole number of frames; all begin together if it is empty.
+    tick: moments so far at which somebody ticked, or is ticking; with one rate for all, everybody's tick
+    """
+
+    def __init__(
+        self, settings: Settings, record: Record = unrecorded, begins: Sequence[int] = (), *, bare: bool = False
+    ) -> None:
+        self.settings = settings
+        self._bare = bare
+        begins = begins or (0,) * len(settings.users)
+        self.people = [Person(settings, number, begin, bare=bare) for number, begin in enumerate(begins)]
+        self._record = record
+        self._sessions, self._tickets = count(1), count(1)
+        self.server = self._new_server()
+        self.room = self.server.rooms[0]
+        self.alive = True  # the server
+        self.now_ns = 0
+        self.tick = 0
+        self._network_hz = settings.rates.network_hz
+        self._frame = 0  # the one that comes next, or is under way
+        self._moments = moments_of([person.rates.ticks_per_frame for person in self.people])
+        self.frames = max(1, round(settings.seconds * settings.rates.network_hz))
+        for person in self.people:
+            person.core.record(record(person.core, person.name))
+        self.server.record(record(self.server, ""))
+        for person in self.people:
+            self._call(person)
+        for person in self.people:
+            self._begin(person)
+
+    def _new_server(self) -> RecordedServer:
+        return RecordedServer(
+            [self.settings], VERSION, lambda: next(self._sessions), None, lambda: f"ticket-{next(self._tickets)}"
+        )  # fmt: skip
+
+    def _call(self, person: Person) -> None:
+        """Hello and welcome over a perfect link; from then on the configured one."""
+        now_ns = self.now_ns
+        person.core.call(now_ns)
+        while person.core.outbox:
+            self.server.receive(person.core.outbox.popleft(), person.address, now_ns)
+        self._from_server()
+        for datagram in person.down.due(now_ns):
+            person.core.receive(datagram, now_ns)
+        if not person.core.seated:
+            raise RuntimeError(person.core.session.failed or f"{person.name} was not seated")
+
+    def _begin(self, person: Person) -> None:
+        seat = person.core.seat
+        assert seat is not None
+        link = self.settings.link
+        person.up = configured_link(link, "up", f"{seat.seed}/{seat.seat}/up")
+        person.down = configured_link(link, "down", f"{seat.seed}/{seat.seat}/down")
+        person.handle.open()
+
+    # Coming and going
+
+    def leave(self, number: int) -> None:
+        """This person lets the force go and then says goodbye, as the live client does."""
+        person = self.people[number]
+        person.going = True
+        person.core.stop()
+
+    def come(self, number: int) -> Person:
+        """Who had this seat before comes again, with a hand that begins anew."""
+        before = self.people[number]
+        begins = self._frame * before.rates.ticks_per_frame
+        person = self.people[number] = Person(self.settings, number, begins, before.visit + 1, self._bare)
+        self.now_ns = due_ns(0, self._frame, self._network_hz)
+        person.core.record(self._record(person.core, f"{person.name} {person.visit + 1}"))
+        self._call(person)
+        self._begin(person)
+        return person
+
+    def lose_address(self, number: int) -> None:
+        """Nothing comes or goes by this person's present address any more."""
+        person = self.people[number]
+        person.lost |= set(person.dialler.ways)
+
+    def kill(self) -> list[RoomCheckpoint]:
+        """The server is gone, between two steps and without a word. Returns what its next checkpoint would have held."""
+        self.alive = False
+        self.server.outbox.clear()
+        return self.server.checkpoint()
+
+    def restart(self, checkpoints: Sequence[RoomCheckpoint]) -> None:
+        """A new server at the old one's place. It is not recorded."""
+        self.server = self._new_server()
+        self.server.record(Nowhere())
+        self.room = self.server.rooms[0]
+        for checkpoint in checkpoints:
+            self.server.restore(checkpoint, self.now_ns)
+        self.alive = True
+
+    # Words on their way
+
+    def _from_clients(self) -> None:
+        for person in self.people:
+            outbox = person.core.outbox
+            while outbox:
+                person.up.send(outbox.popleft(), self.now_ns)
+
+    def _to_server(self) -> None:
+        now_ns = self.now_ns
+        for person in self.people:
+            next_ns = person.up.next_ns
+            if next_ns is None or next_ns > now_ns:
+                continue
+            dialler, hello = person.dialler, person.core.session.hello
+            for datagram in person.up.due(now_ns):
+                address = dialler.asking if datagram == hello else dialler.way
+                if self.alive and address not in person.lost:
+                    self.server.receive(datagram, address, now_ns)
+
+    def _from_server(self) -> None:
+        outbox = self.server.outbox
+        while outbox:
+            address, datagram = outbox.popleft()
+            for person in self.people:
+                dialler = person.dialler
+                if address not in dialler.ways or address in person.lost:
+                    continue
+                if dialler.newer is not None and person.core.session.answers(datagram):
+                    dialler.adopt(str(address))
+                person.down.send(datagram, self.now_ns)
+
+    def _to_clients(self, moment: Moment) -> None:
+        now_ns = self.now_ns
+        for number, _ in moment:
+            person = self.people[number]
+            next_ns = person.down.next_ns
+            if next_ns is not None and next_ns <= now_ns:
+                for datagram in person.down.due(now_ns):
+                    person.core.receive(datagram, now_ns)
+
+    def frame(self, each_tick: Watch | None = None) -> None:
+        """One network frame: everybody's M device ticks, the border first."""
+        for moment in self._moments:
+            number, step = moment[0]
+            rates = self.people[number].rates
+            now_ns = self.now_ns = due_ns(0, self._frame * rates.ticks_per_frame + step, rates.device_hz)
+            self._sense(moment, step == 0)
+            if step == 0:
+                self._from_clients()
+                self._to_server()
+                if self.alive:
+                    self.server.tick(self.room, now_ns)
+                self._from_server()
+            self._to_clients(moment)
+            self._act(moment)
+            if each_tick is not None:
+                each_tick(self)
+            self.tick += 1
+        self._frame += 1
+
+    def _sense(self, moment: Moment, border: bool) -> None:
+        frame, now_ns = self._frame, self.now_ns
+        for number, step in moment:
+            person = self.people[number]
+            tick = frame * person.rates.ticks_per_frame + step
+            if person.ticks_at(tick):
+                person.core.sense(tick - person.begins, person.handle.read(tick - person.begins), now_ns)
+            elif border and person.gone:
+                person.core.poll(now_ns)
+            elif border:
+                person.core.keep_seat(now_ns)
+
+    def _act(self, moment: Moment) -> None:
+        frame, now_ns = self._frame, self.now_ns
+        for number, step in moment:
+            person = self.people[number]
+            core, tick = person.core, frame * person.rates.ticks_per_frame + step
+            if person.ticks_at(tick):
+                person.handle.write(core.act(now_ns))
+            if core.session.state == "resuming" or person.dialler.newer is not None:
+                person.dial(now_ns, not self.alive)
+            if person.going and core.released:
+                self._say_goodbye(person, tick - person.begins)
+
+    def _say_goodbye(self, person: Person, ticks: int) -> None:
+        person.going, person.gone = False, True
+        person.core.leave("had enough", person.core.account(TickCount(due=ticks, run=ticks)), self.now_ns)
+        person.handle.close()
+
+    def run(
+        self,
+        each_tick: Watch | None = None,
+        each_frame: Watch | None = None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """To the end of the session, until it has diverged, or until `stopped` says so."""
+        while self._frame < self.frames and not self.diverged and not stopped():
+            self.frame(each_tick)
+            if each_frame is not None:
+                each_frame(self)
+
+    def close_books(self) -> None:
+        """Note what every end knows; nothing is recorded after."""
+        for number, person in enumerate(self.people):
+            person.core.account(self.ticks(number))
+        self.server.close_books()
+        self.server.record(Nowhere())
+        for person in self.people:
+            person.core.record(Nowhere())
+
+    @property
+    def diverged(self) -> str:
+        """Why the session has diverged, "" if it has not."""
+        for person in self.people:
+            if person.core.diverged:
+                return f"{person.name}: {person.core.diverged}"
+        return self.room.diverged
+
+    @property
+    def seconds(self) -> float:
+        """Virtual time that has passed, in whole frames."""
+        return self._frame / self._network_hz
+
+    def ticks(self, number: int = 0) -> TickCount:
+        """Of one person's loop, in whole frames. In virtual time every tick is run, and none is late."""
+        ticks = self._frame * self.people[number].rates.ticks_per_frame
+        return TickCount(due=ticks, run=ticks)
+
+
+def moments_of(ticks_per_frame: Sequence[int]) -> tuple[Moment, ...]:
+    """A frame's moments in their order, for seats with so many ticks in it. The first is the border, where everybody ticks.
+
+    Two ticks that are not at one time are 1 / (M_i M_j network_hz) apart, 2.5 ns or more: in whole nanoseconds, too.
+    """
+    at: dict[Fraction, list[tuple[int, int]]] = {}
+    for number, ticks in enumerate(ticks_per_frame):
+        for step in range(ticks):
+            at.setdefault(Fraction(step, ticks), []).append((number, step))
+    return tuple(tuple(at[when]) for when in sorted(at))

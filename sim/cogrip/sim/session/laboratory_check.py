@@ -1,0 +1,257 @@
+"""Advice held against sessions in virtual time before it is given: what the linear model leaves out is in them.
+
+session   the settings as they stand, with their own hands and devices: passive and stable?
+felt      a static load on the same link (`methods/felt.py`), once a seed: what is felt at rest, jitter and loss included
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import chain, islice
+from math import ceil, isfinite
+from typing import Literal
+
+from msgspec import to_builtins
+from msgspec.structs import replace
+
+from cogrip.devices.for_user import address_of, make_for
+from cogrip.devices.registry import is_real
+from cogrip.devices.settings import parse_address
+from cogrip.protocol.settings import Settings, User, not_passive, resolve
+from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
+from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
+from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
+from cogrip.sim.experiments.methods.felt import measure_felt
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.verdict import SOFTER, Tone, passive, stable
+from cogrip.sim.runs.verdict import felt as felt_as_intended
+from cogrip.sim.session.laboratory import Laboratory
+
+Values = tuple[float | None, ...]
+"""Felt stiffness [N/m], one a seed; None where nothing came to rest."""
+LINES = 6  # of a network that draws its fates: as many people times seeds; one that does not is the same every time
+MOST_SEEDS = 3
+SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
+SHORT_S = 3.0  # a session that tells little
+EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
+MOST_CHANGES = 4  # that are tried in the laboratory before none is given
+WAYS: tuple[Literal["up", "down"], ...] = ("up", "down")
+_LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
+_TONES: tuple[Tone, ...] = tuple(_LEVELS)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Sessions of some settings.
+
+    passive, stable: how the session was judged; said: the sentences of these, and of how it felt, that are not good
+    felt_npm: of each person with a spring, in the order of the settings: a value a seed, None where nothing came to rest;
+    empty where no balanced load can be put on (one person alone at a free object)
+    begun_s: when the last of hands and the first of periodic outages have begun, of those that the settings' time reaches
+    stand_ins: people whose hardware a simulated device stood in for
+    """
+
+    passive: Tone
+    stable: Tone
+    said: tuple[str, ...]
+    felt_npm: dict[str, Values]
+    asked_npm: dict[str, float]
+    seconds: float
+    begun_s: float
+    stand_ins: tuple[str, ...]
+
+    def missed(self, asked_npm: dict[str, float]) -> float | None:
+        """Return the largest |mean felt / asked - 1| of anybody; None where nobody's was measured, 1 where nothing rests."""
+        shares = [
+            1.0 if None in values else abs(sum(value or 0.0 for value in values) / len(values) / asked_npm[name] - 1.0)
+            for name, values in self.felt_npm.items()
+            if asked_npm.get(name)
+        ]
+        return max(shares, default=None)
+
+    @property
+    def session(self) -> Finding:
+        """How the session was judged."""
+        worst = max(self.passive, self.stable, key=_TONES.index)
+        people = (
+            f" ({', '.join(self.stand_ins)}: a simulated device stood in for the hardware)" if self.stand_ins else ""
+        )
+        text = f"a session of {self.seconds:g} s with these settings{people}: "
+        text += "passive and stable. " if worst == "good" else ""
+        text = f"{text}{' '.join(self.said)}".rstrip(". ")
+        text += f"; {self.beyond}" if self.beyond else ""
+        doubt = worst == "good" and (self.beyond or self.said)
+        return Finding("laboratory", text, "note" if doubt else _LEVELS[worst])
+
+    @property
+    def beyond(self) -> str:
+        """Say what of the settings the session did not reach, "" if it reached all."""
+        if self.begun_s > self.seconds:
+            return f"what begins at {self.begun_s:g} s, hands or outages, is beyond it"
+        return f"less than {SHORT_S:g} s tell little" if self.seconds < SHORT_S else ""
+
+    def felt(self, expected_npm: Mapping[str, float] | None = None) -> tuple[Finding, ...]:
+        """Say what stiffness was felt; people of the same numbers in one sentence.
+
+        expected_npm: by name, what it is held against; else what the settings ask for.
+        """
+        if not self.felt_npm:
+            text = "the felt stiffness was not measured: these people cannot hold the object still against each other"
+            return (Finding("laboratory", text, "note"),)
+        expected = expected_npm or self.asked_npm
+        alike: dict[tuple[float, float, Values], list[str]] = {}
+        for name, values in self.felt_npm.items():
+            alike.setdefault((self.asked_npm[name], expected[name], values), []).append(name)
+        return tuple(
+            Finding(
+                "laboratory", f"{', '.join(names)}: a spring of {plain(asked)} N/m {words(values)}", _level(values, one)
+            )
+            for (asked, one, values), names in alike.items()
+        )
+
+
+def words(values: Values) -> str:
+    """Say what was felt, over the seeds."""
+    where = f"in {len(values)} sessions over this link" if len(values) > 1 else "over this link"
+    told = [value for value in values if value is not None]
+    if len(told) < len(values):
+        return f"never came to rest under a constant load {where}"
+    low, high = (plain(value, 3) for value in (min(told), max(told)))
+    return f"felt like {low if low == high else f'{low} to {high}'} N/m at rest {where}"
+
+
+def _level(values: Values, expected_npm: float) -> Level:
+    told = [value for value in values if value is not None]
+    return feel_level(sum(told) / len(told), expected_npm) if len(told) == len(values) else "warning"
+
+
+def check(settings: Settings) -> Check:
+    """Run the sessions. Raises DeviceError for a device that cannot be had."""
+    stand_ins = tuple(user.name for user in settings.users if is_real(user.device))
+    settings = replace(settings, users=tuple(_stand_in(settings, user) for user in settings.users))
+    seconds = min(settings.seconds, max(SESSION_S, min(LONGEST_S, _begun_s(settings) + SESSION_S)))
+    laboratory = Laboratory(replace(settings, seconds=seconds))
+    laboratory.run()
+    summary = of_laboratory(laboratory)
+    judged = passive(summary), stable(summary), felt_as_intended(summary)
+    # how soft it is, the static load says
+    said = tuple(each.sentence for each in judged if each.tone != "good" and not each.sentence.startswith(SOFTER))
+    felt: dict[str, list[float | None]] = {}
+    asked: dict[str, float] = {}
+    seeds = min(MOST_SEEDS, ceil(LINES / len(settings.users))) if _draws(settings) else 1
+    for seed in range(seeds):
+        for person in measure_felt(replace(settings, seed=settings.seed + seed)):
+            felt.setdefault(person.person, []).append(person.felt_npm)
+            asked[person.person] = person.asked_npm
+    return Check(
+        judged[0].tone, judged[1].tone, said,
+        {name: tuple(values) for name, values in felt.items()}, asked, seconds,
+        _begun_s(settings), stand_ins,
+    )  # fmt: skip
+
+
+def _draws(settings: Settings) -> bool:
+    """Return whether the link draws its delays or losses by chance."""
+    link = settings.link
+    ways = [link.direction(way) for way in WAYS]
+    return any(way.jitter_ms or way.loss or way.duplicate or way.reorder for way in ways) or any(
+        map(link.trace_of, WAYS)
+    )
+
+
+def _begun_s(settings: Settings) -> float:
+    """Return when everything has begun that begins late: hands that wait, and outages."""
+    begun: list[tuple[float, float]] = []  # when each begins, and when it has begun
+    for user in settings.users:
+        query = parse_address(f"sim:hand?hand={user.hand}").query | parse_address(address_of(user)).query
+        begun += [(float(query[key]),) * 2 for key in ("delay_s", "start_s") if _is_number(query.get(key, ""))]
+    for way in WAYS:
+        profile = settings.link.direction(way)
+        begun.append((profile.outage_every_s, profile.outage_every_s + profile.outage_s))
+        begun += [(start_s, start_s + length_s) for start_s, length_s in settings.link.script(way)]
+    return max((end_s for start_s, end_s in begun if start_s < settings.seconds), default=0.0)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _stand_in(settings: Settings, user: User) -> User:
+    """A simulated device with the mass, resolution, friction and force of a hardware's record; others as they are."""
+    if not is_real(user.device):
+        return user
+    record = make_for(user, settings.object.axes).capability
+    device = (
+        f"sim:phantom?resolution_m={record.resolution_m!r}&peak_force_n={record.peak_force_n!r}"
+        f"&mass_kg={record.apparent_mass_kg!r}&damping_nspm={record.own_damping_nspm!r}&friction_n={record.own_friction_n!r}"
+    )
+    return replace(user, device=device)
+
+
+def checked_change(
+    settings: Settings,
+    now: Advice,
+    checked: Check,
+    progress: Callable[[int, int], None] = lambda tried, total: None,
+) -> Change | None:
+    """Return the change that helps most by the model among those that sessions bear out; None for none.
+
+    Borne out: passive and stable, or judged no worse than before, and the felt stiffness as measured nearer to what was asked;
+    where the change is for a further reach, no further from it; for fewer warnings that does not count. Its scores hold the
+    measured feel. A playout that follows the jitter is tried too, whatever the model, which knows none, says of it.
+    """
+    table = to_builtins(settings)
+    asked = {user.name: user.asked_npm for user in now.users}
+    before = checked.missed(asked)
+    tried: Iterable[Change] = islice(ranked_changes(settings, now, progress), MOST_CHANGES)
+    found: list[Change] = []
+    if settings.playout.frames != "auto" and _draws(settings):
+        tried = chain([change_to(settings, now, "playout.frames", "auto")], tried)
+    for change in tried:
+        after = check(resolve(table, {change.key: change.value}))
+        fewer = change.after.warnings < change.before.warnings
+        worse = any(
+            _TONES.index(new) > _TONES.index(old)
+            for new, old in ((after.passive, checked.passive), (after.stable, checked.stable))
+        )
+        missed = after.missed(asked)
+        if worse and not fewer:
+            continue
+        if "bad" in (after.passive, after.stable):  # what is broken is not called helped
+            continue
+        if before is None or missed is None:
+            return dataclasses.replace(change, measured=False)
+        only_feel = change.after.key()[:2] == change.before.key()[:2]
+        if fewer or round(missed, 2) < round(before, 2) + (0.0 if only_feel else 0.01):
+            scores = (
+                dataclasses.replace(change.before, missed=before),
+                dataclasses.replace(change.after, missed=missed),
+            )
+            found.append(dataclasses.replace(change, before=scores[0], after=scores[1]))
+            if change.value != "auto":
+                break
+    return min(found, key=lambda change: (change.after.warnings, change.after.missed), default=None)
+
+
+def checked_stiffest(
+    settings: Settings, progress: Callable[[int, int], None] = lambda tried, total: None
+) -> tuple[Stiffest, Check] | None:
+    """Return the stiffest felt session that is passive and stable in the laboratory, too; None where the model finds none.
+
+    b and K come down until a session is; of a coupling that is not passive by construction only stability is asked. None also
+    where none of what was tried is.
+    """
+    found = stiffest(settings, progress)
+    if found is None:
+        return None
+    for damper_share, stiffness_share in EASED:
+        tried = found if damper_share == stiffness_share == 1.0 else eased(found, damper_share, stiffness_share)
+        checked = check(tried.settings)
+        if checked.stable != "bad" and (checked.passive != "bad" or not_passive(settings)):
+            return tried, checked
+    return None

@@ -1,0 +1,309 @@
+"""One direction of a network in virtual time: delay, jitter, loss, duplicates, reordering, a rate cap, outages. Sans-IO.
+
+The path of a datagram: outage -> bottleneck queue (rate_kbps) -> loss -> duplication -> delay + jitter (+ hold) -> arrival.
+A recorded trace adds its delay to all others, and its losses.
+
+Fates are drawn by datagram number, each impairment from its own stream of the seed: payloads, the times of send and due
+and the other impairments do not touch them. Two runs that differ in loss only have the same jitter, datagram by
+datagram, so comparisons are paired. Only outages, traces and the queue look at times, and they draw nothing: a datagram
+that an outage took has had its draw, and those after it have the fates they would have had.
+
+Loss is the Gilbert-Elliott chain with a lossless good and a lossy bad state, stepped once a datagram:
+P(bad -> good) = 1 / burst_frames, P(good -> bad) = loss / (burst_frames (1 - loss)), started in its stationary law. So
+the rate of loss is `loss` and a run of losses is burst_frames datagrams long on average. Independent loss has runs of
+1 / (1 - loss); burst_frames = 1 asks for just that, and values in between, where losses would repel, are refused.
+"""
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator
+from random import Random
+from typing import NamedTuple, Protocol
+
+from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace
+from cogrip.sim.session.outages import NEVER_NS, Outages
+
+HOLD_MS = (10.0, 30.0)
+"""A reordered datagram is held back by a further uniform time in this range: 1 to 3 datagrams at 100 a second."""
+QUEUE_NS = 500_000_000
+"""The bottleneck drops a datagram that would wait longer than this before its first bit leaves."""
+HEADER_BYTES = 28
+"""IPv4 and UDP headers, which occupy a capped link as well as the payload does."""
+
+
+class LinkProfile(Protocol):
+    """What a link does to datagrams. Any object with these attributes will do."""
+
+    @property
+    def delay_ms(self) -> float:
+        """Constant one-way delay."""
+
+    @property
+    def jitter_ms(self) -> float:
+        """Mean of the extra delay, gamma of shape 2, drawn for every datagram: they may overtake one another."""
+
+    @property
+    def loss(self) -> float:
+        """Stationary rate of loss, 0 <= loss < 1."""
+
+    @property
+    def burst_frames(self) -> float:
+        """Mean length of a run of lost datagrams: 1 (independent) or at least 1 / (1 - loss)."""
+
+    @property
+    def duplicate(self) -> float:
+        """Probability that a datagram arrives twice; the copy draws its own jitter."""
+
+    @property
+    def reorder(self) -> float:
+        """Probability that a datagram is held back by HOLD_MS."""
+
+    @property
+    def rate_kbps(self) -> float:
+        """Bottleneck in kbit/s, 0 for none."""
+
+    @property
+    def outage_s(self) -> float:
+        """How long each periodic outage lasts, 0 for none."""
+
+    @property
+    def outage_every_s(self) -> float:
+        """From the origin to the first periodic outage's begin, and from begin to begin."""
+
+
+class Fate(NamedTuple):
+    """What happens to one datagram, the queue apart: extra_ns is jitter and hold, copy_extra_ns None without a copy."""
+
+    lost: bool
+    extra_ns: int
+    copy_extra_ns: int | None
+    held: bool
+
+
+COUNTERS = ("sent", "delivered", "lost", "duplicated", "held", "reordered", "outage", "queue_dropped", "in_flight")
+"""The names of what a link counts."""
+
+_CLEAR = Fate(False, 0, None, False)
+_LOST = Fate(True, 0, None, False)
+
+
+def check(profile: LinkProfile) -> None:
+    """Raises ValueError, naming value, bound and cure, for a profile no link can have."""
+    for name in ("delay_ms", "jitter_ms", "rate_kbps"):
+        value = getattr(profile, name)
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"link {name} = {value} must be finite and at least 0")
+    for name in ("duplicate", "reorder"):
+        value = getattr(profile, name)
+        if not 0.0 <= value <= 1.0:
+            raise ValueError(f"link {name} = {value} must be a probability, 0 to 1")
+    if not 0.0 <= profile.loss < 1.0:
+        raise ValueError(f"link loss = {profile.loss} must be at least 0 and below 1")
+    independent = 1.0 / (1.0 - profile.loss)
+    burst = profile.burst_frames
+    if not 1.0 <= burst < math.inf or (burst != 1.0 and burst < independent * (1.0 - 1e-9)):
+        raise ValueError(
+            f"link burst_frames = {burst} is out of reach at loss = {profile.loss}: independent losses already "
+            f"come in runs of {independent:.4g}; give 1 for those, or at least {independent:.4g}"
+        )
+
+
+def _losses(profile: LinkProfile, seed: str) -> Iterator[bool]:
+    """The Gilbert-Elliott chain, one step a datagram: True is lost."""
+    draw = Random(f"{seed}/loss").random
+    loss = profile.loss
+    if profile.burst_frames == 1.0:
+        enter = stay = loss
+    else:
+        enter = loss / (profile.burst_frames * (1.0 - loss))
+        stay = 1.0 - 1.0 / profile.burst_frames
+    lost = draw() < loss
+    while True:
+        yield lost
+        lost = draw() < (stay if lost else enter)
+
+
+def _jitters(jitter_ms: float, seed: str) -> Iterator[int]:
+    """Gamma of shape 2 and mean jitter_ms, in ns: the sum of two exponentials, always two draws."""
+    draw = Random(seed).random
+    scale_ns = jitter_ms * 1e6 / 2.0
+    log = math.log
+    while True:
+        yield int(0.5 - scale_ns * log((1.0 - draw()) * (1.0 - draw())))
+
+
+def fates(profile: LinkProfile, seed: str) -> Iterator[Fate]:
+    """The fate of datagram 0, 1, 2, ... on this link, without end. Raises ValueError for an impossible profile."""
+    check(profile)
+    return _fates(profile, seed)
+
+
+def _fates(profile: LinkProfile, seed: str) -> Iterator[Fate]:
+    duplicate, reorder = profile.duplicate, profile.reorder
+    losses = _losses(profile, seed) if profile.loss else None
+    jitters = _jitters(profile.jitter_ms, f"{seed}/jitter") if profile.jitter_ms else None
+    copy_jitters = _jitters(profile.jitter_ms, f"{seed}/copy-jitter")
+    draw_copy = Random(f"{seed}/duplicate").random
+    draw_hold = Random(f"{seed}/reorder").random
+    hold_ns, hold_span_ns = HOLD_MS[0] * 1e6, (HOLD_MS[1] - HOLD_MS[0]) * 1e6
+    if losses is None and jitters is None and not duplicate and not reorder:
+        while True:
+            yield _CLEAR
+    while True:
+        # Every stream advances by the same number of draws a datagram, lost or not: that keeps comparisons paired.
+        extra_ns = next(jitters) if jitters is not None else 0
+        copy_extra_ns = None
+        held = False
+        if duplicate:
+            copy_jitter_ns = next(copy_jitters)
+            if draw_copy() < duplicate:
+                copy_extra_ns = copy_jitter_ns
+        if reorder:
+            chance, share = draw_hold(), draw_hold()
+            if chance < reorder:
+                held = True
+                extra_ns += int(hold_ns + share * hold_span_ns)
+        if losses is not None and next(losses):
+            yield _LOST
+        else:
+            yield Fate(False, extra_ns, copy_extra_ns, held)
+
+
+class LinkEmulator:
+    """One direction of a link: datagrams in by `send`, out by `due`. Two directions are two emulators, two seeds.
+
+    At any time sent + duplicated = delivered + outage + queue_dropped + lost + in_flight.
+    """
+
+    __slots__ = (
+        "_busy_ns",
+        "_delay_ns",
+        "_fates",
+        "_flight",
+        "_highest",
+        "_look_ns",
+        "_ns_per_byte",
+        "_origin_ns",
+        "_outages",
+        "_trace",
+        "delivered",
+        "duplicated",
+        "held",
+        "lost",
+        "outage",
+        "queue_dropped",
+        "reordered",
+        "sent",
+    )
+
+    def __init__(
+        self,
+        profile: LinkProfile,
+        seed: str,
+        outages: Iterable[tuple[float, float]] = (),
+        trace: DelayTrace | None = None,
+        origin_ns: int | None = None,
+    ) -> None:
+        """outages: by script, (start_s, length_s) of each. trace: delays and losses besides all others. origin_ns: what they
+        and the periodic outages count from; the time of the first datagram if none is given. Raises ValueError for an
+        impossible link.
+        """
+        self._fates = fates(profile, seed)
+        self._outages = Outages(profile.outage_s, profile.outage_every_s, outages)
+        self._trace = trace
+        self._origin_ns = origin_ns
+        self._look_ns = -NEVER_NS if self._outages else NEVER_NS  # until then the link is up
+        self._delay_ns = round(profile.delay_ms * 1e6)
+        self._ns_per_byte = 8e6 / profile.rate_kbps if profile.rate_kbps else 0.0
+        self._busy_ns: int | None = None  # when the bottleneck falls idle
+        self._flight: list[tuple[int, int, int, bytes]] = []  # arrival_ns, number, 0 or 1 for a copy, payload
+        self._highest = -1
+        self.sent = 0
+        self.delivered = 0
+        self.lost = 0
+        self.duplicated = 0  # copies made
+        self.held = 0  # held back by `reorder`
+        self.reordered = 0  # delivered after one that was sent later, by hold or jitter
+        self.outage = 0  # sent while the link was down
+        self.queue_dropped = 0
+
+    @property
+    def in_flight(self) -> int:
+        """Datagrams and copies under way."""
+        return len(self._flight)
+
+    @property
+    def next_ns(self) -> int | None:
+        """When the next datagram arrives; None when none is under way."""
+        return self._flight[0][0] if self._flight else None
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Every counter by name."""
+        return {name: getattr(self, name) for name in COUNTERS}
+
+    def send(self, payload: bytes, now_ns: int) -> None:
+        """Puts a datagram on the link at now_ns, which never falls."""
+        number = self.sent
+        self.sent = number + 1
+        lost, extra_ns, copy_extra_ns, held = next(self._fates)
+        if now_ns >= self._look_ns and self._down_at(now_ns):
+            self.outage += 1
+            return
+        leaves_ns = now_ns
+        if self._ns_per_byte:
+            queued_ns = self._queue(len(payload), now_ns)
+            if queued_ns is None:
+                self.queue_dropped += 1
+                return
+            leaves_ns = queued_ns
+        arrival_ns = leaves_ns + self._delay_ns
+        if self._trace is not None:
+            traced_ns = self._trace.delay_ns(self._elapsed_ns(now_ns))
+            lost = lost or traced_ns == LOST_NS
+            arrival_ns += traced_ns
+        if lost:
+            self.lost += 1
+            return
+        heapq.heappush(self._flight, (arrival_ns + extra_ns, number, 0, payload))
+        if held:
+            self.held += 1
+        if copy_extra_ns is not None:
+            self.duplicated += 1
+            heapq.heappush(self._flight, (arrival_ns + copy_extra_ns, number, 1, payload))
+
+    def _down_at(self, now_ns: int) -> bool:
+        """Whether the link is down now; if not, `_look_ns` is when it next will be."""
+        elapsed_ns = self._elapsed_ns(now_ns)
+        if self._outages.down_at(elapsed_ns):
+            return True
+        self._look_ns = now_ns - elapsed_ns + self._outages.next_begin_ns(elapsed_ns)
+        return False
+
+    def _elapsed_ns(self, now_ns: int) -> int:
+        """Since the link's origin, which is now if it has none yet."""
+        if self._origin_ns is None:
+            self._origin_ns = now_ns
+        return now_ns - self._origin_ns
+
+    def _queue(self, size: int, now_ns: int) -> int | None:
+        """When the datagram's last bit leaves the bottleneck, or None when the queue is full."""
+        starts_ns = now_ns if self._busy_ns is None or self._busy_ns < now_ns else self._busy_ns
+        if starts_ns - now_ns > QUEUE_NS:
+            return None
+        self._busy_ns = starts_ns + round((size + HEADER_BYTES) * self._ns_per_byte)
+        return self._busy_ns
+
+    def due(self, now_ns: int) -> list[bytes]:
+        """Takes out what has arrived by now_ns, in order of arrival, ties in order of sending."""
+        flight = self._flight
+        arrived: list[bytes] = []
+        while flight and flight[0][0] <= now_ns:
+            _, number, copy, payload = heapq.heappop(flight)
+            arrived.append(payload)
+            if number > self._highest:
+                self._highest = number
+            elif number < self._highest and not copy:
+                self.reordered += 1
+        self.delivered += len(arrived)
+        return arrived

@@ -1,0 +1,168 @@
+"""A relay between any two programs that speak UDP: every client a flow of its own, each direction an emulated link. Sans-IO.
+
+Flow number n is the n-th address that was heard, from 0. Its ways are emulated as the laboratory emulates those of seat n:
+the same profile and the seeds SEED/n/up and SEED/n/down, so the same fate for the same datagram number. What the laboratory
+counts from each link's first datagram (outages, traces) counts here from the first datagram of all: the network is one.
+
+A driver feeds what its sockets give, asks `next_ns` when to come back, calls `due`, and sends what `outbox` holds.
+"""
+
+import heapq
+from collections import Counter, deque
+from collections.abc import Callable, Hashable
+
+from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.link_profile import Way
+from cogrip.sim.session.link import COUNTERS, LinkEmulator
+
+Address = Hashable
+MakeLink = Callable[[int, Way, int], LinkEmulator]
+"""Of flow number, way, and what outages and traces count from [ns]."""
+
+MOST_FLOWS = 64
+IDLE_NS = 60_000_000_000
+MOST_HELD_BYTES = 64 << 20
+"""Of all datagrams under way, with what keeps them. Forty people at 128 Hz over the longest delay there is hold 54 MB."""
+KEEPING_BYTES = 200  # about what a datagram takes besides what is in it: objects, its place in the queue
+
+OWN_COUNTERS = ("crowded", "not_sent", "refused")
+"""Beside the link's: had no room in MOST_HELD_BYTES; the socket would not take it; an ICMP error told that nobody is there."""
+
+
+class Lane:
+    """One direction of a flow: its link, and what became of its datagrams."""
+
+    __slots__ = ("bytes_in", "bytes_out", "crowded", "flow", "link", "not_sent", "refused", "way")
+
+    def __init__(self, flow: "Flow", way: Way, link: LinkEmulator) -> None:
+        self.flow = flow
+        self.way = way
+        self.link = link
+        self.bytes_in = self.bytes_out = 0  # of what came in; of what the link delivered
+        self.crowded = self.not_sent = self.refused = 0
+
+    def counters(self) -> dict[str, int]:
+        """Every counter by name."""
+        own = {name: getattr(self, name) for name in ("bytes_in", "bytes_out", *OWN_COUNTERS)}
+        return {**self.link.counters, **own}
+
+
+class Flow:
+    """One client."""
+
+    __slots__ = ("address", "down", "heard_ns", "number", "up")
+
+    def __init__(self, number: int, address: Address, make_link: MakeLink, origin_ns: int) -> None:
+        self.number = number
+        self.address = address
+        self.up = Lane(self, "up", make_link(number, "up", origin_ns))
+        self.down = Lane(self, "down", make_link(number, "down", origin_ns))
+        self.heard_ns = 0  # when either end last was
+
+    @property
+    def lanes(self) -> tuple[Lane, Lane]:
+        return self.up, self.down
+
+
+class Relay:
+    """All flows. late: how long after its time each datagram was handed to `outbox`; what the emulation itself is off by."""
+
+    def __init__(
+        self,
+        make_link: MakeLink,
+        most_flows: int = MOST_FLOWS,
+        idle_ns: int = IDLE_NS,
+        most_held_bytes: int = MOST_HELD_BYTES,
+    ) -> None:
+        self.flows: dict[Address, Flow] = {}
+        self.outbox: deque[tuple[Lane, bytes]] = deque()
+        self.strangers = 0  # datagrams of addresses for which there was no flow left
+        self.expired = 0  # flows
+        self.begun = 0  # flows
+        self.held_bytes = 0
+        self.late: dict[Way, DurationHistogram] = {"up": DurationHistogram(), "down": DurationHistogram()}
+        self._make_link = make_link
+        self._most_flows = most_flows
+        self._idle_ns = idle_ns
+        self._most_held_bytes = most_held_bytes
+        self._origin_ns: int | None = None
+        self._turns: list[
+            tuple[int, int, int, Lane]
+        ] = []  # when a lane has something due: heap of (ns, flow, way, lane)
+        self._gone: dict[Way, Counter[str]] = {"up": Counter(), "down": Counter()}  # what expired flows counted
+
+    def from_client(self, datagram: bytes, address: Address, now_ns: int) -> Flow | None:
+        """A client's datagram. None where it is a stranger's for whom there is no place."""
+        flow = self.flows.get(address)
+        if flow is None:
+            if len(self.flows) >= self._most_flows:
+                self.strangers += 1
+                return None
+            if self._origin_ns is None:
+                self._origin_ns = now_ns
+            flow = self.flows[address] = Flow(self.begun, address, self._make_link, self._origin_ns)
+            self.begun += 1
+        self._take(flow.up, datagram, now_ns)
+        return flow
+
+    def from_server(self, datagram: bytes, flow: Flow, now_ns: int) -> None:
+        """The server's datagram to that flow's client."""
+        self._take(flow.down, datagram, now_ns)
+
+    def _take(self, lane: Lane, datagram: bytes, now_ns: int) -> None:
+        lane.flow.heard_ns = now_ns
+        size = len(datagram) + KEEPING_BYTES
+        if self.held_bytes + 2 * size > self._most_held_bytes:
+            lane.crowded += 1
+            return
+        link = lane.link
+        next_ns, flying = link.next_ns, link.in_flight
+        link.send(datagram, now_ns)
+        lane.bytes_in += len(datagram)
+        if (more := link.in_flight - flying) and (first_ns := link.next_ns) is not None:
+            self.held_bytes += more * size
+            if next_ns is None or first_ns < next_ns:
+                heapq.heappush(self._turns, (first_ns, lane.flow.number, lane.way == "down", lane))
+
+    @property
+    def next_ns(self) -> int | None:
+        """When `due` will next have something; None while nothing is under way."""
+        return self._turns[0][0] if self._turns else None
+
+    def due(self, now_ns: int) -> None:
+        """Puts what has arrived by now into `outbox`, in order of arrival over all flows."""
+        turns = self._turns
+        while turns and turns[0][0] <= now_ns:
+            at_ns, number, way, lane = heapq.heappop(turns)
+            link = lane.link
+            if link.next_ns != at_ns:  # something that came later was due earlier, and took this turn's place
+                continue
+            for datagram in link.due(at_ns):
+                self.outbox.append((lane, datagram))
+                self.late[lane.way].add(now_ns - at_ns)
+                lane.bytes_out += len(datagram)
+                self.held_bytes -= len(datagram) + KEEPING_BYTES
+            if link.next_ns is not None:
+                heapq.heappush(turns, (link.next_ns, number, way, lane))
+
+    def expire(self, now_ns: int) -> list[Flow]:
+        """Ends flows that neither end was heard in for so long, once nothing of theirs is under way."""
+        over = [
+            flow
+            for flow in self.flows.values()
+            if now_ns - flow.heard_ns >= self._idle_ns and not any(lane.link.in_flight for lane in flow.lanes)
+        ]
+        for flow in over:
+            del self.flows[flow.address]
+            self.expired += 1
+            for lane in flow.lanes:
+                self._gone[lane.way].update(lane.counters())
+        return over
+
+    def totals(self, way: Way) -> dict[str, int]:
+        """What that way counted over all flows, expired ones too, by name."""
+        total = Counter(dict.fromkeys(("bytes_in", "bytes_out", *COUNTERS, *OWN_COUNTERS), 0))
+        total.update(self._gone[way])
+        for flow in self.flows.values():
+            total.update((flow.up if way == "up" else flow.down).counters())
+        return dict(total)

@@ -1,0 +1,147 @@
+"""`cogrip bench network --flood`: two people at a sealed server, and strangers who send it 20,000 datagrams a second."""
+
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+
+from tests.bench.bench_network import ASK_S, SETTLE_S, make_load, two_cores
+from tests.bench.network_flood import Done, Flood, samples_of
+from tests.bench.network_flood import Job as FloodJob
+from tests.bench.network_load import Load, LoadError
+from tests.bench.network_server import HOST, Job, Process, Reading
+
+MOST_RATIO = 2.0  # of the p99 lateness, over that of the part without a flood
+SHORT_US = 100.0  # less than this is the machine's own noise: what a flood makes of it is not judged as a ratio
+MOST_GROWTH_KB = 4096
+PEOPLE = 2
+MARGIN_S = 0.5  # a flood lasts longer than what is measured of it
+QUIET = "no flood"
+
+
+class Span(msgspec.Struct, frozen=True):
+    """What went on while one kind of flood did."""
+
+    kind: str
+    sent_per_s: float
+    late_us: dict[str, float]
+    work_us: dict[str, float]
+    skipped: int
+    seated: int
+    frames_lost: int
+    frames_late: int
+    memory_kb: int
+    drops: dict[str, int]
+
+
+def bench_flood(seconds: float, console: Console, json: Json) -> int:
+    """Every kind of flood, then all of them mixed. Exit code 0 if no seat was lost, ticks are punctual and memory is flat."""
+    if sys.platform != "linux":
+        raise BadInput("--flood needs Linux: elsewhere loopback has one address, and no thousand")
+    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base, two_cores(console) as cores:
+        job = Job("sealed", PEOPLE, PEOPLE, 3, cores[1], str(Path(base) / "state"), str(Path(base) / "server.mcap"))
+        server = Process(job)
+        load = make_load(job, server)
+        try:
+            load.join()
+            spans = list(_spans(load, server, seconds, console))
+            load.leave()
+        except LoadError as error:
+            raise Problem(f"sealed server: {error}") from None
+        finally:
+            load.close()
+            server.end()
+    console.print(_table(spans))
+    reached = judge(spans, console)
+    if json is not None:
+        write_json({"spans": msgspec.to_builtins(spans), "reached": reached}, json)
+    return 0 if all(reached.values()) else 1
+
+
+def _spans(load: Load, server: Process, seconds: float, console: Console) -> Sequence[Span]:
+    records: list[bytes] = []
+    load.run(SETTLE_S, lambda now_ns: records.append(load.people[0].last))
+    samples = samples_of((HOST, server.started.port), server.started.fingerprint, records)
+    kinds = [QUIET, *samples, QUIET]
+    spans = []
+    for kind in kinds:
+        flood = None
+        if kind != QUIET:
+            flood = Flood(FloodJob(HOST, server.started.port, seconds + 2 * MARGIN_S + ASK_S, samples[kind]))
+        load.run(MARGIN_S)
+        first = _look(load, server)
+        load.run(seconds)
+        last = _look(load, server)
+        load.run(MARGIN_S)
+        spans.append(_span(kind, first, last, flood.end() if flood else None))
+        console.print(f"{kind}: {spans[-1].sent_per_s:.0f} datagrams/s, p99 lateness {spans[-1].late_us['p99']:.0f} µs")
+    return spans
+
+
+def _look(load: Load, server: Process) -> Reading:
+    server.ask()
+    load.run(ASK_S)
+    return server.answer()
+
+
+def _span(kind: str, first: Reading, last: Reading, done: Done | None) -> Span:
+    drops = {
+        reason: more for reason, count in sorted(last.drops.items()) if (more := count - first.drops.get(reason, 0))
+    }
+    return Span(
+        kind, done.per_second if done else 0.0, last.late_us, last.work_us, last.skipped - first.skipped, last.seated,
+        last.frames_lost - first.frames_lost, last.frames_late - first.frames_late, last.memory_kb, drops,
+    )  # fmt: skip
+
+
+def _table(spans: Sequence[Span]) -> Table:
+    table = Table(title="sealed, two people, one room", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    headings = (
+        "flood", "datagrams\n/s", "late p50/p99\nµs", "over\nquiet", "work p50/p99\nµs", "frames\nlost/late", "memory\nMB",
+        "dropped, by reason",
+    )  # fmt: skip
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading[0] == "f" or "," in heading else "right")
+    quiet = spans[0].late_us["p99"]
+    for span in spans:
+        table.add_row(
+            span.kind, f"{span.sent_per_s:.0f}", f"{span.late_us['p50']:.0f}/{span.late_us['p99']:.0f}",
+            f"{span.late_us['p99'] / quiet:.2f}", f"{span.work_us['p50']:.0f}/{span.work_us['p99']:.0f}",
+            f"{span.frames_lost}/{span.frames_late}", f"{span.memory_kb / 1024:.1f}",
+            ", ".join(f"{reason} {count}" for reason, count in span.drops.items()) or "nothing",
+        )  # fmt: skip
+    return table
+
+
+def judge(spans: Sequence[Span], console: Console) -> Mapping[str, bool]:
+    """The first span has no flood."""
+    quiet_us = max(SHORT_US, spans[0].late_us["p99"])
+    floods = [span for span in spans if span.sent_per_s]
+    worst = max(floods, key=lambda span: span.late_us["p99"])
+    ratio = worst.late_us["p99"] / quiet_us
+    growth_kb = spans[-1].memory_kb - spans[0].memory_kb
+    seated = min(span.seated for span in spans)
+    reached = {
+        "seats": seated == PEOPLE,
+        "lateness": ratio <= MOST_RATIO,
+        "memory": growth_kb <= MOST_GROWTH_KB,
+        "counted": all(span.drops for span in floods),
+    }
+    words = {True: "reached", False: "NOT reached"}
+    console.print(f"seats kept: {seated} of {PEOPLE}: {words[reached['seats']]}")
+    console.print(
+        f"p99 lateness, at worst ({worst.kind}) over that without a flood (or {SHORT_US:g} µs, if that is more): {ratio:.2f}; "
+        f"at most {MOST_RATIO:g} is asked for: {words[reached['lateness']]}"
+    )
+    console.print(
+        f"memory grew by {growth_kb / 1024:.1f} MB; at most {MOST_GROWTH_KB / 1024:g}: {words[reached['memory']]}"
+    )
+    console.print(f"what was dropped is counted: {words[reached['counted']]}")
+    return reached

@@ -1,0 +1,164 @@
+"""`cogrip bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
+
+from typing import Annotated, Any, get_args
+
+from cyclopts import Parameter
+from rich.console import Group
+from rich.table import Table
+
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.line.jitter_buffer import cost, weight_frames
+from cogrip.protocol.link_profile import Link
+from cogrip.protocol.network_profiles import PROFILES
+from cogrip.protocol.rates import Hz, Rates
+from cogrip.protocol.settings import Playout
+from cogrip.sim.runs.folder import finite
+
+from tests.bench.playout_trial import NothingCameError, Played, arrivals, beaten, best_fixed, fixed_delays, play, ratio
+
+BOUND = 1.2  # of the best fixed depth's delay, and of the frames that it loses to lateness
+WAYS = ("up", "down")
+MOST_SEEDS = 10_000
+LEAST_S, MOST_S = 1.0, 3600.0
+LEAST_HZ, MOST_HZ = get_args(Hz)[1].ge, get_args(Hz)[1].le
+
+
+def bench_playout(
+    *,
+    seeds: int = 20,
+    seconds: float = 60.0,
+    network_hz: int = 128,
+    profile: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    json: Json = None,
+) -> int:
+    """Play the same datagrams out with frames = "auto" and at every fixed depth, on each profile, both ways.
+
+    The best fixed depth is chosen with hindsight over all seeds: of one whole delay through all runs, the one with the least
+    delay + W late / in time, W = 0.5 s. held is the delay beyond the quickest datagram; late are the frames that came and were
+    not played, what was passed over among them. "frames" is the best of the numbers that [playout] takes, by the same measure:
+    it counts from the first datagram, whose jitter is luck. beaten: whether any fixed delay is better by 1.2 times in both.
+
+    Parameters
+    ----------
+    seeds
+        Runs of each profile and way.
+    seconds
+        Virtual time of each run.
+    network_hz
+        Frames a second.
+    profile
+        Only this profile. Repeatable.
+    """
+    if not 1 <= seeds <= MOST_SEEDS:
+        raise BadInput(f"--seeds {seeds}: from 1 to {MOST_SEEDS}")
+    if not LEAST_S <= seconds <= MOST_S:
+        raise BadInput(f"--seconds {seconds:g}: from {LEAST_S:g} to {MOST_S:g} s")
+    if not LEAST_HZ <= network_hz <= MOST_HZ:
+        raise BadInput(f"--network-hz {network_hz}: from {LEAST_HZ} to {MOST_HZ} frames a second")
+    for name in profile:
+        if name not in PROFILES:
+            raise BadInput(f"--profile {name}: is none of {', '.join(PROFILES)}")
+    console = make_console(stderr=json == "-")
+    rows = []
+    for name in PROFILES:
+        if not profile or name in profile:
+            for way in WAYS:
+                console.print(f"{name} {way}: {seeds} runs of {seconds:g} s", style="dim")
+                try:
+                    rows.append(_trial(name, way, seeds, seconds, network_hz))
+                except NothingCameError as error:
+                    raise BadInput(
+                        f"--seconds {seconds:g} at --network-hz {network_hz}: {name} {way}: {error}; give more"
+                    ) from None
+    console.print(_table(rows, network_hz))
+    kept = all(row["delay_ratio"] <= BOUND and row["late_ratio"] <= BOUND and not row["beaten"] for row in rows)
+    console.print(f"at most {BOUND:g} times delay and late frames are asked for: {'kept' if kept else 'NOT kept'}")
+    if json:
+        write_json(finite({"rows": rows}), json)
+    return 0 if kept else 1
+
+
+def _trial(name: str, way: Any, seeds: int, seconds: float, network_hz: int) -> dict[str, Any]:
+    link = Link(profile=name).direction(way)  # type: ignore[arg-type]
+    runs = [arrivals(link, f"{seed}/{way}", seconds, network_hz) for seed in range(1, seeds + 1)]
+    ours = [play(run, "auto") for run in runs]
+    delays = fixed_delays(runs)
+    quickest = delays[0].delay_frames
+    best = best_fixed(delays, network_hz)
+    depth = best.delay_frames - quickest
+    numbers = {frames: [play(run, frames) for run in runs] for frames in range(max(0, depth - 2), depth + 2)}
+    chosen = min(numbers, key=lambda frames: _mean_cost(numbers[frames], network_hz))
+    delay, late = _delay(ours), _late(ours)
+    link_frames = link.delay_ms * 1e-3 * network_hz
+    border = one_way(link.delay_ms, 0, Rates(network_hz, network_hz)).frames
+    return {
+        "profile": name,
+        "way": way,
+        "delay_ms": 1e3 * delay / network_hz,
+        "held_frames": delay - quickest,
+        "late_share": late,
+        "moves_a_minute": sum(one.account.repeated + one.account.skipped for one in ours) / seeds / seconds * 60.0,
+        "most_frames": max(one.account.most_frames for one in ours),
+        "best_frames": depth,
+        "best_late_share": best.late / best.sent,
+        "best_delay_ms": 1e3 * best.delay_frames / network_hz,
+        "delay_ratio": max(
+            ratio(delay, best.delay_frames), ratio(delay - link_frames, best.delay_frames - link_frames)
+        ),
+        "late_ratio": ratio(late, best.late / best.sent),
+        "beaten": beaten(delays, delay, late, BOUND),
+        "expected_frames": expected_frames(Playout(frames="auto"), link, Rates(network_hz, network_hz))
+        + border
+        - quickest,
+        "number": chosen,
+        "number_delay_ms": 1e3 * _delay(numbers[chosen]) / network_hz,
+        "number_late_share": _late(numbers[chosen]),
+    }
+
+
+def _delay(runs: list[Played]) -> float:
+    return sum(run.delay_frames for run in runs) / len(runs)
+
+
+def _late(runs: list[Played]) -> float:
+    sent = sum(run.sent for run in runs)
+    if not sent:
+        raise NothingCameError("nothing was played out before the end")
+    return sum(run.late for run in runs) / sent
+
+
+def _mean_cost(runs: list[Played], network_hz: int) -> float:
+    late = _late(runs)
+    return cost(_delay(runs), late, 1.0 - late, weight_frames(1.0 / network_hz))
+
+
+def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
+    """Two tables of at most 80 columns: beside the best depth with hindsight, and the best of the numbers one may set."""
+    beside = _empty(f"auto beside the best fixed depth, {network_hz} frames a second", (
+        "auto\nms", "\nheld", "late\n%", "moves\n/ min", "best\nms", "\nheld", "late\n%", "delay\nx", "late\nx", "\nbeaten",
+    ))  # fmt: skip
+    numbers = _empty("the best number for playout.frames", ("frames", "ms", "late %", "expected of auto"))
+    for row in rows:
+        way = f"{row['profile']} {row['way']}"
+        beside.add_row(
+            way, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
+            f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
+            f"{100 * row['best_late_share']:.3f}", f"{row['delay_ratio']:.3f}", f"{row['late_ratio']:.3f}",
+            "yes" if row["beaten"] else "no",
+        )  # fmt: skip
+        numbers.add_row(
+            way, str(row["number"]), f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
+            str(row["expected_frames"]),
+        )  # fmt: skip
+    return Group(beside, "", numbers)
+
+
+def _empty(title: str, headings: tuple[str, ...]) -> Table:
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("\nway" if any("\n" in heading for heading in headings) else "way", no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table

@@ -1,0 +1,267 @@
+"""`cogrip bench relay`: what a relay adds by itself, beside direct datagrams in the same run."""
+
+import json as jsons
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.io.pacing import Pacer
+from cogrip.protocol.network_profiles import PROFILES, ProfileName
+from cogrip.protocol.settings import resolve
+from cogrip.sim.session.link import fates
+
+from tests.bench.bench_network import two_cores
+from tests.bench.relay_echo import HOST, NETWORK_HZ, STAMP, receive, stamped
+
+MOST_ADDED_US = 200.0  # p99
+BYTES = 300  # a datagram of waves on three axes with R = 8 has about as many
+SETTLE_S = 0.5
+SEED = 1
+LINGER_S = 0.2
+WIDTH = 100
+END_LIMIT_S = 10.0
+PERCENTILES = {"p50": 50.0, "p99": 99.0, "max": 100.0}
+
+
+@dataclass(slots=True)
+class User:
+    """Two sockets, one straight to the echo and one to the relay, and what each datagram took, by number [ns]."""
+
+    direct: socket.socket
+    relayed: socket.socket
+    up: dict[str, dict[int, int]] = field(default_factory=lambda: {"direct": {}, "relayed": {}})
+    down: dict[str, dict[int, int]] = field(default_factory=lambda: {"direct": {}, "relayed": {}})
+    sent: int = 0
+
+    def say(self) -> None:
+        """One datagram each way; which goes first alternates."""
+        order = (self.direct, self.relayed) if self.sent % 2 else (self.relayed, self.direct)
+        for each in order:
+            each.send(STAMP.pack(self.sent, time.time_ns(), 0, 0) + bytes(BYTES - STAMP.size))
+        self.sent += 1
+
+    def hear(self) -> None:
+        for name, each in (("direct", self.direct), ("relayed", self.relayed)):
+            with suppress(BlockingIOError):
+                while True:
+                    datagram, here_ns, _ = receive(each)
+                    number, sent_ns, had_ns, answered_ns = STAMP.unpack_from(datagram)
+                    self.up[name].setdefault(number, had_ns - sent_ns)  # of two copies, the first
+                    self.down[name].setdefault(number, here_ns - answered_ns)
+
+
+def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | None = None, json: Json = None) -> int:
+    """Datagrams of 300 bytes, 128 a second and user, there and back: straight, and through `cogrip relay` without impairment.
+
+    Every user sends when it likes; the far end answers all in one burst, as a server does. Times are the kernel's: from the
+    call that sends to the moment at which the receiver's kernel has it, so that only the relay's own waking, work and
+    sending count. The relay stays on one processor, users and far end on another. Exit code 0 if it adds less than 0.2 ms
+    (p99) in each direction.
+
+    Parameters
+    ----------
+    users
+        How many.
+    seconds
+        How long.
+    profile
+        Emulate this network up to the far end; `added` is then what the way up took beyond the delay that was drawn for
+        it, datagram by datagram.
+    """
+    if not 1 <= users <= 64:
+        raise BadInput(f"--users {users} is outside 1 to 64")
+    if not 1.0 <= seconds <= 600.0:
+        raise BadInput(f"--seconds {seconds:g} is outside 1 to 600")
+    if not sys.platform.startswith("linux"):
+        raise Problem("bench relay reads the kernel's own times of receipt, which only Linux gives")
+    console = make_console(stderr=json == "-")
+    console.width = max(console.width, WIDTH)
+    before = os.getloadavg()[0]
+    with ExitStack() as stack:
+        _, core = stack.enter_context(two_cores(console))
+        echo = stack.enter_context(echo_server())
+        port, ended = stack.enter_context(relay_to(echo, core, profile))
+        people = [User(stack.enter_context(_dial(echo)), stack.enter_context(_dial(port))) for _ in range(users)]
+        _run(people, SETTLE_S)
+        first = people[0].sent
+        _run(people, seconds)
+        told = ended()
+    after = os.getloadavg()[0]
+    answer = {
+        "users": users, "seconds": seconds, "bytes": BYTES, "load_before": before, "load_after": after,
+        "profile": profile, **{way: _compared([getattr(user, way) for user in people], first) for way in ("up", "down")},
+        "relay_left_late_us": told["late_us"], "relay_trouble": told["trouble"],
+    }  # fmt: skip
+    if profile is not None:
+        answer["up"]["added_us"] = _beyond_drawn(people, profile, first)
+    reached = all(answer[way]["added_us"]["p99"] < MOST_ADDED_US for way in ("up", "down"))
+    what = f"through {profile} on the way up" if profile else "without impairment"
+    console.print(
+        f"{users} users, {NETWORK_HZ} Hz, {BYTES} bytes, {seconds:g} s, {what}; us from sending to the kernel"
+    )
+    console.print(_table(answer))
+    console.print(f"load {before:.1f} before, {after:.1f} after; other work makes every number larger")
+    console.print(f"less than {MOST_ADDED_US / 1e3:g} ms (p99) is asked for: {'reached' if reached else 'NOT reached'}")
+    if json is not None:
+        write_json({**answer, "reached": reached}, json)
+    return 0 if reached else 1
+
+
+@contextmanager
+def echo_server() -> Iterator[int]:
+    """Its port."""
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", "tests.bench.relay_echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert child.stdout is not None
+        yield int(child.stdout.readline())
+    finally:
+        assert child.stdin is not None
+        child.stdin.close()
+        _wait(child)
+
+
+@contextmanager
+def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterator[tuple[int, Any]]:
+    """A `cogrip relay` to that port, on that processor: its own port, and what ends it and gives its summary."""
+    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
+        told = Path(base) / "relay.json"
+        child = subprocess.Popen(
+            [
+                sys.executable, "-P", "-m", "cogrip.cli", "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0",
+                "--json", str(told), "--seed", str(SEED),
+                *(f"--set=link.up.{key}={value}" for key, value in _way_up(profile).items()),
+            ],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )  # fmt: skip
+        try:
+            if core is not None:
+                os.sched_setaffinity(child.pid, {core})
+            assert child.stdout is not None
+            found = None
+            for line in child.stdout:
+                if found := re.search(r"relaying from \S+:(\d+) ", line):
+                    break
+            if found is None:
+                raise Problem(f"the relay ended with code {child.wait()}")
+
+            def end() -> dict[str, Any]:
+                child.send_signal(signal.SIGINT)
+                _wait(child)
+                summary: dict[str, Any] = jsons.loads(told.read_text())
+                return summary
+
+            yield int(found[1]), end
+        finally:
+            if child.poll() is None:
+                child.send_signal(signal.SIGTERM)
+            _wait(child)
+
+
+def _wait(child: subprocess.Popen[str]) -> None:
+    try:
+        child.wait(END_LIMIT_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+def _dial(port: int) -> socket.socket:
+    own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    stamped(own)
+    own.connect((HOST, port))
+    return own
+
+
+def _run(people: Sequence[User], seconds: float) -> None:
+    """Everybody speaks 128 times a second, one after the other."""
+    pacer = Pacer(NETWORK_HZ * len(people), time.monotonic_ns() + 2_000_000)
+    while pacer.due < seconds * NETWORK_HZ * len(people):
+        user = people[pacer.wait() % len(people)]
+        user.say()
+        user.hear()
+        pacer.done()
+    end_ns = time.monotonic_ns() + round(LINGER_S * 1e9)
+    while time.monotonic_ns() < end_ns:  # what is still on its way
+        for user in people:
+            user.hear()
+        time.sleep(0.001)
+
+
+def _way_up(profile: ProfileName | None) -> dict[str, float]:
+    """What is emulated: on the way up only, and no outage, so that as many as possible come to be timed."""
+    values = PROFILES[profile].way("up") if profile else {}
+    return {key: value for key, value in values.items() if not key.startswith("outage")}
+
+
+def _beyond_drawn(people: Sequence[User], profile: ProfileName, first: int) -> dict[str, float]:
+    """Percentiles [us] of what the relayed datagrams took on the way up beyond what the link drew for their numbers."""
+    link = resolve({"link": _way_up(profile)}).link.direction("up")
+    beyond = []
+    for number, user in enumerate(people):
+        drawn = islice(fates(link, f"{SEED}/{number}/up"), user.sent)
+        for datagram, fate in enumerate(drawn):
+            took_ns = user.up["relayed"].get(datagram)
+            if took_ns is None or datagram < first:
+                continue
+            waits_ns = fate.extra_ns if fate.copy_extra_ns is None else min(fate.extra_ns, fate.copy_extra_ns)
+            beyond.append((took_ns - link.delay_ms * 1e6 - waits_ns) * 1e-3)
+    return _percentiles(np.array(beyond))
+
+
+def _percentiles(values: Any) -> dict[str, float]:
+    return {name: float(np.percentile(values, share)) for name, share in PERCENTILES.items()}
+
+
+def _compared(found: Sequence[dict[str, dict[int, int]]], first: int) -> dict[str, Any]:
+    """Times [us] of datagrams number `first` and later; added: of each relayed one beyond the direct one sent beside it."""
+    pairs = np.array(
+        [
+            (took["direct"][number], relayed_ns)
+            for took in found
+            for number, relayed_ns in took["relayed"].items()
+            if number >= first and number in took["direct"]
+        ]
+    )
+    if not len(pairs):
+        raise Problem("nothing came back through the relay")
+    direct, relayed = pairs[:, 0] * 1e-3, pairs[:, 1] * 1e-3
+
+    return {
+        "datagrams": len(pairs),
+        "direct_us": _percentiles(direct),
+        "relayed_us": _percentiles(relayed),
+        "added_us": _percentiles(relayed - direct),
+    }
+
+
+def _table(answer: dict[str, Any]) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("way", "", "datagrams", *PERCENTILES):
+        table.add_column(heading, justify="left" if heading in ("way", "") else "right")
+    for way in ("up", "down"):
+        each = answer[way]
+        for kind in ("direct", "relayed", "added"):
+            values = each[f"{kind}_us"]
+            table.add_row(way, kind, f"{each['datagrams']}", *(f"{values[name]:.1f}" for name in PERCENTILES))
+        ratios = [each["relayed_us"][name] / each["direct_us"][name] for name in PERCENTILES]
+        table.add_row(way, "relayed / direct", "", *(f"{ratio:.1f}" for ratio in ratios))
+    return table

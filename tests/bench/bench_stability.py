@@ -1,0 +1,75 @@
+"""`cogrip bench stability`: outlines traced, against numpy's eigenvalues on a dense grid, at the same delays."""
+
+import resource
+import time
+from typing import Literal
+
+import numpy as np
+from rich.table import Table
+
+from cogrip.cli.terminal.console import make_console
+from cogrip.protocol.settings import resolve
+from cogrip.sim.analysis.boundary import trace
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
+from cogrip.sim.analysis.region import grid_axes, regions, stiffnesses
+
+DELAYS_FRAMES = (0.0, 1.0, 2.0, 4.0)
+_TOLD = 10.0  # the ratio that is asked for
+
+
+def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
+    """Two users, 0, 1, 2 and 4 frames each way, the paper's scheme and virtual coupling; medians over rounds, taken in turn.
+
+    Against it stand eigenvalues alone (numpy.linalg.eigvals of all matrices at once), and with making the matrices.
+
+    Parameters
+    ----------
+    rounds
+        How often each is timed.
+    cells
+        Cells a side of the dense grid.
+    """
+    console = make_console()
+    table = Table(title=f"outline against a {cells} x {cells} grid, two users, {len(DELAYS_FRAMES)} delays")
+    for column in ("scheme", "outlines", "points", "eigvals of the grid", "with matrices", "ratio", "with matrices"):
+        table.add_column(column, justify="right")
+    worst = np.inf
+    schemes: tuple[Literal["paper", "coupling"], ...] = ("paper", "coupling")
+    for scheme in schemes:
+        settings = resolve({"users": [{"name": "a"}, {"name": "b"}]}, scheme_overrides(scheme))
+        found, box = regions(settings, DELAYS_FRAMES)
+        models = [LiftedModel(linear_session(settings, delay_frames=frames)) for frames in DELAYS_FRAMES]
+        pairs = np.stack(np.meshgrid(*grid_axes(box, cells)), axis=-1).reshape(-1, 2)
+        times = np.array([_round(models, box, pairs) for _ in range(rounds)])
+        traced, made, solved = np.median(times, axis=0)
+        ratio = solved / traced
+        worst = min(worst, ratio)
+        points = sum(len(region.outline.points_npm) for region in found)
+        table.add_row(
+            scheme, f"{1e3 * traced:.0f} ms", str(points), f"{1e3 * solved:.0f} ms", f"{1e3 * (made + solved):.0f} ms",
+            f"{ratio:.1f}", f"{(made + solved) / traced:.1f}",
+        )  # fmt: skip
+    console.print(table)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    console.print(f"largest memory of this process: {peak_mb:.0f} MB; every outline point verified on both sides")
+    console.print(f"at least {_TOLD:g} is asked for: {'reached' if worst >= _TOLD else 'NOT reached'}")
+    return 0 if worst >= _TOLD else 1
+
+
+def _round(models: list[LiftedModel], box: tuple[float, float], pairs: np.ndarray) -> tuple[float, float, float]:
+    """Seconds for tracing all outlines, and for making and solving all matrices of the grid."""
+    start = time.perf_counter()
+    for model in models:
+        trace(model, box, lambda K: K)
+    traced = time.perf_counter() - start
+    made = solved = 0.0
+    for model in models:
+        K = stiffnesses(model.session, pairs)
+        start = time.perf_counter()
+        matrices = model.matrix(K)
+        middle = time.perf_counter()
+        np.linalg.eigvals(matrices)
+        made += middle - start
+        solved += time.perf_counter() - middle
+    return traced, made, solved

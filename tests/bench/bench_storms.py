@@ -1,0 +1,213 @@
+"""`cogrip bench storms`: whole sessions on every network, and whether each shows what it must."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Annotated, TypeVar
+
+import msgspec
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from cogrip.cli.session.settings_file import override
+from cogrip.cli.study.analysis_query import Overrides
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.protocol.settings_table import SettingsError
+from cogrip.sim.experiments.methods.method import ChoiceError, choose
+from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.runs.folder import finite
+
+from tests.bench.own_settings import refuse_own
+from tests.bench.storms.case import Job, rest_from_s, run_cells
+from tests.bench.storms.matrix import (
+    LEAST_S,
+    MOST_NPM,
+    MOST_PEOPLE,
+    MOST_S,
+    MOST_SEEDS,
+    LooseRow,
+    Matrix,
+    Row,
+    at_once,
+    rows,
+    wrong,
+)
+from tests.bench.storms.room import NETWORKS
+
+MOST_TOLD = 10
+LEAST_WIDTH = 132
+ROOMS = 8  # kinds of rooms: seeds that are so far apart have the same
+DRAWN = "each room is another, by its seed"
+OWN = {  # of the matrix: its flags and rooms have them
+    "link": "give --profiles",
+    "users": "give --people; their devices and hands are drawn from the seed",
+    "seed": "give --seeds",
+    "seconds": "give --seconds",
+    "name": "leave it out",
+    "coupling.kind": "`cogrip compare` has the other methods",
+    "coupling.server_step": "`cogrip compare` has the paper's",
+    "coupling.stiffness_npm": "give --stiffness",
+    "rates.network_hz": "the growth of loose cubes is told for that rate",
+    "object.kind": DRAWN,
+    "object.axes": DRAWN,
+}
+Number = TypeVar("Number", int, float)
+
+
+def bench_storms(
+    *,
+    profiles: str = ",".join(NETWORKS),
+    people: str = "2,3,4,5",
+    stiffness: Annotated[str, Parameter(name="--stiffness")] = "1000,10000,100000",
+    seeds: int = 20,
+    seconds: float = 8.0,
+    loose_seeds: int = 5,
+    overrides: Overrides = (),
+    workers: int | None = None,
+    json: Json = None,
+) -> int:
+    """Run whole sessions on every network: every one must be passive and must not diverge.
+
+    Each seed is another room: gripped or pushed, on 1 axis or 3, with other hands, devices and rates. Besides, loose cubes
+    are pushed once: virtual coupling and the paper's step must fail wherever their eigenvalues say so, and ours hold. What
+    --set says is for sessions of ours alone.
+
+    Exit code 0 if every session showed what it must, 1 if not, 130 if it was interrupted.
+
+    Parameters
+    ----------
+    profiles
+        Networks, with commas between: names of link.profile.
+    people
+        Numbers of people, with commas between.
+    stiffness
+        Stiffnesses K [N/m], with commas between.
+    seeds
+        How many rooms for each of these.
+    seconds
+        Virtual time of each session; in its last 3 s, or second half, hands come to rest where they began.
+    loose_seeds
+        How many loose cubes for each network, number of people, scheme and stiffness; 0 for none.
+    workers
+        Worker processes; else one for each processor.
+    """
+    if workers is not None and workers < 1:
+        raise BadInput(f"--workers {workers} must be at least 1")
+    matrix = _matrix(profiles, people, stiffness, seeds, seconds, loose_seeds, overrides)
+    jobs = matrix.jobs()
+    console, stop, results = make_console(soft_wrap=True, stderr=json == "-"), Stop(), dict[int, Result]()
+    console.width = max(console.width, LEAST_WIDTH)  # in a file, too: no cell is cut
+    with on_signals(stop), Progress(
+        TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TimeRemainingColumn(), console=make_console(stderr=True), transient=True,
+    ) as bar, LocalWorkers(workers or processors(), stop, run_cells, at_once) as these:  # fmt: skip
+        task = bar.add_task("sessions", total=len(jobs))
+        for result in these.run(jobs):
+            results[result.cell] = result
+            bar.update(task, completed=len(results))
+    return _tell([(job, results[job.cell]) for job in jobs if job.cell in results], len(jobs), stop, json, console)
+
+
+def _matrix(
+    profiles: str, people: str, stiffness: str, seeds: int, seconds: float, loose_seeds: int, overrides: Sequence[str]
+) -> Matrix:
+    changes = dict(override(text) for text in overrides)
+    refuse_own("bench storms", changes, OWN)
+    try:
+        networks = choose("profile", [name.strip() for name in profiles.split(",") if name.strip()], NETWORKS)
+    except ChoiceError as error:
+        raise BadInput(f"--profiles {profiles}: {error}") from None
+    counts = _numbers("--people", people, int, (2, MOST_PEOPLE), "people")
+    values = _numbers("--stiffness", stiffness, float, (0.0, MOST_NPM), "N/m")
+    if not 1 <= seeds <= MOST_SEEDS:
+        raise BadInput(f"--seeds {seeds}: at least one seed and at most {MOST_SEEDS} are run")
+    if not 0 <= loose_seeds <= MOST_SEEDS:
+        raise BadInput(f"--loose-seeds {loose_seeds}: from 0, for none, to {MOST_SEEDS}")
+    if not LEAST_S <= seconds <= MOST_S:
+        raise BadInput(f"--seconds {seconds:g}: from {LEAST_S:g} to {MOST_S:g} s")
+    matrix = Matrix(networks, counts, values, tuple(range(seeds)), seconds, loose_seeds, changes)
+    try:
+        for job in replace(matrix, seeds=matrix.seeds[:ROOMS], loose_seeds=min(1, loose_seeds)).jobs():
+            job.settings()
+    except SettingsError as error:
+        raise BadInput(f"--set: {error}") from None
+    return matrix
+
+
+def _numbers(
+    flag: str, text: str, read: Callable[[str], Number], bounds: tuple[Number, Number], unit: str
+) -> tuple[Number, ...]:
+    """Those in `text`, none twice. Raises BadInput for one that is none or out of bounds."""
+    found: dict[Number, None] = {}
+    for part in text.split(","):
+        try:
+            value = read(part)
+        except ValueError:
+            value = None
+        if value is None or not bounds[0] <= value <= bounds[1]:
+            least, most = bounds
+            raise BadInput(f"{flag} {text}: from {least:g} to {most:g} {unit}, with commas between; {part!r} is not")
+        found[value] = None
+    return tuple(found)
+
+
+def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str | None, console: Console) -> int:
+    storms, cubes = rows(pairs)
+    failures = [(job, why) for job, result in pairs if (why := wrong(job, result))]
+    seconds = pairs[0][0].seconds if pairs else 0.0
+    console.print(_storm_table(storms, seconds - rest_from_s(seconds)))
+    if cubes:
+        console.print(_loose_table(cubes))
+    for job, why in failures[:MOST_TOLD]:
+        what = f"{job.network}, {job.people} people, K = {job.stiffness_npm:g}, seed {job.seed}"
+        console.print(f"✗ {what}{f', loose, {job.scheme}' if job.scheme else ''}: {why}", markup=False)
+    if len(failures) > MOST_TOLD:
+        console.print(f"... and {len(failures) - MOST_TOLD} more")
+    console.print(f"{len(pairs)} of {asked} sessions run; {len(failures)} did not show what they must")
+    if json:
+        write_json(finite({"storms": msgspec.to_builtins(storms), "loose": msgspec.to_builtins(cubes)}), json)
+    if stop.reason:
+        return 130
+    return 1 if failures or len(pairs) < asked else 0
+
+
+def _storm_table(storms: Sequence[Row], rest_s: float) -> Table:
+    table = Table(
+        title=f"the worst of each cell; drift after {rest_s:g} s of rest, beyond that of a clean link",
+        title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
+    )  # fmt: skip
+    for heading in (
+        "\nnetwork", "\npeople", "K\nN/m", "\nruns", "\nwrong", "margin\nmJ", "views\nrms mm", "apart\nmax mm",
+        "drift\nmed mm", "\nmax mm", "force\nN", "step\nN",
+    ):  # fmt: skip
+        table.add_column(heading, justify="left" if heading == "\nnetwork" else "right", no_wrap=True)
+    for row in storms:
+        table.add_row(
+            row.network, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.wrong}", f"{row.margin_mj:.0e}",
+            f"{row.coherence_rms_mm:.2f}", f"{row.coherence_max_mm:.1f}", f"{row.median_drift_mm:.3f}",
+            f"{row.drift_mm:.2f}", f"{row.peak_force_n:.1f}", f"{row.force_step_n:.1f}",
+        )  # fmt: skip
+    return table
+
+
+def _loose_table(cubes: Sequence[LooseRow]) -> Table:
+    table = Table(
+        title="loose cubes: largest eigenvalue of a frame, and what a session makes of it",
+        title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
+    )  # fmt: skip
+    for heading in (
+        "\nnetwork", "\npeople", "\nscheme", "K\nN/m", "\nruns", "\nrestless", "\ndiverged", "eigen-\nvalue",
+        "powers\nof ten", "\nwrong",
+    ):  # fmt: skip
+        table.add_column(heading, justify="left" if heading in ("\nnetwork", "\nscheme") else "right", no_wrap=True)
+    for row in cubes:
+        table.add_row(
+            row.network, f"{row.people}", row.scheme, f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.restless}",
+            f"{row.diverged}", f"{row.radius:.4f}", f"{row.growth:.1f}", f"{row.wrong}",
+        )  # fmt: skip
+    return table

@@ -1,0 +1,60 @@
+"""`cogrip bench sweep`: the same cells with one worker process and with several, in turns."""
+
+import time
+
+import msgspec
+
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.sim.experiments.sweep.case import Job
+from cogrip.sim.experiments.worker_pool import LocalWorkers
+
+COLUMNS = ("passive", "users.0.peak_force_n")
+_BLOCKS = 4
+_TOLD_OF_TWO = 1.8
+
+
+def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int:
+    """Two-user sessions of the demo's settings, each with its own stiffness; blocks of cells go to one and to many in turn.
+
+    Parameters
+    ----------
+    cells
+        How many cells.
+    seconds
+        Virtual time of each cell's session.
+    jobs
+        Workers of the larger pool.
+    """
+    if cells < _BLOCKS or jobs < 2:
+        raise BadInput(f"bench sweep needs at least {_BLOCKS} cells and 2 jobs")
+    console = make_console()
+    base = msgspec.to_builtins(load(shipped("demo"), [f"seconds={seconds}"]))
+    all_jobs = [Job(cell, base, {"coupling.stiffness_npm": 200.0 + 2.0 * cell}, COLUMNS) for cell in range(cells)]
+    blocks = [all_jobs[start::_BLOCKS] for start in range(_BLOCKS)]
+    spent = {1: 0.0, jobs: 0.0}
+    answers = {}
+    with LocalWorkers(1) as one, LocalWorkers(jobs) as many:
+        for workers, count in ((one, 1), (many, jobs)):
+            list(workers.run([all_jobs[0]] * count))  # both have started before either is timed
+        for number, block in enumerate(blocks):
+            turns = ((one, 1), (many, jobs)) if number % 2 == 0 else ((many, jobs), (one, 1))
+            for workers, count in turns:
+                start = time.perf_counter()
+                results = list(workers.run(block))
+                spent[count] += time.perf_counter() - start
+                answers[number, count] = sorted((result.cell, str(result.measures)) for result in results)
+                console.print(f"block {number + 1} of {_BLOCKS}, {count} workers: {len(results)} cells")
+    same = all(answers[number, 1] == answers[number, jobs] for number in range(_BLOCKS))
+    ratio = spent[1] / spent[jobs]
+    console.print(
+        f"{cells} cells of {seconds:g} s: 1 worker {spent[1]:.1f} s, {jobs} workers {spent[jobs]:.1f} s, ratio {ratio:.2f}; "
+        f"results {'equal' if same else 'DIFFER'}"
+    )
+    if jobs == 2:
+        console.print(
+            f"at least {_TOLD_OF_TWO:g} is asked for: {'reached' if ratio >= _TOLD_OF_TWO else 'NOT reached'}"
+        )
+    return 0 if same and (jobs != 2 or ratio >= _TOLD_OF_TWO) else 1

@@ -1,0 +1,147 @@
+"""One session of the matrix, wherever it runs: plain data both ways, so that any process can take it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from cogrip.protocol.settings import Settings
+from cogrip.sim.analysis.lifted_model import LiftedModel
+from cogrip.sim.analysis.linear_session import linear_session
+from cogrip.sim.analysis.stability import verdict
+from cogrip.sim.experiments.methods.hand import let_rest
+from cogrip.sim.experiments.methods.measures import at_rest, created_j, furthest, largest
+from cogrip.sim.experiments.methods.trace import Watch
+from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.sweep.measures import finite
+from cogrip.sim.runs.summary import of_laboratory
+from cogrip.sim.runs.summary_values import people, worst_margin
+from cogrip.sim.session.laboratory import Laboratory
+
+from tests.bench.storms.room import CLEAN, loose, settled, storm
+
+REST_S = 3.0  # at the end, or in its second half, in which hands hold where they began
+RESTLESS_N = 1.0  # swing of a force long after the push
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """scheme: of a loose cube (`room.loose`), "" for a storm of ours; overrides: settings by their path."""
+
+    cell: int
+    network: str
+    people: int
+    stiffness_npm: float
+    seed: int
+    seconds: float
+    scheme: str = ""
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+    def settings(self, network: str | None = None) -> Settings:
+        """Raises SettingsError."""
+        given = network or self.network, self.people, self.stiffness_npm, self.seed, self.seconds
+        table = loose(*given, self.scheme) if self.scheme else storm(*given)
+        return settled(table, self.overrides)
+
+
+def run_cells(jobs: list[Job]) -> list[Result]:
+    """What a worker does."""
+    return [run_cell(job) for job in jobs]
+
+
+def run_cell(job: Job) -> Result:
+    """Run one session. Whatever goes wrong in it is its result: the others go on."""
+    try:
+        measures = _loose(job) if job.scheme else _storm(job)
+    except Exception as error:  # noqa: BLE001 (kept with the cell, counted and shown)
+        return Result(job.cell, {}, f"{type(error).__name__}: {error}")
+    return Result(job.cell, {name: finite(value) for name, value in measures.items()})
+
+
+def rest_from_s(seconds: float) -> float:
+    """When the hands of a session that is so long begin to rest [s]."""
+    return max(0.5 * seconds, seconds - REST_S)
+
+
+def gaps_m(summary: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Of each hand, how far the server has it from where it is [m], (n, axes)."""
+    return np.array([np.subtract(user["position_m"], user["proxy_m"]) for user in summary["users"]])
+
+
+def _run(settings: Settings, seconds: float) -> tuple[Laboratory, dict[str, Any], Watch]:
+    laboratory = Laboratory(settings)
+    starts = [let_rest(person.device, person.rates.device_hz, rest_from_s(seconds)) for person in laboratory.people]
+    watch = Watch(laboratory, starts)
+    laboratory.run(watch.each_tick, watch.each_frame)
+    return laboratory, of_laboratory(laboratory), watch
+
+
+@lru_cache(maxsize=8)
+def _clean_gaps(
+    people: int, stiffness_npm: float, seed: int, seconds: float, overrides: tuple[tuple[str, Any], ...]
+) -> Any:
+    job = Job(0, CLEAN, people, stiffness_npm, seed, seconds, "", dict(overrides))
+    return gaps_m(_run(job.settings(), seconds)[1])
+
+
+def _storm(job: Job) -> dict[str, Any]:
+    """drift_mm: how far hand and proxy have come apart at the end, where hands rest, beyond what they do on a clean link."""
+    laboratory, summary, watch = _run(job.settings(), job.seconds)
+    trace, users = watch.trace(), people(summary)
+    worst = worst_margin(users)
+    rms, most = furthest(trace.view_m)
+    measures = {
+        "passive": summary["passive"],
+        "diverged": bool(laboratory.diverged),
+        "reason": laboratory.diverged,
+        "faults": sum(user["state"] == "fault" for user in users),
+        "margin_mj": worst[0] * 1e3 if worst else None,
+        "balance_mj": summary["server"]["energy_balance_error_j"] * 1e3,
+        "created_mj": created_j(trace.work_j, trace.object_j) * 1e3,
+        "peak_force_n": largest(user["peak_force_n"] for user in users),
+        "force_step_n": largest(user["peak_force_step_n"] for user in users),
+        "coherence_rms_mm": rms * 1e3,
+        "coherence_max_mm": most * 1e3,
+        "drift_mm": None,
+    }
+    if not laboratory.diverged:
+        clean = _clean_gaps(job.people, job.stiffness_npm, job.seed, job.seconds, tuple(job.overrides.items()))
+        measures["drift_mm"] = float(np.abs(gaps_m(summary) - clean).max()) * 1e3
+    return measures
+
+
+def _loose(job: Job) -> dict[str, Any]:
+    """radius: the largest eigenvalue's size of one frame on a link of the same delay, with everybody's hand in the model;
+
+    restless: it diverged, or forces swing on long after the push, up to the devices' limits.
+    """
+    settings = job.settings()
+    laboratory = Laboratory(settings)
+    watch = Watch(laboratory, [(0.0,) * settings.object.axes for _ in settings.users])
+    laboratory.run(watch.each_tick, watch.each_frame)
+    summary = of_laboratory(laboratory)
+    worst = worst_margin(people(summary))
+    swing_n = at_rest(watch.trace())[1]
+    return {
+        "passive": summary["passive"],
+        "diverged": bool(laboratory.diverged),
+        "restless": bool(laboratory.diverged) or swing_n > RESTLESS_N,
+        "swing_n": swing_n,
+        "margin_mj": worst[0] * 1e3 if worst else None,
+        "radius": radius(settings),
+    }
+
+
+def radius(settings: Settings) -> float:
+    """What the linear model says of the session: its largest eigenvalue, those apart that the structure puts at 1."""
+    return verdict(LiftedModel(linear_session(settings, hands=True))).decaying
+
+
+def growth(radius: float, seconds: float, network_hz: int) -> float:
+    """By how many powers of ten the fastest mode grows in a session."""
+    return seconds * network_hz * math.log10(max(radius, 1e-300))

@@ -1,0 +1,364 @@
+"""Strangers at a sealed server, and people who fall out of it and come back: real processes, real sockets, real kills.
+
+Each refusal is read on both sides. Servers are shared by the tests of this file; a test leaves all seats free.
+"""
+
+import re
+import secrets
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from cogrip.protocol.join_link import JoinLink, parse_link
+from cogrip.protocol.messages import HELLO_BYTES
+from cogrip.protocol.recording.reader import open_recording
+from cogrip.server.checkpoint import RoomCheckpoint
+from cogrip.server.io.state_folder import find_folder
+from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.server.recorder import step_topic
+from cogrip.sim.runs.records import End
+from cogrip.sim.runs.replay.verify import verify
+
+from tests.free_ports import free_port
+from tests.live.held_arms import DEMO, LIMIT_S, Spoken, fairly, until
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads what Linux says of addresses and processes")
+
+HOST = "127.0.0.1"
+PULL = ("--device", "sim:phantom?hand=reach&amplitude_m=0.01")
+MOST_STEP_N = 0.5
+HOSTILE_OBSERVER = """
+import sys
+from cogrip.client.observer import ObserverCore
+from cogrip.protocol.messages import Stamp, Waves, encode
+whole = ObserverCore.receive
+def receive(self, datagram, now_ns):
+    whole(self, datagram, now_ns)
+    if self.views == 1:
+        session = self.session.welcome.session
+        self.outbox.append(encode(Waves(
+            session, 0, (9.0,), (0.0,), (0.0,), 1.0, 1.0, 0, Stamp(now_ns), (0.0, 0.0),
+        )))
+ObserverCore.receive = receive
+from cogrip.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+class Server:
+    """A `cogrip serve` with a state folder, on a port of its own that it keeps when it is started again."""
+
+    def __init__(self, base: Path, *arguments: str) -> None:
+        self.base, self._arguments = base, arguments
+        self.state = base / "state"
+        self.starts = 0
+        self.port = free_port()
+        self.start()
+
+    def start(self) -> None:
+        self.starts += 1
+        self.runs = self.base / f"server{self.starts}"
+        self.process = Spoken(
+            "serve", str(DEMO), "--port", str(self.port), "--state", str(self.state), "--seconds", "900", "--no-report",
+            "--set", "link.delay_ms=0", "--runs", str(self.runs), *self._arguments,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        self.process.hear("listening on")
+
+    @property
+    def said(self) -> str:
+        return self.process.said
+
+    def link(self, role: str) -> JoinLink:
+        """The one that it printed."""
+        found = re.search(rf"as {role}: .*'(cogrip:\S+)'", self.said)
+        assert found, self.said
+        return parse_link(found[1])
+
+    def new_link(self, age_s: float = 0.0, **terms: object) -> tuple[JoinLink, str]:
+        """A link with a token of these terms, that was made some time ago; and the token's id."""
+        token, now_s = draw_token(), time.time() - age_s
+        made = TokenFile(find_folder(self.state)).change(lambda book: book.new(token, now_s, **terms))
+        return msgspec.structs.replace(self.link("player"), token=token), made.id
+
+    def revoke_in_file(self, ident: str) -> None:
+        TokenFile(find_folder(self.state)).change(lambda book: (book.revoke(ident, time.time()), None))
+
+    def account(self) -> dict:
+        """What it leaves in its summary."""
+        (path,) = self.runs.glob("*/summary.json")
+        return msgspec.json.decode(path.read_bytes())
+
+
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory) -> Iterator[Server]:
+    server = Server(tmp_path_factory.mktemp("sealed"), "--seal")
+    yield server
+    server.process.stop()
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory) -> Iterator[Server]:
+    server = Server(tmp_path_factory.mktemp("plain"))
+    yield server
+    server.process.stop()
+
+
+@pytest.fixture
+def join(start, tmp_path) -> Callable[..., Spoken]:
+    """Start `cogrip join WHERE ARGUMENTS`; whoever still runs at the end of the test is ended."""
+
+    def someone(where: JoinLink | str, *arguments: str, code: str = "") -> Spoken:
+        text = where.text if isinstance(where, JoinLink) else where
+        runs = tmp_path / secrets.token_hex(4)
+        person = start("join", text, "--no-report", "--runs", runs, *arguments, code=code)
+        person.runs = runs
+        return person
+
+    return someone
+
+
+def recording_of(person: Spoken) -> End:
+    (path,) = person.runs.glob("*/client-*.mcap")
+    return End(open_recording(path))
+
+
+def largest_step_n(end: End) -> float:
+    """Of the force, from one tick to the next, over the whole recording; where ticks were skipped several steps are one."""
+    columns = end.columns("tick", "tick", "force_n")
+    steps = np.linalg.norm(np.diff(columns["force_n"], axis=0), axis=1)
+    return float(np.max(steps[np.diff(columns["tick"]) == 1]))
+
+
+@fairly
+def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start, sealed, plain, join):
+    once, _ = sealed.new_link(once=True, role="player", user="anna")
+    anna = join(once, *PULL)
+    anna.hear("anna holds cube")
+    revoked, ident = sealed.new_link(role="player")
+    sealed.revoke_in_file(ident)
+    expired, _ = sealed.new_link(100.0, role="player", expires=int(time.time()) - 50)
+    bound, _ = sealed.new_link(role="player", device="hid:woodenhaptics")
+    link = sealed.link("player")
+    fingerprint = link.fingerprint[::-1]
+    token = msgspec.structs.replace(link, token=draw_token())
+    other = msgspec.structs.replace(link, fingerprint=fingerprint)
+    cases = [  # what is asked, what both say, the code that the server prints and the person reads
+        (join(token), "this token is unknown here", "token"),
+        (join(once), "this token was used already: it is good for one time", "token"),
+        (join(revoked), "this token was revoked", "token"),
+        (join(expired), "this token has expired", "token"),
+        (join(bound), "this token is for hid:woodenhaptics, and sim:phantom", "device"),
+        (join(link, "--name", "anna"), "the seat of 'anna' is taken", "taken"),
+        (join(link, "--name", "zoe"), "no seat is kept for 'zoe'", "name"),
+        (join(msgspec.structs.replace(link, room="attic")), "this token is for room 'demo', not 'attic'", "room"),
+    ]
+    no_seal = join(f"{HOST}:{sealed.port}")
+    wrong_server = join(other)
+    to_plain = join(msgspec.structs.replace(link, port=plain.port))
+    for person, words, code in cases:
+        assert person.end() == 1, person.said
+        assert words in person.said
+        assert f"[{code}]" in person.said
+        assert "Traceback" not in person.said
+        assert not person.runs.exists(), "nothing was run, nothing is left"
+        sealed.process.hear("refused")  # one of them
+        assert words in sealed.said
+        assert f"[{code}]" in sealed.said
+    assert no_seal.end() == 1
+    assert "this server speaks under a seal only: join by a link" in no_seal.said
+    assert "it spoke without a seal" in sealed.said
+    assert wrong_server.end() == 1
+    assert f"fingerprint {link.fingerprint[:16]}…, the link names {fingerprint[:16]}…" in wrong_server.said
+    assert "the other end does not trust this certificate" in sealed.said
+    assert to_plain.end() == 1
+    assert "no sealed server answered" in to_plain.said
+    assert anna.popen.poll() is None, "she holds on through all of it"
+    anna.popen.send_signal(signal.SIGINT)
+    assert anna.end() == 0, anna.said
+    for secret in (token.token, once.token, revoked.token, expired.token, bound.token, link.token):
+        assert secret not in sealed.said.replace(link.text, "")
+
+
+@fairly
+def test_people_are_shown_out_and_an_observer_who_pushes_is_too(start, sealed, join):
+    token, ident = sealed.new_link(role="player", user="ben")
+    watch, watch_ident = sealed.new_link(role="observer")
+    anna = join(sealed.link("player"), "--name", "anna", *PULL)
+    ben = join(token, *PULL)
+    watcher = join(watch, "--observe")
+    hostile = join(sealed.link("observer"), "--observe", code=HOSTILE_OBSERVER)
+    anna.hear("anna holds cube")
+    ben.hear("ben holds cube")
+    watcher.hear("object at")
+
+    assert hostile.end() == 1, hostile.said
+    assert "an observer may not send waves: they were not applied" in hostile.said
+    sealed.process.hear("was shown out: an observer may not send waves")
+
+    kick = start("kick", "anna", "--state", str(sealed.state), "--reason", "enough")
+    assert kick.end() == 0, kick.said
+    assert anna.end() == 1
+    assert "shown out by the server's keeper: enough" in anna.said
+    sealed.process.hear("demo: anna was shown out by the server's keeper: enough")
+
+    revoke = start("token", "revoke", ident, "--state", str(sealed.state))
+    assert revoke.end() == 0, revoke.said
+    assert ben.end() == 1
+    assert "shown out: the token was revoked" in ben.said
+    sealed.process.hear("demo: ben was shown out: the token was revoked")
+
+    sealed.revoke_in_file(watch_ident)
+    sealed.process.popen.send_signal(signal.SIGHUP)
+    assert watcher.end() == 1
+    assert "shown out: the token was revoked" in watcher.said
+    sealed.process.hear("was shown out: the token was revoked")
+    for person in (anna, ben):
+        assert largest_step_n(recording_of(person)) < MOST_STEP_N
+
+
+@fairly
+def test_an_observers_link_is_all_that_an_observer_types(start, sealed, join):
+    watcher = join(sealed.link("observer"))
+    watcher.hear("object at")
+    watcher.popen.send_signal(signal.SIGINT)
+    assert watcher.end() == 0, watcher.said
+    sealed.process.hear("looks on from")
+
+
+@fairly
+def test_after_a_kill_under_load_all_come_back_and_nothing_jumps(start, sealed, join):
+    link = sealed.link("player")
+    people = [join(link, "--name", name, *PULL) for name in ("anna", "ben")]
+    for person, name in zip(people, ("anna", "ben"), strict=True):
+        person.hear(f"{name} holds cube")
+    path = sealed.state / "checkpoint-demo.json"
+    until(lambda: path.exists() and all(seat.ticket for seat in checkpoint(path).seats), "both seats are kept")
+    travel_m = checkpoint(path).travel_m
+    until(lambda: checkpoint(path).travel_m > travel_m + 0.005, "the object moves, and is kept")
+    sealed.process.popen.kill()
+    sealed.process.popen.wait()
+    kept = checkpoint(path)
+    sealed.process.stop()
+    sealed.start()
+    assert sealed.link("player") == link, "a restart prints the same links"
+    assert "demo: restored: the object is at" in sealed.said
+    for person in people:
+        person.hear(r"back after ([\d.]+) s")
+    for name in ("anna", "ben"):
+        assert f"demo: {name} goes on from" in sealed.said or sealed.process.hear(f"demo: {name} goes on from")
+    for person in people:
+        person.hear("force ramps in")
+        person.popen.send_signal(signal.SIGINT)
+    for person in people:
+        assert person.end() == 0, person.said
+    first = first_step(sealed)
+    assert np.linalg.norm(np.subtract(first.object_m, kept.position_m)) < 1e-3
+    for person in people:
+        end = recording_of(person)
+        assert largest_step_n(end) < MOST_STEP_N
+        assert verify(end.recording).exact
+
+
+def checkpoint(path: Path) -> RoomCheckpoint:
+    return msgspec.json.decode(path.read_bytes(), type=RoomCheckpoint)
+
+
+def first_step(server: Server):
+    """Of room demo, since the last start."""
+    (path,) = server.runs.glob("*/server.mcap")
+    end = End(open_recording(path))
+    return next(iter(end.records(step_topic("demo")))).record
+
+
+class Relay:
+    """Carries datagrams between people and a server as a NAT does; `rebind` gives everyone another port."""
+
+    def __init__(self, server: int) -> None:
+        self._server = (HOST, server)
+        self._near = self._bound()
+        self.port = self._near.getsockname()[1]
+        self._far: dict[tuple[str, int], socket.socket] = {}
+        self._wake, self._woken = socket.socketpair()
+        self._rebind = self._end = False
+        self.rebound = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    @staticmethod
+    def _bound() -> socket.socket:
+        end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        end.bind((HOST, 0))
+        return end
+
+    def _run(self) -> None:
+        while not self._end:
+            if self._rebind:
+                for far in self._far.values():
+                    far.close()
+                self._far.clear()
+                self._rebind = False
+                self.rebound.set()
+            owners = {far: person for person, far in self._far.items()}
+            for ready in select.select([self._near, self._woken, *owners], [], [])[0]:
+                if ready is self._woken:
+                    ready.recv(16)
+                elif ready is self._near:
+                    datagram, person = ready.recvfrom(HELLO_BYTES * 2)
+                    far = self._far.get(person)
+                    if far is None:
+                        far = self._far[person] = self._bound()
+                    far.sendto(datagram, self._server)
+                else:
+                    self._near.sendto(ready.recv(HELLO_BYTES * 2), owners[ready])
+
+    def rebind(self) -> None:
+        self._rebind = True
+        self._wake.send(b"!")
+        assert self.rebound.wait(LIMIT_S)
+
+    def close(self) -> None:
+        self._end = True
+        self._wake.send(b"!")
+        self._thread.join()
+        for end in (self._near, self._wake, self._woken, *self._far.values()):
+            end.close()
+
+
+@fairly
+def test_another_port_resumes_the_seat_and_a_stop_is_told(start, sealed, join):
+    relay = Relay(sealed.port)
+    try:
+        link = msgspec.structs.replace(sealed.link("player"), port=relay.port)
+        anna = join(link, "--name", "anna", *PULL)
+        anna.hear("anna holds cube")
+        relay.rebind()
+        anna.hear("the server is silent: trying to come back")
+        anna.hear(r"back after ([\d.]+) s")
+        sealed.process.hear("demo: anna goes on from")
+        anna.hear("force ramps in")
+        sealed.process.popen.send_signal(signal.SIGTERM)
+        assert sealed.process.end() == 0, sealed.said
+        assert anna.end() == 1
+    finally:
+        relay.close()
+    assert "anna has been silent for too long" not in sealed.said, "it was the same seat"
+    assert "came back 1" in anna.said
+    assert "line begun anew" not in anna.said
+    assert "the session is over, no force is left: the server was stopped (SIGTERM)" in anna.said
+    end = recording_of(anna)
+    assert largest_step_n(end) < MOST_STEP_N
+    assert verify(end.recording).exact
+    dropped = sealed.account()["server"]["dropped"]
+    assert dropped["stranger"] > 10, "what still came by the new port under the old seal"
+    assert not (sealed.state / "checkpoint-demo.json").exists(), "a stop is no crash: nobody comes back to it"

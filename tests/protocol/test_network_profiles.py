@@ -1,0 +1,106 @@
+"""Networks by name: what [link] makes of them, and that the page shows the numbers of the code."""
+
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+import pytest
+
+from cogrip.protocol.link_profile import LinkProfile
+from cogrip.protocol.network_profiles import PROFILES, ProfileName
+from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.protocol.settings_table import SettingsError
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "networks.md"
+
+
+def both(**link: object) -> tuple[LinkProfile, LinkProfile]:
+    settings = resolve({"link": link})
+    return settings.link.direction("up"), settings.link.direction("down")
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_profile_is_a_link_and_reaches_the_seat(name: str) -> None:
+    up, down = both(profile=name)
+    assert up == LinkProfile(**PROFILES[name].way("up"))
+    assert down == LinkProfile(**PROFILES[name].way("down"))
+    seat = seat_settings(resolve({"link": {"profile": name}}), 0)
+    assert (seat.up, seat.down) == (up, down)
+
+
+def test_every_name_has_its_profile() -> None:
+    assert list(PROFILES) == list(get_args(ProfileName))
+
+
+def test_keys_beside_a_profile_override_it_the_narrower_the_stronger() -> None:
+    up, down = both(profile="lte", loss=0.2, jitter_ms=9.0, up={"jitter_ms": 1.0})
+    assert (up.delay_ms, up.loss, up.jitter_ms) == (25.0, 0.2, 1.0)
+    assert (down.delay_ms, down.loss, down.jitter_ms) == (15.0, 0.2, 9.0)
+
+
+def test_a_profiles_outages_can_be_taken_back() -> None:
+    up, _ = both(profile="wifi", outage_s=0.0, outage_every_s=0.0)
+    assert (up.outage_s, up.outage_every_s, up.jitter_ms) == (0.0, 0.0, 8.0)
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        ({"profile": "wlan"}, 'link.profile: expects "lan", "wifi", "wan", "lte" or "satellite"; got \'wlan\''),
+        ({"outage_s": 3.0}, "link.up.outage_s = 3: link.up.outage_every_s, from one outage's begin to the next, is 0"),
+        ({"outage_s": 3.0, "outage_every_s": 3.0}, "link.up.outage_s = 3: .* is 3; give more than 3"),
+        ({"outage_s": 0.5, "outage_every_s": 1.0, "down": {"outage_s": 2.0}}, "link.down.outage_s = 2: .* is 1"),
+        ({"outage_every_s": 3.0}, "link.up.outage_every_s = 3: link.up.outage_s, how long each lasts, is 0"),
+        ({"profile": "wifi", "outage_s": 0.0}, "link.up.outage_every_s = 120"),
+        ({"profile": "wifi", "loss": 0.9}, "link.burst_frames = 5 is too short for link.loss = 0.9"),
+        ({"outages": [[1.0, 0.0]]}, r"link.outages.0.1: expects a number above 0; got 0.0"),
+        ({"outages": [[-1.0, 1.0]]}, r"link.outages.0.0: expects a number of at least 0; got -1.0"),
+        ({"outages": [[1.0]]}, r"link.outages.0: expects a list of length 2; got \[1.0\]"),
+        ({"outages": [[1.0, 1.0]] * 65}, r"link.outages: expects a list of length at most 64; got .*"),
+        ({"trace": ""}, "link.trace: expects a text of length at least 1; got ''"),
+    ],
+)
+def test_what_is_said_of_an_impossible_network(link: dict, words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        resolve({"link": link})
+
+
+def test_scripts_and_traces_stay_at_home() -> None:
+    link = resolve({"link": {"outages": [[1, 2]], "up": {"trace": "t.csv", "outages": []}}}).link
+    assert (link.script("up"), link.script("down")) == ((), ((1.0, 2.0),))
+    assert (link.trace_of("up"), link.trace_of("down")) == ("t.csv", "")
+    assert link.kept_back == ("link.outages", "link.trace")
+    assert link.direction("up") == LinkProfile()
+    assert resolve({"link": {"profile": "wifi"}}).link.kept_back == ()
+
+
+@pytest.mark.parametrize(
+    ("outage_s", "every_s", "allowed"),
+    [(0.0, 0.0, True), (0.5, 0.6, True), (0.5, 0.5, False), (0.0, 1.0, False), (1.0, 0.0, False)],
+)
+def test_a_welcome_with_an_endless_outage_is_malformed(outage_s: float, every_s: float, allowed: bool) -> None:
+    seat = list(msgspec.to_builtins(seat_settings(resolve({}), 0)))
+    names = LinkProfile.__struct_fields__
+    seat[11] = list(seat[11])
+    seat[11][names.index("outage_s")], seat[11][names.index("outage_every_s")] = outage_s, every_s
+    text = msgspec.msgpack.encode(seat)
+    if allowed:
+        msgspec.msgpack.decode(text, type=SeatSettings)
+    else:
+        with pytest.raises(msgspec.ValidationError, match="outage"):
+            msgspec.msgpack.decode(text, type=SeatSettings)
+
+
+def test_the_page_shows_the_numbers_of_the_code() -> None:
+    """docs/networks.md, the table of profiles: name, way, then a column for each key; empty is the default."""
+    lines = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+    head = next(index for index, line in enumerate(lines) if line.startswith("| profile | way |"))
+    keys = [cell.strip(" `") for cell in lines[head].strip("|").split("|")][2:]
+    found = {}
+    for line in lines[head + 2 :]:
+        name, way, *cells = [cell.strip(" `") for cell in line.strip("|").split("|")]
+        if name not in PROFILES:
+            break
+        found[name, way] = {key: float(cell) for key, cell in zip(keys, cells, strict=True) if cell}
+    expected = {(name, way): dict(each.way(way)) for name, each in PROFILES.items() for way in ("up", "down")}
+    assert found == expected

@@ -1,0 +1,229 @@
+"""A million strangers: seeded mutations of real traffic against the plain and the sealed door.
+
+    python -m tests.server.fuzzed_channels sealed 1000000
+
+`sealed` and `plain` are the doors, `open` the sealed one without budgets, `call` the client's side of it.
+
+Each function raises AssertionError where something passes, where anything grows, or where somebody else is disturbed.
+"""
+
+import random
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
+
+from cogrip.protocol import messages
+from cogrip.protocol.channel import PEER, Address
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, Stamp, Waves
+from cogrip.protocol.session import make_hello
+from cogrip.server.io.dtls_channel import MOST_UNSEATED
+from cogrip.server.rate_limit import LIMITS, Gate
+from cogrip.server.unencrypted_channel import PlainListener, looks_like_hello
+
+from tests.server.encrypted_network import ANNA, BEN, NO_LIMITS, Wire
+
+FLOOD_NS = 50_000  # 20,000 datagrams a second
+MOST_NAMES = 40  # under which datagrams are dropped
+VISITED_EVERY = {True: 20_000, False: 2_000}  # with budgets: so that they run out
+STRANGERS: list[Address] = [
+    *[(f"127.0.{number}.{number % 7}", 1024 + number) for number in range(300)],
+    *[(f"2001:db8:{number:x}::1", 4000, 0, 0) for number in range(100)],
+]
+
+
+def mutated(chance: random.Random, datagram: bytes, others: Sequence[bytes]) -> bytes:
+    """A datagram that is no longer what it was, one to four times over."""
+    changed = bytearray(datagram)
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        at = chance.randrange(len(changed)) if changed else 0
+        match chance.randrange(8):
+            case 0 | 1:
+                if changed:
+                    changed[at] ^= 1 << chance.randrange(8)
+            case 2:
+                if changed:
+                    changed[at] = chance.choice((0, 1, 0x7F, 0x80, 0xFE, 0xFF))
+            case 3:
+                del changed[at:]
+            case 4:
+                changed[at:at] = chance.randbytes(chance.choice((1, 2, 16, 300)))
+            case 5:
+                changed[at:] = chance.choice(others)[chance.randrange(60) :]
+            case 6:
+                changed = changed[at:] + changed[:at]
+            case 7:
+                head = chance.randrange(min(len(changed), 60) + 1)  # where headers are
+                changed[head : head + 2] = chance.randbytes(2)
+    return bytes(changed[: MAX_DATAGRAM_BYTES + 8])
+
+
+def plain_traffic() -> list[bytes]:
+    """Hellos and waves, as a plain port hears them."""
+    traffic = []
+    for number in range(8):
+        hello = make_hello(
+            software="test", nonce=number + 1, room="lab", name="", digest="", device="sim:phantom", axes=3, rate_hz=1024.0,
+            token="x" * 22,
+        )  # fmt: skip
+        traffic.append(messages.padded(hello))
+        wave = tuple(0.1 * step for step in range(8))
+        traffic.append(messages.encode(Waves(number + 1, 8, wave, (0.0,), (1.0,), 0.1, 0.2, 7, Stamp(1), (0.0, 0.1))))
+    return traffic
+
+
+def sealed_traffic(wire: Wire) -> list[tuple[Address, bytes]]:
+    """Every flight of handshakes that were done, in both directions, and what was said after them; with whose it was."""
+    for address in (ANNA, BEN):
+        wire.seal(address)
+        for _ in range(4):
+            wire.talk(address)
+    return [(address, datagram) for _, address, datagram in wire.log]
+
+
+def fuzz_plain(datagrams: int, seed: int) -> dict[str, int]:
+    """Strangers, and a seated peer whose address is used by others, at the plain door. Returns the drops."""
+    chance = random.Random(seed)
+    seated: Address = ("10.0.0.1", 4001)
+    door = PlainListener(Gate(b"s" * 16, LIMITS), lambda address: address == seated)
+    traffic = plain_traffic()
+    now_ns = passed = 0
+    for _ in range(datagrams):
+        now_ns += FLOOD_NS
+        datagram = mutated(chance, chance.choice(traffic), traffic)
+        address = chance.choice(STRANGERS) if chance.random() < 0.95 else seated
+        for message in door.receive(datagram, address, now_ns):
+            passed += address != seated
+            assert address == seated or looks_like_hello(message), message
+            try:
+                decoded = messages.decode(message)
+            except messages.MalformedError:
+                messages.foreign_version(message)
+            else:
+                assert address == seated or isinstance(decoded, Hello)
+    assert not door.outbox
+    assert len(door.dropped) <= MOST_NAMES
+    strangers = 2 * LIMITS.contacts.burst + 2 * LIMITS.contacts.per_second * (now_ns * 1e-9 + 1.0)  # new, and again
+    assert passed <= strangers
+    return door.dropped
+
+
+def fuzz_sealed(datagrams: int, folder: Path, seed: int, *, limited: bool = True) -> dict[str, int]:
+    """The same at the sealed door, while a handshake of others goes on now and then. Returns the drops."""
+    chance = random.Random(seed)
+    wire = Wire(folder, LIMITS if limited else NO_LIMITS)
+    standing = [*sealed_traffic(wire), *((BEN, datagram) for datagram in plain_traffic())]
+    traffic, everything = standing, [datagram for _, datagram in standing]
+    wire.heard.clear()
+    for number in range(datagrams):
+        if (
+            number % VISITED_EVERY[limited] == 0
+        ):  # by guests who are gone again: their cookies and their seals are still fresh
+            guests = [_visit(wire, ("10.7.0.1", (number + each) % 60_000)) for each in range(2)]
+            traffic = standing + guests[0] + guests[1]
+            everything = [datagram for _, datagram in traffic]
+        wire.now_ns += FLOOD_NS
+        whose, datagram = chance.choice(traffic)
+        datagram = mutated(chance, datagram, everything)
+        # from its own address, where a cookie of it fits, or from any other; Anna is spared, and is to notice nothing
+        address = whose if whose != ANNA and chance.random() < 0.4 else chance.choice(STRANGERS)
+        assert wire.inject(datagram, address) == (), datagram
+        first = sum(len(answer) for to, answer in wire.listener.outbox if to == address)
+        assert first <= len(datagram) or address == whose, datagram
+        wire.listener.outbox.clear()
+        if number % 100 == 0:
+            wire.listener.poll(wire.now_ns)
+            wire.listener.outbox.clear()
+    _visit(wire, ("10.7.0.1", 0))
+    assert len(wire.listener.dropped) <= MOST_NAMES
+    return wire.listener.dropped
+
+
+def _visit(wire: Wire, guest: Address) -> list[tuple[Address, bytes]]:
+    """Nothing was delivered and nothing has grown; who is in does not notice, and who wants in gets in. The guest's traffic."""
+    assert not wire.heard
+    assert wire.listener.ready(ANNA)
+    assert wire.listener.ready(BEN)  # still the seal that it was: nobody else has its keys
+    assert not wire.listener.renewed
+    assert wire.listener.counts()["half open"] <= MOST_UNSEATED
+    assert _lib.ERR_peek_error() == 0
+    wire.calls.pop(BEN, None)
+    wire.talk(ANNA)
+    wire.log.clear()
+    wire.seats.add(guest)
+    wire.now_ns += 3_000_000_000  # budgets fill up again
+    wire.seal(guest)
+    wire.talk(guest)
+    said = [(address, datagram) for _, address, datagram in wire.log if address == guest]
+    wire.calls.pop(guest)
+    wire.answers.pop(guest)
+    wire.seats.discard(guest)
+    wire.listener.close(guest)
+    wire.listener.outbox.clear()
+    wire.log.clear()
+    wire.heard.clear()
+    return said
+
+
+def fuzz_call(datagrams: int, folder: Path, seed: int) -> dict[str, int]:
+    """What a server says, mutated, into calls that are open and calls that are at their handshake. Returns the drops."""
+    chance = random.Random(seed)
+    wire = Wire(folder)
+    said = [datagram for _, datagram in sealed_traffic(wire)] + plain_traffic()
+    anna, calling, dropped = wire.calls[ANNA], wire.call(), dict[str, int]()
+    wire.heard.clear()
+    for number in range(datagrams):
+        if number % 200 == 0:
+            calling = wire.call(("10.8.0.1", number % 60_000))
+            calling.poll(wire.now_ns)
+            wire.calls = {ANNA: anna}
+        wire.now_ns += FLOOD_NS
+        datagram = mutated(chance, chance.choice(said), said)
+        assert anna.receive(datagram, PEER, wire.now_ns) == ()
+        assert calling.receive(datagram, PEER, wire.now_ns) == ()
+        calling.poll(wire.now_ns)
+        assert not calling.ready(PEER)
+        assert all(20 <= left[0] <= 23 for _, left in calling.outbox)  # nothing leaves without a seal
+        calling.outbox.clear()
+        anna.outbox.clear()
+        if number % 1000 == 0:
+            dropped.update(calling.dropped)
+            wire.talk(ANNA)
+    assert not anna.failed
+    assert _lib.ERR_peek_error() == 0
+    wire.talk(ANNA)
+    return {**dropped, **anna.dropped}
+
+
+def resident_bytes() -> int:
+    """What this process holds in memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096
+
+
+def main(door: str, datagrams: int) -> None:
+    """Run by hand: time, memory, and what was dropped why."""
+    with tempfile.TemporaryDirectory() as folder:
+
+        def run(count: int, seed: int) -> dict[str, int]:
+            if door == "plain":
+                return fuzz_plain(count, seed)
+            if door == "call":
+                return fuzz_call(count, Path(folder), seed)
+            return fuzz_sealed(count, Path(folder), seed, limited=door != "open")
+
+        run(20_000, 0)
+        before, begun_ns = resident_bytes(), time.perf_counter_ns()
+        dropped = run(datagrams, 1)
+        took_s = (time.perf_counter_ns() - begun_ns) * 1e-9
+        grown_kib = (resident_bytes() - before) / 1024
+    print(f"{door}: {datagrams} datagrams in {took_s:.1f} s, {grown_kib:+.0f} KiB of {before / 2**20:.1f} MiB")
+    for reason, number in sorted(dropped.items(), key=lambda item: -item[1]):
+        print(f"{number:10d}  {reason}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))

@@ -1,0 +1,239 @@
+"""The door of a sealed server: the file as it is now, marks that hold at once, and a broken book that puts nobody out."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from cogrip.protocol.messages import MAGIC, PROTOCOL_VERSION, Hello
+from cogrip.server.admission import Denied, Doorkeeper, Grant
+from cogrip.server.events import EVENTS, Happening
+from cogrip.server.io.authenticator import TokenDoor
+from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
+from cogrip.server.io.token_file import TokenFile, draw_token
+from cogrip.server.tokens import TokenBook
+
+LIMIT_S = 20.0  # for what a thread is waited for
+NOW_S = 1_800_000_000.0
+USED = Denied("token", "this token was used already: it is good for one time; ask for a new link")
+REVOKED = Denied("token", "this token was revoked at 2027-01-15 08:00 UTC; ask for a new link")
+
+
+def hello(token: str, role: Any = "player", room: str = "") -> Hello:
+    return Hello(MAGIC, PROTOCOL_VERSION, "", 1, room, "", "", "sim:", 3, 1e3, 8.5, 1.0, role, token)
+
+
+class Bench:
+    """A folder, its file, and doors whose clock is moved by hand."""
+
+    def __init__(self, folder: StateFolder) -> None:
+        self.folder = folder
+        self.file = TokenFile(folder)
+        self.said: list[Happening] = []
+        self.now_s = NOW_S
+        self._doors: list[TokenDoor] = []
+
+    def door(self) -> TokenDoor:
+        self._doors.append(TokenDoor(self.file, self.said.append, lambda: self.now_s))
+        return self._doors[-1]
+
+    def new(self, **terms: Any) -> tuple[str, str]:
+        """Token and id."""
+        token = draw_token()
+        return token, self.file.change(lambda book: book.new(token, NOW_S, **terms)).id
+
+    def edit(self, edit: Callable[[TokenBook], TokenBook]) -> None:
+        self.file.change(lambda book: (edit(book), None))
+
+    def events(self) -> list[str]:
+        return [each.event for each in self.said]
+
+    def close(self) -> None:
+        for door in self._doors:
+            door.close()
+
+
+@pytest.fixture
+def bench(tmp_path) -> Iterator[Bench]:
+    bench = Bench(make_folder(tmp_path / "state"))
+    yield bench
+    bench.close()
+    assert set(bench.events()) <= set(EVENTS)
+
+
+def test_what_was_made_after_the_start_is_known_at_the_next_hello(bench: Bench) -> None:
+    door: Doorkeeper = bench.door()
+    token, ident = bench.new(room="demo", user="anna")
+    assert door.admit(hello(token)) == Grant("player", ident, "demo", "anna")
+    assert door.admit(hello(token, "observer", "wall")) == Denied(
+        "room", "this token is for room 'demo', not 'wall'; use the link as it is"
+    )
+    bench.edit(lambda book: book.revoke(ident, NOW_S))
+    assert door.admit(hello(token)) == REVOKED
+    assert bench.said == []
+
+
+def test_the_clock_decides_what_has_expired(bench: Bench) -> None:
+    token, _ = bench.new(expires=int(NOW_S) + 60)
+    door = bench.door()
+    bench.now_s = NOW_S + 59.99
+    assert isinstance(door.admit(hello(token)), Grant)
+    bench.now_s = NOW_S + 60
+    assert door.admit(hello(token)) == Denied(
+        "token", "this token has expired, at 2027-01-15 08:01 UTC; ask for a new link"
+    )
+
+
+def test_a_one_time_token_is_used_up_by_the_place_it_gave_not_by_asking(bench: Bench) -> None:
+    token, ident = bench.new(once=True)
+    door = bench.door()
+    grant = door.admit(hello(token))
+    assert isinstance(door.admit(hello(token)), Grant)
+    assert isinstance(grant, Grant)
+    door.admitted(grant)
+    assert door.admit(hello(token)) == USED
+    door.close()
+    assert bench.file.load().find(ident).used == NOW_S
+    assert bench.door().admit(hello(token)) == USED, "the next server knows too"
+
+
+def test_a_standing_token_writes_nothing(bench: Bench) -> None:
+    token, _ = bench.new()
+    door, stamp = bench.door(), bench.file.stamp()
+    for _ in range(3):
+        grant = door.admit(hello(token))
+        assert isinstance(grant, Grant)
+        door.admitted(grant)
+    door.admitted(Grant("player"))
+    door.close()
+    assert bench.file.stamp() == stamp
+
+
+@pytest.mark.parametrize("again", ["reload", "another", "replaced"])
+def test_a_use_that_cannot_be_written_holds_and_is_written_later(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, again: str
+) -> None:
+    """The tick does not wait for the disk."""
+    (token, ident), (_, other) = bench.new(once=True), bench.new(once=True)
+    door, failed = bench.door(), threading.Event()
+
+    def full(edit: object) -> None:
+        failed.set()
+        raise StateError("tokens.json: cannot be written: No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.file, "change", full)
+        door.admitted(Grant("player", ident))
+        assert door.admit(hello(token)) == USED
+        assert failed.wait(LIMIT_S)
+    if again == "reload":
+        assert door.reload()
+    elif again == "another":
+        door.admitted(Grant("player", other))
+    else:
+        bench.new()
+        assert door.admit(hello(token)) == USED
+    door.close()
+    assert bench.file.load().find(ident).used == NOW_S
+    assert door.admit(hello(token)) == USED
+    (trouble,) = [each.text for each in bench.said if each.event == "trouble"]
+    assert trouble.startswith(
+        "a token's use or end is not written down, and holds until this server ends: tokens.json:"
+    )
+
+
+def test_a_use_while_the_file_is_away_makes_no_empty_one(bench: Bench) -> None:
+    token, ident = bench.new(once=True)
+    door, kept = bench.door(), bench.folder.tokens.read_bytes()
+    bench.folder.tokens.unlink()
+    door.admitted(Grant("player", ident))
+    assert door.admit(hello(token)) == USED
+    door.close()
+    assert not bench.folder.tokens.exists()
+    bench.folder.tokens.write_bytes(kept)
+    bench.folder.tokens.chmod(0o600)
+    assert door.admit(hello(token)) == USED
+
+
+def test_revoked_ids_are_told_once_and_all_at_the_start(bench: Bench) -> None:
+    (_, old), (token, new), (_, third) = bench.new(), bench.new(), bench.new()
+    bench.edit(lambda book: book.revoke(old, NOW_S))
+    door = bench.door()
+    assert door.revoked() == {old}, "a restored seat may have been taken by it"
+    assert door.revoked() == set()
+    bench.edit(lambda book: book.revoke(new, NOW_S))
+    assert door.revoked() == set(), "nothing was read yet"
+    assert door.reload()
+    assert door.revoked() == {new}
+    door.revoke(third)
+    assert door.revoked() == {third}
+    assert door.revoked() == set()
+    assert door.admit(hello(token)) == REVOKED
+    door.close()
+    assert bench.file.load().find(third).revoked == NOW_S
+    assert [each.text for each in bench.said] == ["tokens were read again: 1 of 3 are good"]
+
+
+def test_an_id_of_nobody_is_passed_over(bench: Bench) -> None:
+    door = bench.door()
+    door.revoke("00000000")
+    door.admitted(Grant("player", "00000000"))
+    assert door.revoked() == set()
+
+
+@pytest.mark.parametrize("harm", ["damaged", "readable", "gone"])
+def test_a_broken_book_puts_nobody_out_and_is_said_once(bench: Bench, harm: str) -> None:
+    token, ident = bench.new()
+    door, path = bench.door(), bench.folder.tokens
+    kept = path.read_bytes()
+    if harm == "damaged":
+        path.write_bytes(b"{")
+    elif harm == "readable":
+        path.chmod(0o644)
+    else:
+        path.unlink()
+    for _ in range(3):
+        assert isinstance(door.admit(hello(token)), Grant)
+        assert isinstance(door.admit(hello("x" * 22)), Denied)
+        assert door.revoked() == set()
+    assert not door.reload()
+    assert bench.events() == ["trouble"]
+    assert "tokens are not read anew, and stay as they were" in bench.said[0].text
+    assert str(path) in bench.said[0].text
+    path.write_bytes(kept)
+    path.chmod(0o600)
+    bench.edit(lambda book: book.revoke(ident, NOW_S))
+    assert door.admit(hello(token)) == REVOKED
+    path.write_bytes(b"{")
+    assert door.admit(hello(token)) == REVOKED
+    assert bench.events() == ["trouble", "trouble"], "another breakage is another trouble"
+
+
+def test_a_broken_book_is_not_read_for_every_hello(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    token, _ = bench.new()
+    door = bench.door()
+    bench.folder.tokens.write_bytes(b"{")
+    loads = []
+    load = bench.file.load
+    monkeypatch.setattr(bench.file, "load", lambda: loads.append(1) or load())
+    for _ in range(5):
+        door.admit(hello(token))
+    assert len(loads) == 1
+
+
+def test_a_book_that_is_broken_from_the_start_is_an_error(bench: Bench) -> None:
+    bench.folder.tokens.write_bytes(b"{")
+    bench.folder.tokens.chmod(0o600)
+    with pytest.raises(StateError, match="cannot be read as tokens"):
+        bench.door()
+
+
+def test_no_token_is_said(bench: Bench) -> None:
+    token, ident = bench.new()
+    door = bench.door()
+    bench.folder.tokens.write_bytes(b"{")
+    answers = [door.admit(hello(token)), door.admit(hello(token + "x"))]
+    door.revoke(ident)
+    answers.append(door.admit(hello(token)))
+    assert token not in repr(answers) + repr(bench.said)

@@ -1,0 +1,485 @@
+"""The sealed channel in virtual time: handshakes on bad networks, who is let through, what is kept of whom."""
+
+import random
+import select
+import socket
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from cogrip.protocol import messages
+from cogrip.protocol.channel import PEER
+from cogrip.protocol.io import dtls_client as sealed_call
+from cogrip.protocol.io.dtls import NOT_TRUSTED, is_client_hello
+from cogrip.protocol.io.dtls_client import NO_ANSWER_CURE, SealedCall
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
+from cogrip.protocol.session import make_hello
+from cogrip.server.io.dtls_channel import (
+    COOKIE_NS,
+    HELLO_WAITS_NS,
+    MOST_ASKED,
+    MOST_LEFT,
+    MOST_UNSEATED,
+    TOLD,
+    WAITS_NS,
+    SealedListener,
+)
+from cogrip.server.rate_limit import LIMITS, Budget, Gate
+
+from tests.protocol.foreign_peers import foreign
+from tests.server.encrypted_network import ANNA, BEN, FAULTS, NO_LIMITS, Wire
+
+HELLO = make_hello(
+    software="test", nonce=77, room="", name="", digest="", device="sim:ideal", axes=1, rate_hz=1024.0
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("state")
+
+
+def test_a_handshake_then_messages_both_ways(folder: Path) -> None:
+    wire = Wire(folder)
+    call = wire.call()
+    assert not call.ready(PEER)
+    assert not call.send(b"too early", PEER)
+    assert call.dropped == {"not sealed yet": 1}
+    wire.until(lambda: call.ready(PEER))
+    assert [to_server for to_server, *_ in wire.log] == [True, False, True, False, True, False]  # three round trips
+    assert wire.listener.counts() == {"open": 1, "half open": 0}
+    assert not wire.heard
+    assert all(len(datagram) <= MAX_DATAGRAM_BYTES for *_, datagram in wire.log)
+    wire.talk()
+    assert not any(b"up" in datagram or b"down" in datagram for *_, datagram in wire.log)
+
+
+def test_the_longest_message_fits_one_datagram_and_one_byte_more_is_counted(folder: Path) -> None:
+    wire = Wire(folder)
+    call = wire.seal()
+    longest = bytes(MAX_MESSAGE_BYTES)
+    assert call.send(longest, PEER)
+    assert wire.listener.send(longest, ANNA)
+    wire.rest()
+    assert wire.heard == [(ANNA, longest)]
+    assert wire.answers[ANNA] == [longest]
+    assert {len(datagram) for *_, datagram in wire.log[-2:]} == {MAX_DATAGRAM_BYTES}
+    assert not call.send(longest + b"x", PEER)
+    assert not wire.listener.send(longest + b"x", ANNA)
+    assert not call.send(b"", PEER)
+    assert not wire.listener.send(b"", ANNA)
+    for dropped in (call.dropped, wire.listener.dropped):
+        assert dropped["too large"] == dropped["empty"] == 1
+    wire.talk()
+
+
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault != "pass"])
+def test_any_datagram_of_a_handshake_may_be_lost_doubled_or_late(folder: Path, number: int, fault: str) -> None:
+    wire = Wire(folder, fault=lambda nth: fault if nth == number else "pass")
+    wire.call()
+    wire.until(lambda: wire.calls[ANNA].ready(PEER), within_s=2.0)
+    wire.rest(1.0)  # what is late may still come
+    wire.talk()
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_datagram_that_comes_twice_costs_no_second_handshake(folder: Path, number: int) -> None:
+    wire = Wire(folder, fault=lambda nth: "twice" if nth == number else "pass")
+    call = wire.call()
+    wire.until(lambda: call.ready(PEER), within_s=0.1)
+    wire.talk()
+    assert "handshake begun again" not in {**call.dropped, **wire.listener.dropped}
+    assert len(wire.log) == 8 + (number == 0)  # the cookie is sent once more: nobody knows of the first
+
+
+def test_junk_does_not_pass_for_an_answer(folder: Path) -> None:
+    """Only what brings a handshake on makes a call wait longer for the rest of it."""
+    wire = Wire(folder, fault=lambda nth: "drop" if nth == 1 else "pass")
+    call = wire.call()
+    for _ in range(95):
+        wire.step()
+        call.receive(b"\x16\xfe\xfd" + bytes(60), PEER, wire.now_ns)
+        call.receive(b"\x17\xfe\xfd" + bytes(60), PEER, wire.now_ns)
+    assert "handshake begun again" not in call.dropped
+    wire.until(lambda: call.ready(PEER), within_s=0.2)
+    assert call.dropped["handshake begun again"] == 1
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_handshakes_on_a_bad_network(folder: Path, seed: int) -> None:
+    chance = random.Random(seed)
+    wire = Wire(folder, fault=lambda _: chance.choices(list(FAULTS), [10, 1, 1, 1, 1, 1])[0])
+    for address in (ANNA, BEN):
+        wire.call(address)
+    wire.until(lambda: all(call.ready(PEER) for call in wire.calls.values()), within_s=9.9)
+    wire._fault = lambda _: "pass"
+    wire.rest(1.0)
+    wire.talk(ANNA)
+    wire.talk(BEN)
+
+
+def test_another_certificate_is_refused_and_both_sides_say_why(folder: Path) -> None:
+    wire = Wire(folder)
+    call = wire.call(fingerprint="12345678" * 8)
+    wire.until(lambda: bool(call.failed))
+    wire.rest()
+    assert "the link names 1234567812345678…" in call.failed
+    assert wire.listener.fingerprint[:16] in call.failed
+    assert "ask for a new link" in call.failed
+    assert not call.ready(PEER)
+    assert not call.send(b"secret", PEER)
+    assert wire.listener.dropped[f"handshake failed: {NOT_TRUSTED}"] == 1
+    (event,) = wire.listener.events
+    assert (event.event, event.code, event.address) == ("refused", "seal", "10.0.0.1:4001")
+    assert "another fingerprint" in event.text
+    assert wire.listener.counts() == {"open": 0, "half open": 0}
+
+
+def test_the_certificate_is_looked_at_once_more_after_the_handshake(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Should the look during the handshake ever be left out."""
+    monkeypatch.setattr(sealed_call, "client_context", lambda *_: foreign())
+    wire = Wire(folder)
+    call = wire.call(fingerprint="12345678" * 8)
+    wire.until(lambda: bool(call.failed))
+    assert "the link names 1234567812345678…" in call.failed
+    assert not call.send(b"secret", PEER)
+    wire.rest()
+    assert not wire.heard
+    assert wire.listener.counts()["open"] == 0  # it was told
+
+
+def test_a_call_that_nobody_answers_gives_up_in_words(folder: Path) -> None:
+    wire = Wire(folder, fault=lambda _: "drop")
+    call = wire.call()
+    wire.until(lambda: bool(call.failed), within_s=10.1)
+    assert call.failed == f"no sealed server answered within 10 s: {NO_ANSWER_CURE}"
+    assert call.dropped["handshake begun again"] >= 10
+
+
+def test_a_plain_hello_is_told_that_a_seal_is_needed(folder: Path) -> None:
+    wire = Wire(folder)
+    hello = messages.padded(HELLO)
+    assert wire.inject(hello, ANNA) == ()
+    ((address, answer),) = wire.listener.outbox
+    refuse = messages.decode(answer)
+    assert isinstance(refuse, Refuse)
+    assert (address, refuse.code, refuse.nonce) == (ANNA, "sealed", 77)
+    assert len(answer) <= len(hello)
+    assert wire.listener.dropped == {"refused: sealed": 1}
+    assert [event.code for event in wire.listener.events] == ["sealed"]
+    assert wire.inject(hello[:-1], ANNA) == ()
+    assert len(wire.listener.outbox) == 1
+    assert wire.listener.dropped == {"refused: sealed": 1, "stranger": 1}
+
+
+def test_a_plain_refusal_is_a_hint_and_no_more(folder: Path) -> None:
+    wire = Wire(folder)
+    call = wire.call()
+    call.poll(0)
+    refuse = messages.encode(Refuse(2, 0, "full", "go away"))
+    assert call.receive(refuse, PEER, 0) == ()
+    assert call.dropped == {"not sealed": 1}
+    assert not call.failed
+    call.outbox.clear()
+    wire.listener.poll(wire.now_ns)
+    for second in range(11):
+        call.poll(second * 1_000_000_000)
+    assert call.failed.endswith("without a seal came, perhaps from anyone: go away [full]")
+
+
+def test_plain_datagrams_into_a_seal_are_dropped_on_both_sides(folder: Path) -> None:
+    wire = Wire(folder)
+    call = wire.seal()
+    for datagram in (messages.padded(HELLO), messages.encode(Refuse(2, 77, "full", "go away")), b"\x17", b"\x90"):
+        assert wire.inject(datagram, ANNA) == ()
+        assert call.receive(datagram, PEER, wire.now_ns) == ()
+    assert wire.inject(b"", ANNA) == ()
+    assert wire.inject(bytes(MAX_DATAGRAM_BYTES + 1), ANNA) == ()
+    assert not wire.listener.outbox
+    assert wire.listener.dropped.keys() == {"cookie sent", "no record", "empty", "too large"}
+    wire.talk()
+
+
+def test_a_new_handshake_from_a_known_address_replaces_the_old_one_when_it_is_done(folder: Path) -> None:
+    wire = Wire(folder)
+    old = wire.seal()
+    new = wire.call()
+    steps = 0
+    while not wire.listener.renewed:  # by the old seal, until there is a new one
+        assert wire.listener.send(b"still here", ANNA)
+        assert old.receive(wire.listener.outbox.pop()[1], PEER, wire.now_ns) == (b"still here",)
+        assert old.send(b"here too", PEER)
+        assert list(wire.inject(old.outbox.pop()[1], ANNA)) == [b"here too"]
+        wire.step()
+        steps += 1
+    assert steps > 5
+    assert not new.ready(PEER)
+    wire.until(lambda: new.ready(PEER))
+    wire.heard.clear()
+    assert list(wire.listener.renewed) == [ANNA]
+    assert wire.listener.counts() == {"open": 1, "half open": 0}
+    wire.talk()
+    old.send(b"from the past", PEER)
+    assert wire.inject(old.outbox.pop()[1], ANNA) == ()
+
+
+def test_a_client_hello_from_the_address_of_a_peer_leaves_it_alone(folder: Path) -> None:
+    """With no cookie, with a wrong one, and with the right one but nothing after it."""
+    wire, other = Wire(folder), Wire(folder)
+    wire.seal()
+    other.seal()
+    hellos = [datagram for _, _, datagram in other.log if is_client_hello(datagram)]
+    mine = [datagram for _, _, datagram in wire.log if is_client_hello(datagram)]
+    for datagram in [*hellos, *mine]:
+        assert wire.inject(datagram, ANNA) == ()
+        wire.listener.outbox.clear()
+    assert wire.listener.counts() == {"open": 1, "half open": 0}  # its own hello is known to be an old one
+    spoofed = wire.call(("10.9.9.9", 9))
+    del wire.calls[("10.9.9.9", 9)]
+    spoofed.poll(0)
+    wire.inject(spoofed.outbox.popleft()[1], ANNA)
+    spoofed.receive(wire.listener.outbox.popleft()[1], PEER, 0)  # by someone who hears what is sent to Anna
+    wire.inject(spoofed.outbox.popleft()[1], ANNA)
+    assert wire.listener.counts() == {"open": 1, "half open": 1}
+    wire.talk()
+    wire.rest(WAITS_NS / 1e9 + 0.1)
+    assert wire.listener.counts() == {"open": 1, "half open": 0}
+    assert wire.listener.dropped["handshake timed out"] == 1
+    assert not wire.listener.renewed
+    wire.talk()
+
+
+def test_a_cookie_belongs_to_an_address_and_a_time(folder: Path) -> None:
+    wire = Wire(folder)
+    wire.seal()
+    hello = [datagram for _, _, datagram in wire.log if is_client_hello(datagram)][1]
+    for port in (4002, 4001 ^ 1):
+        wire.inject(hello, (ANNA[0], port))
+    wire.inject(hello, BEN)
+    assert wire.listener.counts() == {"open": 1, "half open": 0}
+    wire.listener.close(ANNA)
+    wire.inject(hello, ANNA)
+    assert wire.listener.counts() == {"open": 0, "half open": 1}
+    wire.listener.close(ANNA)
+    wire.now_ns += 2 * COOKIE_NS
+    wire.inject(hello, ANNA)
+    assert wire.listener.counts() == {"open": 0, "half open": 0}
+
+
+def test_handshakes_that_are_not_finished_are_bounded_and_the_oldest_goes_first(folder: Path) -> None:
+    wire = Wire(folder)
+    for number in range(MOST_UNSEATED + 10):
+        half_open(wire, ("10.0.1.1", number))
+    assert wire.listener.counts() == {"open": 0, "half open": MOST_UNSEATED}
+    assert wire.listener.dropped["too many without a seat"] == 10
+    wire.seal(ANNA)
+    wire.step(WAITS_NS)
+    assert wire.listener.counts() == {"open": 1, "half open": 0}
+
+
+def half_open(wire: Wire, address: tuple[str, int]) -> None:
+    """Someone shows that the address is theirs, and goes no further."""
+    call = wire.call(address)
+    del wire.calls[address]
+    call.poll(0)
+    wire.inject(call.outbox.popleft()[1], address)
+    call.receive(wire.listener.outbox.popleft()[1], PEER, 0)
+    wire.inject(call.outbox.popleft()[1], address)
+    wire.listener.outbox.clear()
+
+
+def test_associations_are_bounded(folder: Path) -> None:
+    wire = Wire(folder, most=2)
+    wire.seal(ANNA)
+    wire.seal(BEN)
+    late = wire.call(("10.0.0.3", 1))
+    wire.rest(1.0)
+    assert not late.ready(PEER)
+    assert wire.listener.counts() == {"open": 2, "half open": 0}
+    assert wire.listener.dropped["too many associations"] >= 1
+    again = wire.seal(ANNA)  # who is in may begin anew
+    assert again.ready(PEER)
+    wire.listener.close(BEN)
+    wire.until(lambda: late.ready(PEER))
+
+
+def test_two_last_places_taken_at_once(folder: Path) -> None:
+    wire = Wire(folder, most=1)
+    calls = [wire.call(ANNA), wire.call(BEN)]
+    wire.rest(0.08)
+    assert wire.listener.counts()["open"] == 1
+    assert sum(bool(call.failed) for call in calls) == 1
+
+
+def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(folder: Path) -> None:
+    wire = Wire(folder)
+    wire.seats.discard(BEN)
+    anna, ben = wire.seal(ANNA), wire.seal(BEN)
+    ben.send(b"may I?", PEER)
+    wire.rest(WAITS_NS / 1e9 - 0.5)
+    assert wire.listener.counts()["open"] == 2
+    wire.rest(1.1)
+    assert wire.listener.counts()["open"] == 1
+    assert wire.listener.dropped["no seat in time"] == 1
+    assert ben.failed == "the other end closed the seal"
+    assert anna.ready(PEER)
+    wire.seats.discard(ANNA)  # Anna left: some seconds for what remains to be said, then it is over
+    wire.talk(ANNA)
+    wire.rest(WAITS_NS / 1e9 + 0.6)
+    assert wire.listener.counts()["open"] == 0
+    assert anna.failed
+
+
+def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> None:
+    wire = Wire(folder)
+    wire.seats.discard(BEN)
+    ben = wire.seal(BEN)
+    wire.rest(HELLO_WAITS_NS / 1e9 - 0.6)
+    assert wire.listener.counts()["open"] == 1
+    wire.rest(1.2)
+    assert wire.listener.counts()["open"] == 0
+    assert wire.listener.dropped["no hello in time"] == 1
+    assert ben.failed == "the other end closed the seal"
+
+
+def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
+    """Behind a seal a stranger costs a decoding and a look at the tokens each time."""
+    wire = Wire(folder)
+    wire.seats.discard(BEN)
+    anna, ben = wire.seal(ANNA), wire.seal(BEN)
+    heard = len(wire.heard)
+    for _ in range(MOST_ASKED + 1):
+        ben.send(b"may I?", PEER)
+        wire.inject(ben.outbox.pop()[1], BEN)
+    assert len(wire.heard) - heard == MOST_ASKED
+    assert wire.listener.dropped["asked too often"] == 1
+    assert not wire.listener.ready(BEN)
+    wire.talk(ANNA)
+    wire.seats.discard(ANNA)
+    wire.rest(0.6)  # until it was looked at again
+    heard = len(wire.heard)
+    for _ in range(MOST_LEFT + 1):
+        anna.send(b"goodbye", PEER)
+        wire.inject(anna.outbox.pop()[1], ANNA)
+    assert len(wire.heard) - heard == MOST_LEFT
+    assert not wire.listener.ready(ANNA)
+
+
+def test_closing_tells_the_other_end(folder: Path) -> None:
+    wire = Wire(folder)
+    anna, ben = wire.seal(ANNA), wire.seal(BEN)
+    wire.listener.close(ANNA)
+    ben.close(PEER)
+    wire.rest()
+    assert anna.failed == "the other end closed the seal"
+    assert wire.listener.dropped["seal ended: the other end closed the seal"] == 1
+    assert wire.listener.counts() == {"open": 0, "half open": 0}
+    assert not wire.listener.send(b"x", ANNA)
+    assert not wire.listener.ready(ANNA)
+    assert wire.listener.dropped["no seal"] == 1
+    wire.listener.close(ANNA)  # nobody there: nothing happens
+
+
+def test_budgets_hold_for_hellos_with_and_without_a_seal(folder: Path) -> None:
+    wire = Wire(folder, NO_LIMITS._replace(contacts=Budget(10, 3)))
+    stranger = wire.call()
+    stranger.poll(0)
+    datagram = stranger.outbox.pop()[1]
+    del wire.calls[ANNA]
+    for number in range(4):
+        wire.inject(datagram, ("10.0.0.7", number))
+        wire.inject(messages.padded(HELLO), ("10.0.0.8", number))
+    answered = {"cookie sent": 3, "refused: sealed": 3}  # the first of each address is of those who are new
+    assert len(wire.listener.outbox) == 5
+    assert sum(wire.listener.dropped[each] for each in answered) == 5
+    assert wire.listener.dropped["contact budget"] == 3
+
+
+def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(folder: Path) -> None:
+    wire = Wire(folder)
+    for number in range(50):
+        wire.inject(messages.padded(HELLO), ("10.0.0.7", number))
+    assert len(wire.listener.events) == TOLD.burst
+    assert wire.listener.dropped == {"refused: sealed": 50}
+    wire.now_ns += 1_000_000_000
+    wire.inject(messages.padded(HELLO), ("10.0.0.7", 99))
+    assert len(wire.listener.events) == TOLD.burst + 1
+
+
+def test_a_flood_of_hellos_from_forged_addresses_keeps_nobody_out_who_was_in(folder: Path) -> None:
+    wire = Wire(folder, LIMITS)
+    wire.seal(ANNA)
+    hello = next(datagram for _, _, datagram in wire.log if is_client_hello(datagram))
+    for number in range(2000):
+        wire.inject(hello, (f"10.1.{number % 250}.{number // 250}", 1000))
+    assert wire.listener.dropped["contact budget"] > 1000
+    moved = (ANNA[0], 4999)  # another port, as after a restart of the router
+    wire.listener.outbox.clear()
+    wire.seal(moved)
+    wire.talk(moved)
+
+
+def test_handshakes_have_a_budget_of_their_own(folder: Path) -> None:
+    wire = Wire(folder, NO_LIMITS._replace(handshakes=Budget(1, 2)))
+    for number in range(3):
+        call = wire.call((f"10.0.0.{number}", 7))
+        wire.until(lambda call=call: call.ready(PEER) or "handshake budget" in wire.listener.dropped)  # type: ignore[misc]
+    assert wire.listener.counts()["open"] == 2
+    wire.until(lambda: call.ready(PEER))  # a second later there is one more
+
+
+def test_a_peer_that_floods_is_cut_to_its_budget_and_nobody_else_is(folder: Path) -> None:
+    wire = Wire(folder, NO_LIMITS._replace(peer=Budget(1000, 50)))
+    anna = wire.seal(ANNA)
+    wire.seal(BEN)
+    wire.rest(0.2)
+    before = len(wire.heard)
+    for _ in range(80):
+        anna.send(b"flood", PEER)
+        wire.inject(anna.outbox.pop()[1], ANNA)
+    assert len(wire.heard) - before == 50
+    assert wire.listener.dropped["flood of a peer"] == 30
+    wire.talk(BEN)
+
+
+def test_over_real_sockets(folder: Path) -> None:
+    """The one test with a socket and the machine's clock: two people, and the server on one port."""
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(3)]
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+            each.setblocking(False)
+        port, *people = sockets
+        listener = SealedListener(folder, Gate(b"s"), lambda _: True)
+        calls = [SealedCall(listener.fingerprint) for _ in people]
+        heard: list[bytes] = []
+        answers: list[list[bytes]] = [[], []]
+        end_ns = time.monotonic_ns() + 30_000_000_000
+        while not all(answers):
+            now_ns = time.monotonic_ns()
+            assert now_ns < end_ns
+            for person, call, answered in zip(people, calls, answers, strict=True):
+                call.poll(now_ns)
+                if call.ready(PEER):
+                    call.send(b"hello", PEER)
+                for _, datagram in call.outbox:
+                    person.sendto(datagram, port.getsockname())
+                call.outbox.clear()
+                while select.select([person], [], [], 0.0)[0]:
+                    answered += call.receive(person.recv(2000), PEER, now_ns)
+            while select.select([port], [], [], 0.001)[0]:
+                datagram, address = port.recvfrom(2000)
+                for message in listener.receive(datagram, address, now_ns):
+                    heard.append(message)
+                    listener.send(b"welcome", address)
+            listener.poll(now_ns)
+            for address, datagram in listener.outbox:
+                port.sendto(datagram, address)  # type: ignore[call-overload]
+            listener.outbox.clear()
+    assert set(heard) == {b"hello"}
+    assert all(set(answered) <= {b"welcome"} for answered in answers)

@@ -1,0 +1,505 @@
+"""Tickets, observers, being shown out, and a server that goes on from a checkpoint: the core, message by message."""
+
+from itertools import count
+
+import msgspec
+import numpy as np
+import pytest
+
+from cogrip.protocol import messages
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
+from cogrip.protocol.session import LOST_NS, QUIET_NS
+from cogrip.protocol.settings import Settings
+from cogrip.server.admission import Denied, Grant
+from cogrip.server.checkpoint import CheckpointError, decode, encode
+from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
+from cogrip.server.room import RESERVED_NS
+from cogrip.server.roster import people_of
+
+from tests.server.test_server_core import Desk, hello, room, waves
+
+
+class Door:
+    """Answers by the token's first letter; remembers what was used."""
+
+    def __init__(self) -> None:
+        self.used: list[str] = []
+
+    def admit(self, hello: Hello) -> Grant | Denied:
+        made = {
+            "p": Grant("player", "aaaaaaaa"),
+            "o": Grant("observer", "bbbbbbbb"),
+            "b": Grant("player", "cccccccc", user="ben"),
+            "d": Grant("player", "dddddddd", device="hid:"),
+            "r": Grant("player", "eeeeeeee", room="hall"),
+        }
+        return made.get(hello.token[:1], Denied("token", "this token is not known; ask for a new link"))
+
+    def admitted(self, grant: Grant) -> None:
+        self.used.append(grant.token)
+
+
+class Guarded(Desk):
+    def __init__(self, *rooms: Settings) -> None:
+        sessions, tickets = count(100), count(1)
+        self.door = Door()
+        self.core = ServerCore(
+            rooms or (room(),), "test", lambda: next(sessions), self.door, lambda: f"ticket-{next(tickets)}",
+            lambda ticket: f"mark of {ticket}",
+        )  # fmt: skip
+        self.now_ns = 1_000_000_000
+
+    def welcome(self, address: str, **changed: object) -> Welcome:
+        answer = self.hello(address, **{"token": "p", **changed})  # type: ignore[arg-type]
+        assert isinstance(answer, Welcome), answer
+        return answer
+
+    def again(self, address: str, ticket: str, **changed: object) -> messages.AnyMessage:
+        made = msgspec.structs.replace(hello(**changed), ticket=ticket)
+        (answer,) = self.say(messages.padded(made), address)
+        return answer
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "words"),
+    [
+        ({"token": ""}, "token", "not known"),
+        ({"token": "x"}, "token", "not known"),
+        ({"token": "b", "name": "anna"}, "name", "for the seat of 'ben', not of 'anna'"),
+        ({"token": "d"}, "device", "this token is for hid:, and sim:ideal is claimed"),
+        ({"token": "r"}, "room", "no room 'hall'"),
+        ({"token": "r", "room": "lab"}, "room", "for room 'hall', not 'lab'"),
+    ],
+)
+def test_who_has_no_right_is_refused_in_words(changed: dict[str, object], code: str, words: str) -> None:
+    desk = Guarded()
+    refuse = desk.refused("x", **changed)
+    assert refuse.code == code
+    assert words in refuse.reason
+    assert desk.core.events[-1].code == code
+    assert not desk.door.used
+    assert not desk.core.knows("x")
+
+
+def test_a_token_is_used_when_a_seat_is_given_and_only_then() -> None:
+    desk = Guarded(room(people=("anna",)))
+    desk.welcome("x")
+    assert desk.door.used == ["aaaaaaaa"]
+    desk.hello("x", token="p")  # the welcome was lost
+    assert desk.refused("y", token="p", nonce=2).code == "full"
+    assert desk.door.used == ["aaaaaaaa"]
+
+
+def test_a_token_for_one_seat_gives_that_seat() -> None:
+    desk = Guarded()
+    assert desk.welcome("x", token="b").settings.user == "ben"
+    assert desk.refused("y", token="b", nonce=2).code == "taken"
+
+
+def test_a_seat_goes_on_from_another_address_with_the_same_session() -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    desk.say(waves(first.session, 0, 0.1), "x")
+    desk.tick()
+    port = desk.core.rooms[0].seats[0].port
+    desk.core.outbox.clear()
+    again = desk.again("y", first.ticket, nonce=1)
+    assert isinstance(again, Welcome)
+    assert (again.session, again.ticket, again.settings) == (first.session, first.ticket, first.settings)
+    assert desk.core.rooms[0].seats[0].port is port  # the line goes on
+    assert desk.core.knows("y")
+    assert not desk.core.knows("x")
+    desk.core.receive(waves(first.session, 1, 0.1), "x", desk.now_ns)
+    assert desk.core.dropped["not seated"] == 1
+    desk.tick()
+    assert desk.heard("y")
+    assert not desk.heard("x")
+
+
+def test_who_was_silent_too_long_sits_down_again_with_a_new_line() -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    desk.say(waves(first.session, 0, 0.1), "x")
+    desk.now_ns += LOST_NS
+    desk.tick()
+    assert not desk.core.knows("x")
+    again = desk.again("x", first.ticket)
+    assert isinstance(again, Welcome)
+    assert again.session != first.session
+    assert again.ticket == first.ticket
+    assert desk.core.rooms[0].seats[0].port.origin is None  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("how", ["leave", "kick", "stop", "revoke"])
+def test_a_ticket_is_void_after_the_end(how: str) -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    ends = {
+        "leave": lambda: desk.say(messages.encode(Leave(first.session, "bored")), "x"),
+        "kick": lambda: desk.core.kick("anna"),
+        "stop": lambda: desk.core.stop("over"),
+        "revoke": lambda: desk.core.revoke(["aaaaaaaa"]),
+    }
+    ends[how]()
+    (farewell,) = [each for each in [*desk.heard("x"), Farewell(1, "goodbye")] if isinstance(each, Farewell)][:1]
+    assert farewell
+    assert isinstance(desk.again("y", first.ticket, token="x"), Refuse)
+
+
+def test_a_void_ticket_is_no_bar_to_a_good_token() -> None:
+    desk = Guarded()
+    assert isinstance(desk.again("x", "ticket-77", token="p"), Welcome)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"device": "sim:phantom"}, {"force_n": 9.0}, {"speed_mps": 9.0}, {"axes": 2}, {"rate_hz": 2e3}]
+)
+def test_a_ticket_does_not_open_a_seat_for_another_device_record(changed: dict[str, object]) -> None:
+    desk = Guarded()
+    first = desk.welcome("x")
+    answer = desk.again("y", first.ticket, **changed)
+    assert isinstance(answer, Refuse)
+    assert answer.code == "device"
+    assert desk.core.knows("x")
+
+
+def test_a_long_device_address_is_known_whole_and_comes_back() -> None:
+    device = "replay:/var/lab/2026/anna/the third of the runs#user=anna&start_s=2"
+    desk = Guarded()
+    first = desk.welcome("x", device=device)
+    assert desk.core.events[-1].text.endswith(f"with {device}")
+    assert [each.device for each in people_of(desk.core.rooms, desk.now_ns)] == [device]
+    assert isinstance(desk.again("y", first.ticket, device=device), Welcome)
+    other = device.replace("start_s=2", "start_s=3")
+    assert isinstance(desk.again("z", first.ticket, device=other), Refuse), "it is a part of the record"
+
+
+def test_kicked_by_name_and_room_with_the_reason_on_both_sides() -> None:
+    desk = Guarded(room("lab"), room("hall"))
+    here, there = desk.welcome("x", room="lab"), desk.welcome("y", room="hall", nonce=2)
+    assert desk.core.kick("zoe") == 0
+    assert desk.core.kick("anna", "hall", "too wild") == 1
+    (farewell,) = desk.heard("y")
+    assert isinstance(farewell, Farewell)
+    assert farewell.session == there.session
+    assert farewell.reason == "shown out by the server's keeper: too wild"
+    assert [each.text for each in desk.core.events if each.event == "kicked"] == [
+        "hall: anna was shown out by the server's keeper: too wild"
+    ]
+    assert desk.core.knows("x")
+    assert here.session == desk.core.rooms[0].seats[0].session
+
+
+def test_a_revoked_token_ends_what_was_taken_with_it() -> None:
+    desk = Guarded()
+    desk.welcome("x")
+    desk.welcome("y", token="b", nonce=2)
+    desk.welcome("z", token="o", nonce=3)
+    assert desk.core.revoke(["cccccccc", "bbbbbbbb", "ffffffff"]) == 2
+    assert [desk.core.knows(each) for each in "xyz"] == [True, False, False]
+    assert desk.core.revoke([""]) == 0
+
+
+def test_an_observer_sees_the_object_and_who_holds_it() -> None:
+    desk = Guarded()
+    player = desk.welcome("x")
+    seen = desk.welcome("o", token="o", nonce=2)
+    assert seen.role == "observer"
+    assert seen.settings.user == "observer 1"
+    views = []
+    for number in range(8):
+        desk.say(waves(player.session, number, 0.5), "x")
+        views += desk.say(messages.encode(Heartbeat(seen.session, Stamp(desk.now_ns))), "o")
+        desk.tick()
+    views += desk.heard("o")
+    assert all(isinstance(each, View) for each in views)
+    assert len(views) == 2  # every fourth step at 128 Hz
+    assert views[-1].seats == (0,)
+    assert views[-1].object[0] == desk.core.rooms[0].world.position[0]
+    assert views[-1].proxies_m == tuple(desk.core.rooms[0].world.proxy(0).tolist())
+
+
+def test_a_player_may_look_on_where_it_asks_to() -> None:
+    desk = Guarded()
+    assert desk.welcome("x", role="observer").role == "observer"
+    assert not any(seat.port for seat in desk.core.rooms[0].seats)
+
+
+def test_an_observer_that_sends_waves_is_shown_out_and_nothing_moves() -> None:
+    desk = Guarded()
+    player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
+    desk.say(waves(player.session, 0, 0.0), "x")
+    desk.tick()
+    desk.core.outbox.clear()
+    (farewell,) = desk.say(waves(seen.session, 0, 5.0), "o")
+    assert isinstance(farewell, Farewell)
+    assert "an observer may not send waves" in farewell.reason
+    assert desk.core.dropped["observer's waves"] == 1
+    assert desk.core.events[-1].event == "kicked"
+    desk.tick()
+    assert desk.core.rooms[0].world.position[0] == 0.0
+    assert isinstance(desk.again("o", seen.ticket, token="x"), Refuse)
+
+
+def test_places_for_observers_are_counted_per_room() -> None:
+    desk = Guarded(room(admission={"observers": 1}))
+    first = desk.welcome("o", token="o")
+    refuse = desk.refused("p", token="o", nonce=2)
+    assert refuse.code == "full"
+    assert "all 1 places for observers" in refuse.reason
+    desk.say(messages.encode(Leave(first.session, "seen enough")), "o")
+    desk.welcome("p", token="o", nonce=2)
+    desk.now_ns += LOST_NS
+    desk.tick()
+    assert not desk.core.knows("p")
+    assert isinstance(desk.again("q", "ticket-1", token="o"), Welcome)
+
+
+def test_an_observer_goes_on_from_another_address() -> None:
+    desk = Guarded()
+    first = desk.welcome("o", token="o")
+    again = desk.again("p", first.ticket)
+    assert isinstance(again, Welcome)
+    assert (again.session, again.role) == (first.session, "observer")
+    assert desk.core.knows("p")
+    assert not desk.core.knows("o")
+
+
+def moved() -> tuple[Guarded, Welcome]:
+    desk = Guarded()
+    player = desk.welcome("x", name="anna")
+    for number in range(40):
+        desk.say(waves(player.session, number, 0.4), "x")
+        desk.tick()
+    assert desk.core.rooms[0].world.position[0] > 1e-3
+    return desk, player
+
+
+def test_a_server_goes_on_where_another_ended() -> None:
+    before, player = moved()
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core.restore(decode(encode(checkpoint)), after.now_ns)
+    here, there = after.core.rooms[0], before.core.rooms[0]
+    assert here.world.position.tolist() == there.world.position.tolist()
+    assert not here.world.velocity.any()
+    assert (here.steps, here.travel_m) == (there.steps, there.travel_m)
+    assert after.core.events[-1].event == "restored"
+    # kept for whoever had it: another gets the next seat, and none by that name
+    assert after.refused("s", name="anna", nonce=9, token="p").code == "taken"
+    again = after.again("x", player.ticket)
+    assert isinstance(again, Welcome)
+    assert again.settings.user == "anna"
+    after.say(waves(again.session, 0, 0.0), "x")
+    after.tick()
+    assert here.world.force.tolist() == [[0.0], [0.0]]  # no spring, no kick
+    assert here.world.position.tolist() == there.world.position.tolist()
+
+
+def test_a_seat_is_kept_for_so_long_and_no_longer() -> None:
+    before, player = moved()
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core._new_ticket = lambda: "ticket-of-another-server"  # the two servers' own tickets differ
+    after.core.restore(checkpoint, after.now_ns)
+    after.now_ns += RESERVED_NS - 1
+    assert after.refused("s", name="anna", token="p").code == "taken"
+    after.now_ns += 1
+    assert after.welcome("s", name="anna").settings.user == "anna"
+    assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
+
+
+def test_whoever_finds_no_free_seat_hears_how_many_are_kept_and_for_how_long() -> None:
+    before, _ = moved()
+    before.welcome("y", name="ben", nonce=2)
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded()
+    after.core.restore(checkpoint, after.now_ns)
+    after.now_ns += RESERVED_NS // 2
+    refuse = after.refused("s", token="p")
+    kept = "kept for another 3 s for someone who lost their connection; try again then"
+    assert (refuse.code, refuse.reason) == ("full", f"the room has no free seat: 0 taken, 2 {kept}")
+    refuse = after.refused("s", token="p", name="anna")
+    assert (refuse.code, refuse.reason) == ("taken", f"the seat of 'anna' is {kept}")
+    after.again("x", "ticket-1", nonce=5)
+    assert after.refused("s", token="p").reason == f"the room has no free seat: 1 taken, 1 {kept}"
+    assert after.refused("s", token="p", name="anna").reason.startswith("the seat of 'anna' is taken")
+
+
+def test_a_seat_whose_person_is_silent_is_kept_until_they_are_lost() -> None:
+    desk = Guarded(room(people=("anna",)))
+    desk.welcome("x")
+    assert desk.refused("s", token="p").reason == "the room is full: all 1 seats are taken"
+    desk.now_ns += QUIET_NS
+    reason = desk.refused("s", token="p").reason
+    assert "0 taken, 1 kept for another 2 s" in reason
+    assert "anna" not in reason
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (room("hall"), "it is of room 'lab'"),
+        (room(people=("anna", "carl")), "other settings"),
+        (room(object={"axes": 2}), "other settings"),
+    ],
+)
+def test_a_checkpoint_of_something_else_changes_nothing(other: Settings, words: str) -> None:
+    before, _ = moved()
+    (checkpoint,) = before.core.checkpoint()
+    after = Guarded(other)
+    with pytest.raises(CheckpointError, match=words):
+        after.core.restore(checkpoint, 0)
+    assert not after.core.rooms[0].world.position.any()
+    assert not any(seat.ticket for seat in after.core.rooms[0].seats)
+
+
+@pytest.mark.parametrize("data", [b"", b"{}", b"[1]", b"\xff", b'{"version": 2, "room": "lab"}'])
+def test_what_is_no_checkpoint_is_refused(data: bytes) -> None:
+    with pytest.raises(CheckpointError):
+        decode(data)
+
+
+def test_a_checkpoint_of_a_later_version_is_refused() -> None:
+    before, _ = moved()
+    (checkpoint,) = before.core.checkpoint()
+    with pytest.raises(CheckpointError, match="version 2, this is 1"):
+        decode(encode(msgspec.structs.replace(checkpoint, version=2)))
+
+
+def test_secrets_are_in_no_checkpoint() -> None:
+    before, player = moved()
+    data = encode(before.core.checkpoint()[0])
+    assert b"mark of" in data
+    assert player.ticket.encode() not in data.replace(b"mark of " + player.ticket.encode(), b"")
+
+
+def test_a_seat_that_was_ended_is_told_again_while_it_goes_on() -> None:
+    """Else a lost farewell would undo a kick: the client would fall silent, and come back by its token."""
+    desk = Guarded()
+    player = desk.welcome("x")
+    desk.core.kick("anna", reason="too wild")
+    (first,) = desk.heard("x")
+    for number in range(20):
+        desk.now_ns += FAREWELL_EVERY_NS // 4
+        desk.core.receive(waves(player.session, number, 0.1), "x", desk.now_ns)
+    assert desk.heard("x") == [first] * 5
+
+
+def test_whoever_says_hello_too_often_is_not_heard() -> None:
+    desk = Guarded()
+    for nonce in range(20):
+        desk.core.receive(messages.padded(hello(token="p", nonce=nonce + 1)), "x", desk.now_ns)
+    assert desk.core.dropped["hello budget"] >= 10
+    for nonce in range(100):
+        desk.core.receive(messages.padded(hello(token="o", nonce=nonce + 1)), "o", desk.now_ns)
+    assert len(desk.core._tickets) == 2
+    first = desk.welcome("y", name="ben", nonce=77)
+    for nonce in range(20):
+        made = msgspec.structs.replace(hello(nonce=nonce + 1), ticket=first.ticket)
+        desk.core.receive(messages.padded(made), f"z{nonce}", desk.now_ns)
+    assert sum(event.event == "resumed" for event in desk.core.events) == 8
+
+
+def test_an_address_that_changed_seats_keeps_the_new_one() -> None:
+    desk = Guarded()
+    first = desk.welcome("x", name="anna")
+    desk.say(messages.encode(Leave(first.session, "another seat")), "x")
+    second = desk.welcome("x", name="ben", nonce=2)
+    desk.welcome("y", name="anna", nonce=3)
+    assert desk.core.knows("x")
+    desk.say(waves(second.session, 0, 0.1), "x")
+    assert "not seated" not in desk.core.dropped
+
+
+def test_sitting_down_anew_brings_in_no_more_power() -> None:
+    desk = Guarded(room(admission={"power_w": 0.01}))
+    player = desk.welcome("x")
+    here, number, brought_j = desk.core.rooms[0], 0, 0.0
+    for frame in range(1, 1281):
+        if frame % 5 == 0:
+            brought_j += here.world.port_work[0]
+            player, number = desk.welcome("x", nonce=frame), 0
+        desk.core.receive(waves(player.session, number, 5.0), "x", desk.now_ns)
+        number += 1
+        desk.tick()
+        desk.core.outbox.clear()
+        if frame % 5 == 4:  # as often as it may
+            desk.now_ns += 250_000_000
+    seconds = (desk.now_ns - 1_000_000_000) * 1e-9
+    assert 1e-3 < brought_j + here.world.port_work[0] <= 0.01 * (seconds + 0.25) + 1e-3
+
+
+def test_a_hand_that_is_nowhere_blinds_no_observer() -> None:
+    desk = Guarded()
+    player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
+    far = messages.decode(waves(player.session, 0, 0.1))
+    desk.core.receive(messages.encode(msgspec.structs.replace(far, state=(5000.0, 5000.0))), "x", desk.now_ns)
+    assert desk.core.dropped["unfit"] == 1
+    desk.say(waves(player.session, 0, 0.1), "x")
+    desk.tick()
+    desk.core.rooms[0].world.offset[0] = 5000.0
+    for _ in range(4):
+        desk.tick()
+    views = [each for each in desk.heard("o") if isinstance(each, View)]
+    assert views[0].session == seen.session
+    assert views[0].proxies_m == (1000.0,)
+
+
+def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left() -> None:
+    desk = Guarded()
+    player = desk.welcome("x")
+    desk.say(waves(player.session, 0, 0.1), "x")
+    desk.core.rooms[0].world.position = np.array([7.0])
+    desk.tick()
+    assert desk.core.rooms[0].diverged
+    desk.say(messages.encode(Leave(player.session, "bored")), "x")
+    desk.tick()
+    assert desk.core.rooms[0].world.position[0] == 0.0
+    assert desk.core.rooms[0].diverged  # of this run it stays true
+
+
+def test_a_sitting_is_not_judged_by_what_others_did_before() -> None:
+    """After a year of work through one seat the books of the next sitting are as exact as those of the first."""
+    desk = Guarded()
+    player, here = desk.welcome("x"), desk.core.rooms[0]
+    for number in range(64):
+        desk.core.receive(waves(player.session, number, 0.3), "x", desk.now_ns)
+        desk.tick()
+    assert here.world.worked()[0] != 0.0
+    here.world.port_work = np.array([3e7 / 7.0, 1.0])
+    desk.core.receive(messages.encode(Leave(player.session, "another time")), "x", desk.now_ns)
+    desk.core.outbox.clear()
+    desk.welcome("x", nonce=2)
+    assert list(here.world.worked()) == [0.0, 1.0], "and nobody else's are touched"
+
+
+def test_who_brings_nothing_in_is_silent_whatever_they_say() -> None:
+    """Waves that do not fit keep no seat; heartbeats do: a device may take long to open."""
+    desk = Guarded(room(people=("anna", "ben", "carl")))
+    fits, unfit, waits = [desk.welcome(name, name=name, nonce=n) for n, name in enumerate(("anna", "ben", "carl"), 1)]
+    for number in range(2 * 128 + 16):
+        desk.core.receive(waves(fits.session, number, 0.1), "anna", desk.now_ns)
+        desk.core.receive(waves(unfit.session, number, 0.1, 0.1), "ben", desk.now_ns)  # two axes
+        desk.core.receive(messages.encode(Heartbeat(waits.session, Stamp(1))), "carl", desk.now_ns)
+        desk.tick()
+        desk.core.outbox.clear()
+    assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free", "seated"]
+    assert desk.core.dropped["unfit"] > 250
+    assert desk.core.dropped["seat timed out"] == 1
+
+
+def test_one_token_holds_so_many_seats_at_once_in_all_rooms() -> None:
+    users = [{"name": name} for name in ("anna", "ben", "cleo", "dora")]
+    rooms = [room(name=name, users=users, admission={"seats_per_token": 3}) for name in ("lab", "annex")]
+    desk = Guarded(*rooms)
+    desk.welcome("a", room="lab", name="")
+    desk.welcome("b", room="annex", name="")
+    first = desk.welcome("c", room="annex", name="")
+    refused = desk.hello("d", token="p", room="lab", name="")
+    assert isinstance(refused, Refuse)
+    assert refused.code == "token"
+    assert "holds 3 seats already (admission.seats_per_token)" in refused.reason
+    assert isinstance(desk.hello("e", token="b", room="lab", name="ben"), Welcome)  # another token
+    desk.say(messages.encode(Leave(first.session, "goodbye")), "c")
+    assert isinstance(desk.hello("f", token="p", room="lab", name=""), Welcome)

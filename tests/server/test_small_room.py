@@ -1,0 +1,90 @@
+"""A room of few people is stepped in plain floats: the same answers, the same energy as by the arrays."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.registry import make_world
+from cogrip.server.worlds.small_room import MOST, FewGripWorld
+
+
+def seats(count: int, axes: int, random: np.random.Generator) -> list[SeatSettings]:
+    settings = resolve({
+        "object": {"axes": axes, "damping_nspm": random.uniform(0.0, 5.0), "mass_kg": 10.0 ** random.uniform(-2, 1)},
+        "coupling": {
+            "stiffness_npm": 10.0 ** random.uniform(0, 5), "damping_nspm": 10.0 ** random.uniform(-1, 2),
+            "impedance_nspm": 10.0 ** random.uniform(0, 2),
+        },
+        "users": [{"name": f"u{number}"} for number in range(count)],
+    })  # fmt: skip
+    return [seat_settings(settings, number) for number in range(count)]
+
+
+@given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) -> None:
+    """They come, hold, and go at random moments, while their stiffness grows as well as after."""
+    random = np.random.default_rng(seed)
+    people = seats(count, axes, random)
+    many, few = GripWorld(people), FewGripWorld(people)
+    for step in range(120):
+        user = int(random.integers(count))
+        if step % 25 == 0:
+            place = random.uniform(-0.1, 0.1, axes)
+            for world in (many, few):
+                world.join(user, place)
+        elif step % 40 == 39:
+            for world in (many, few):
+                world.leave(user)
+        many.external_force = few.external_force = random.uniform(-1.0, 1.0, axes)
+        waves = random.uniform(-0.5, 0.5, (count, axes))
+        rows = few.advance([tuple(row) for row in waves.tolist()])
+        np.testing.assert_allclose(rows, many.step(waves), rtol=1e-9, atol=1e-11)
+        for name in ("position", "velocity", "stretch", "stiffness", "damping", "port_work"):
+            np.testing.assert_allclose(getattr(few, name), getattr(many, name), rtol=1e-9, atol=1e-10, err_msg=name)
+        np.testing.assert_allclose(few.force, many.force, rtol=1e-9, atol=1e-8)
+        for number in range(count):
+            np.testing.assert_allclose(few.proxy(number), many.proxy(number), rtol=1e-9, atol=1e-11)
+    scale = 1.0 + float(np.abs(many.port_work).max())
+    assert few.balance_error_j <= 1e-12 * scale + 10.0 * many.balance_error_j
+
+
+def test_rooms_of_few_and_of_many() -> None:
+    random = np.random.default_rng(1)
+    assert isinstance(make_world(seats(MOST // 3, 3, random)), FewGripWorld)
+    assert isinstance(make_world(seats(MOST // 3 + 1, 3, random)), GripWorld)
+
+
+def test_the_arrays_of_few_people_are_not_to_be_written_to() -> None:
+    world = FewGripWorld(seats(2, 3, np.random.default_rng(1)))
+    for name in ("position", "velocity", "stretch", "stiffness", "damping", "force", "port_work"):
+        assert not getattr(world, name).flags.writeable, name
+    world.position = np.array([0.1, 0.2, 0.3])
+    assert world.motion() == (0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", [GripWorld, FewGripWorld])
+def test_the_work_of_hours_is_within_two_roundings_of_the_true_one(kind: type[GripWorld]) -> None:
+    """Small steps beside a large sum: a plain one is out by up to half its last digit each time."""
+    world, start = kind(seats(2, 1, np.random.default_rng(1))), 1e7 / 3.0
+    for user in range(2):
+        world.join(user, np.zeros(1))
+    world.port_work = np.array([start, -start])
+    true, plain = [Fraction(start), Fraction(-start)], [start, -start]
+    rows = [(0.4,), (0.3,)]
+    for _ in range(2000):
+        answers = world.advance(rows)
+        for user, ((u,), (v,)) in enumerate(zip(rows, answers, strict=True)):
+            work = (0.5 * world.frame_s) * (u * u - v * v)
+            true[user] += Fraction(work)
+            plain[user] += work
+    for user, work in enumerate(world.worked()):
+        assert abs(Fraction(work) - true[user]) <= Fraction(2.0**-52) * Fraction(start) * 2
+    out = max(abs(Fraction(sum_) - work) for sum_, work in zip(plain, true, strict=True))
+    assert out > Fraction(2.0**-52) * Fraction(start) * 4, "else nothing is shown"
+    world.open_books(1)
+    assert list(world.worked()) == [world.port_work[0], 0.0]

@@ -1,0 +1,304 @@
+"""A spring that follows the measured delay: how it is told to, and that it never makes energy of it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cogrip.protocol.felt_stiffness import MOST_GAIN
+from cogrip.protocol.loop_meter import LoopMeter
+from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.core import ServerCore
+from cogrip.server.stiffness_adaptation import FOLLOW_S, WORD_EVERY_S, WORDS, StiffnessFollower
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.push import PushWorld
+from cogrip.server.worlds.registry import make_world
+from cogrip.server.worlds.small_room import FewGripWorld
+from cogrip.server.worlds.world import MOST_SAVED_J, World
+
+FRAME_MS = 7.8125
+
+
+def seat(**coupling: object) -> SeatSettings:
+    table = {"coupling": {"impedance_nspm": 50.0, "compensate": True, **coupling}, "link": {"delay_ms": 2 * FRAME_MS}}
+    return seat_settings(resolve(table), 0)
+
+
+class Followed:
+    """A follower, and the loops that it hears of."""
+
+    def __init__(self, **coupling: object) -> None:
+        self.seat = seat(**coupling)
+        self.loops = LoopMeter(128)
+        self.follower = StiffnessFollower(self.seat, self.loops)
+        self.aims = [self.seat.rendered_npm]
+
+    def hear(self, loop: int, frames: int) -> None:
+        for _ in range(frames):
+            self.loops.add(loop)
+            aim = self.follower.heed()
+            self.aims.append(self.aims[-1] if aim is None else aim)
+
+
+def test_what_the_settings_say_stands_while_the_delay_is_as_they_say() -> None:
+    followed = Followed()
+    followed.hear(5, 1000)
+    assert set(followed.aims) == {followed.seat.rendered_npm}
+    assert followed.seat.rendered_npm == pytest.approx(1000.0 / (1.0 - 5 * FRAME_MS * 1e-3 / 100.0 * 1000.0))
+
+
+@pytest.mark.parametrize("loop", [1, 3, 9])
+def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(loop: int) -> None:
+    followed = Followed()
+    followed.hear(5, 200)
+    followed.hear(loop, 64)
+    assert len(set(followed.aims)) == 1, "half a second of another delay is not the median of a second"
+    followed.hear(loop, 800)
+    goal = 1000.0 / (1.0 - loop * FRAME_MS * 1e-3 / 100.0 * 1000.0)  # 1/K' = 1/K - C_line
+    assert followed.aims[-1] == pytest.approx(goal, rel=1e-12)
+    rates = np.abs(np.diff(np.log(followed.aims))) / (FRAME_MS * 1e-3)
+    assert rates.max() <= 1.0 / FOLLOW_S
+    assert np.all(np.diff(followed.aims) >= 0) if loop > 5 else np.all(np.diff(followed.aims) <= 0)
+    assert followed.follower.told == ""
+
+
+def test_a_jitter_that_leaves_the_median_moves_nothing() -> None:
+    followed = Followed()
+    random = np.random.default_rng(1)
+    for _ in range(2000):
+        followed.hear(int(random.choice([4, 5, 5, 5, 6])), 1)
+    assert len(set(followed.aims)) == 1
+
+
+def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can_be_is_rendered() -> None:
+    followed = Followed()
+    followed.hear(5, 200)
+    followed.hear(13, 2000)  # C_line = 101.6 ms / 100: softer than 1000 N/m
+    assert followed.aims[-1] == 1000.0 * MOST_GAIN
+    assert not followed.follower.reached
+    words = followed.follower.told
+    assert "1000 N/m is out of reach by the delay now measured (94 ms both ways together)" in words
+    assert "984.6 N/m" in words
+    assert "coupling.impedance_nspm above 50.78 would do" in words
+    assert (
+        seat(impedance_nspm=50.79).line_compliance(13) * 1000.0
+        < 1.0
+        < seat(impedance_nspm=50.77).line_compliance(13) * 1000.0
+    )
+    followed.follower.told = ""
+    followed.hear(13, 1000)
+    assert followed.follower.told == ""
+    felt_npm = followed.seat.predicted_stiffness(13)
+    assert felt_npm == pytest.approx(
+        1.0 / (1.0 / 1e5 + 1.0 / 984.615), rel=1e-4
+    )  # 975: as stiff as the line but for 1 %
+    followed.hear(5, 2000)
+    assert "1000 N/m is within reach again" in followed.follower.told
+    assert followed.aims[-1] == pytest.approx(followed.seat.rendered_npm)
+
+
+def swing(followed: Followed, seconds: int) -> list[tuple[int, str]]:
+    """Loops within reach and out of it, as fast as the median of a second lets them; frame and text of each word."""
+    heard = []
+    for frame in range(128 * seconds):
+        followed.hear(13 if frame // 128 % 2 else 5, 1)
+        if followed.follower.told:
+            heard.append((frame, followed.follower.told))
+            followed.follower.told = ""
+    return heard
+
+
+def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others() -> None:
+    followed = Followed()
+    followed.hear(5, 200)
+    heard = swing(followed, 600)
+    at_once = [frame for frame, _ in heard if frame < 8 * 128]
+    assert len(at_once) == WORDS
+    assert WORDS < len(heard) <= WORDS + 600 // WORD_EVERY_S
+    for number, (_, words) in enumerate(heard):  # each says something else than the one before
+        assert ("out of reach" in words) == (number % 2 == 0)
+    changes = 600 - 1  # one in each second but the first
+    assert followed.follower.withheld >= changes - WORDS - 600 // WORD_EVERY_S
+    assert followed.follower.withheld <= changes - WORDS
+
+
+@pytest.mark.parametrize("loop", [5, 13])
+def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
+    followed = Followed()
+    followed.hear(5, 200)
+    heard = swing(followed, 9)
+    assert len(heard) == WORDS
+    followed.hear(loop, 3 * WORD_EVERY_S * 128)
+    reached = loop == 5
+    assert followed.follower.reached is reached
+    assert followed.follower.told == "" if reached else "out of reach" in followed.follower.told
+    assert "within reach again" in heard[-1][1]
+
+
+def test_what_was_not_said_is_counted_by_name() -> None:
+    core = ServerCore([resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", lambda: 1)
+    [room] = core.rooms
+    followed = Followed()
+    room.seats[0].follower = followed.follower
+    followed.hear(5, 200)
+    told = 0
+    for second in range(40):
+        followed.hear(13 if second % 2 else 5, 128)
+        core.tick(room, second)
+        told += sum(event.event == "stiffness" for event in core.events)
+        core.events.clear()
+    assert told == WORDS
+    assert core.dropped == {"stiffness word": 39 - WORDS}
+
+
+@given(st.lists(st.tuples(st.integers(1, 4096), st.integers(1, 400)), max_size=12))
+def test_whatever_loop_a_peer_makes_one_believe_the_aim_is_bounded_and_slow(said: list[tuple[int, int]]) -> None:
+    followed = Followed()
+    for loop, frames in said:
+        followed.hear(loop, frames)
+    aims = np.array(followed.aims)
+    assert np.all((aims >= 1000.0) & (aims <= 1000.0 * MOST_GAIN))
+    assert np.all(np.abs(np.diff(np.log(aims))) <= FRAME_MS * 1e-3 / FOLLOW_S + 1e-12)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"compensate": False}, {"kind": "coupling"}, {"kind": "tdpa"}, {"server_step": "paper", "decimator": "lowpass"}],
+)
+def test_no_other_seat_follows(other: dict[str, object]) -> None:
+    table = {"name": "lab", "coupling": {"impedance_nspm": 50.0, "compensate": True, **other}}
+    [room] = ServerCore([resolve(table)], "1", lambda: 1).rooms
+    assert not room.seats[0].settings.follows
+
+
+def test_worlds_that_are_not_passive_refuse_to_change_a_spring() -> None:
+    world = make_world([seat(server_step="paper")])
+    assert not world.can_follow
+    with pytest.raises(NotImplementedError, match="PaperWorld"):
+        world.aim(0, 500.0)
+
+
+# Energy ----------------------------------------------------------------------------------------------------------------
+
+
+def people(count: int, axes: int, kind: str, follow: bool, random: np.random.Generator) -> list[SeatSettings]:
+    settings = resolve({
+        "object": {
+            "axes": axes, "kind": kind, "damping_nspm": random.uniform(0.0, 5.0), "mass_kg": 10.0 ** random.uniform(-2, 1),
+        },
+        "coupling": {
+            "stiffness_npm": 10.0 ** random.uniform(1, 4), "damping_nspm": 10.0 ** random.uniform(-1, 2),
+            "impedance_nspm": 10.0 ** random.uniform(3.0, 3.9), "compensate": follow,
+        },
+        "users": [{"name": f"u{number}", "side": "right" if number % 2 else "left"} for number in range(count)],
+    })  # fmt: skip
+    return [seat_settings(settings, number) for number in range(count)]
+
+
+def stored_j(world: World) -> float:
+    """Of object and springs."""
+    kinetic = 0.5 * world.mass_kg * float((world.velocity**2).sum())
+    if isinstance(world, PushWorld):
+        depth = np.maximum(0.0, world.side * (world.hand[:, 0] - world.position[0]))
+        return (0.0 if world.fixed else kinetic) + 0.5 * float((world.stiffness[:, 0] * depth**2).sum())
+    assert isinstance(world, GripWorld)
+    return kinetic + 0.5 * float((world.stiffness * world.stretch**2).sum())
+
+
+KINDS = {"cube": FewGripWorld, "many": GripWorld, "faces": PushWorld, "wall": PushWorld}
+
+
+@settings(max_examples=40)
+@given(st.sampled_from(sorted(KINDS)), st.integers(1, 4), st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed: int) -> None:
+    """All that came in through the lines is at least what is stored now, at every step, whatever is aimed at in between."""
+    random = np.random.default_rng(seed)
+    seats = people(count, axes, "cube" if kind == "many" else kind, True, random)
+    world = KINDS[kind](seats)
+    for user in range(count):
+        world.join(user, np.zeros(axes))
+    scale, base = 0.0, seats[0].rendered_npm
+    wave = np.zeros((count, axes))
+    for step in range(300):
+        if step % 3 == 0:
+            for user in range(count):
+                world.aim(user, base * 10.0 ** random.uniform(-2.0, 2.0))
+        if step % 20 == 0:
+            wave = random.uniform(-2.0, 2.0, (count, axes))
+        if step == 200:
+            world.leave(0)
+            wave[0] = 0.0
+        if step == 220:
+            world.join(0, np.zeros(axes))
+        world.step(wave)
+        scale = max(scale, float(np.abs(world.port_work).sum()), stored_j(world))
+        assert stored_j(world) <= float(world.port_work.sum()) + 1e-9 * (1.0 + scale)
+    ledger = world._paid_j if isinstance(world, FewGripWorld) else world._ledger
+    assert max(ledger) <= MOST_SAVED_J
+    assert min(ledger) >= -1e-12 * (1.0 + scale)
+
+
+@pytest.mark.parametrize("kind", ["cube", "many", "wall"])
+def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
+    """That the law above can fail: the same sequence with a ledger that is always full."""
+    worst = 0.0
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        world = KINDS[kind](people(1, 1, "cube" if kind == "many" else kind, True, random))
+        world.join(0, np.zeros(1))
+        for step in range(400):
+            if isinstance(world, FewGripWorld):
+                world._paid_j[0] = 1e6
+            else:
+                world._ledger[0] = 1e6
+            if step % 20 == 0:
+                world.aim(0, world.target_stiffness[0, 0] * (100.0 if step % 40 else 0.01))
+            world.step(np.array([[1.0 if step % 40 < 20 else -0.2]]))
+            worst = max(worst, stored_j(world) - float(world.port_work.sum()))
+    assert worst > 1e-3
+
+
+@settings(max_examples=25)
+@given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_few_people_follow_as_many_do(count: int, axes: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    seats = people(count, axes, "cube", True, random)
+    many, few = GripWorld(seats), FewGripWorld(seats)
+    for step in range(150):
+        user = int(random.integers(count))
+        if step % 25 == 0:
+            for world in (many, few):
+                world.join(user, np.zeros(axes))
+        if step % 4 == 0:
+            aim = seats[user].rendered_npm * 10.0 ** random.uniform(-1.0, 1.0)
+            for world in (many, few):
+                world.aim(user, aim)
+        waves = random.uniform(-0.5, 0.5, (count, axes))
+        rows = few.advance([tuple(row) for row in waves.tolist()])
+        np.testing.assert_allclose(rows, many.step(waves), rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(few.stiffness, many.stiffness, rtol=1e-7)
+        assert [few.stiffness_of(each) for each in range(count)] == few.stiffness[:, 0].tolist()
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_nothing_stretched_costs_nothing_and_what_is_lowered_can_be_raised_again(kind: str) -> None:
+    random = np.random.default_rng(5)
+    [one] = people(1, 1, "cube" if kind == "many" else kind, True, random)
+    K = one.rendered_npm
+    world = KINDS[kind]([one])
+    world.join(0, np.zeros(1))
+    for _ in range(60):
+        world.step(np.zeros((1, 1)))
+    assert world.stiffness_of(0) == K
+    world.aim(0, 2.0 * K)
+    for _ in range(60):
+        world.step(np.zeros((1, 1)))
+    assert world.stiffness_of(0) == 2.0 * K
+    for step in range(200):  # pressed in, and held
+        world.step(np.array([[0.5 if step < 40 else 0.0]]))
+        if step == 60:
+            world.aim(0, K)
+        if step == 61:
+            assert world.stiffness_of(0) == K
+            world.aim(0, 1.5 * K)
+    assert world.stiffness_of(0) == 1.5 * K

@@ -1,0 +1,97 @@
+"""The plain door: hellos from strangers pass, everything else of theirs does not."""
+
+from itertools import count
+
+import msgpack  # type: ignore[import-untyped]
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cogrip.protocol import messages
+from cogrip.protocol.channel import Address
+from cogrip.protocol.messages import HELLO_BYTES, MAX_DATAGRAM_BYTES, Heartbeat, Stamp
+from cogrip.protocol.session import make_hello
+from cogrip.server.rate_limit import Budget, Gate, Limits
+from cogrip.server.unencrypted_channel import PlainListener, looks_like_hello
+
+ANNA, BEN = ("10.0.0.1", 4001), ("10.0.0.2", 4002)
+WAVE = messages.encode(Heartbeat(5, Stamp(1)))
+HELLO = messages.padded(
+    make_hello(software="test", nonce=1, room="", name="", digest="", device="sim:ideal", axes=1, rate_hz=1024.0)
+)
+LIMITS = Limits(Budget(20, 5), Budget(300, 8), Budget(1, 1), Budget(100, 10))
+
+
+def door(*seated: Address) -> PlainListener:
+    return PlainListener(Gate(b"s", LIMITS), seated.__contains__)
+
+
+def test_strangers_may_say_hello_and_no_more() -> None:
+    listener = door(BEN)
+    assert listener.receive(WAVE, ANNA, 0) == ()
+    assert listener.receive(HELLO[:-1], ANNA, 0) == ()
+    assert listener.receive(HELLO, ANNA, 0) == (HELLO,)
+    assert listener.receive(WAVE, BEN, 0) == (WAVE,)
+    assert listener.receive(bytes(MAX_DATAGRAM_BYTES + 1), BEN, 0) == ()
+    assert listener.receive(b"", BEN, 0) == ()
+    assert listener.dropped == {"stranger": 2, "too large": 1, "empty": 1}
+
+
+def test_hellos_have_budgets_by_address_and_in_all() -> None:
+    listener = door()
+    assert sum(len(listener.receive(HELLO, ANNA, 0)) for _ in range(6)) == 5
+    assert (
+        sum(len(listener.receive(HELLO, (f"10.1.1.{number}", 1), 0)) for number in range(10)) == 7
+    )  # and Anna was new
+    assert listener.dropped == {"address budget": 1, "contact budget": 3}
+
+
+def test_who_is_seated_has_a_budget_too_and_spends_nobody_else_s() -> None:
+    slot = Gate(b"s", LIMITS)._peer_slot  # differs from process to process
+    other = next(("10.0.0.2", port) for port in count(4002) if slot(("10.0.0.2", port)) != slot(ANNA))
+    listener = door(ANNA, other)
+    assert sum(len(listener.receive(WAVE, ANNA, 0)) for _ in range(30)) == 10
+    assert listener.dropped == {"flood of a peer": 20}
+    assert listener.receive(WAVE, other, 0) == (WAVE,)
+    assert listener.receive(HELLO, ("10.3.3.3", 1), 0) == (HELLO,)
+
+
+def test_a_dtls_hello_is_a_stranger_s() -> None:
+    listener = door()
+    assert listener.receive(b"\x16\xfe\xff" + bytes(1100), ANNA, 0) == ()
+    assert listener.dropped == {"stranger": 1}
+    assert not listener.outbox
+
+
+def test_sending_is_not_held_back() -> None:
+    listener = door()
+    assert listener.ready(ANNA)
+    assert listener.send(WAVE, ANNA)
+    listener.poll(0)
+    listener.close(ANNA)
+    assert list(listener.outbox) == [(ANNA, WAVE)]
+    assert not listener.failed
+
+
+@given(
+    version=st.integers(0, 2**32),
+    others=st.lists(
+        st.one_of(st.integers(0, 2**60), st.text(max_size=20), st.floats(), st.binary(max_size=30)), max_size=40
+    ),
+)
+def test_hellos_of_other_versions_pass_by_their_beginning(version: int, others: list[object]) -> None:
+    """Written by another MessagePack library; how many fields there are does not matter."""
+    fields = [1, "cogrip", version, "other", 5, *others]
+    datagram = msgpack.packb([*fields, b"\x00" * HELLO_BYTES])
+    assert looks_like_hello(datagram)
+    assert not looks_like_hello(datagram[: HELLO_BYTES - 1])
+    assert looks_like_hello(datagram[:HELLO_BYTES])
+    assert not looks_like_hello(msgpack.packb([2, *fields[1:], b"\x00" * HELLO_BYTES]))
+    assert not looks_like_hello(msgpack.packb([1, "cogrop", *fields[2:], b"\x00" * HELLO_BYTES]))
+
+
+@pytest.mark.parametrize(
+    "datagram", [bytes(1100), b"\x9f" * 1100, b"\xdc" * 1100, b"\xdc\x00\x10\x01\xa6cogri" + bytes(1100)]
+)
+def test_what_does_not_look_like_a_hello(datagram: bytes) -> None:
+    assert not looks_like_hello(datagram)

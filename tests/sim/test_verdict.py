@@ -1,0 +1,264 @@
+"""The three judgements of a run: which session would make each of them wrong? Made accounts first, then whole sessions."""
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from cogrip.protocol.accounts import (
+    ClientAccount,
+    DeviceAccount,
+    LinkCount,
+    Percentiles,
+    PlayoutAccount,
+    RoomAccount,
+    SeatAccount,
+    TickCount,
+)
+from cogrip.protocol.settings import resolve
+from cogrip.sim.runs import verdict as judgement
+from cogrip.sim.runs.folder import summary_text
+from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.summary import UserRecord, summarise
+from cogrip.sim.runs.verdict import came, felt, judgements, passive, stable, succeeded
+from cogrip.sim.runs.verdict_text import verdict
+
+CLIENT = ClientAccount(
+    position_m=(0.0,), force_n=(1.0,), peak_force_n=2.0, travel_m=0.1, felt_stiffness_npm=None, predicted_stiffness_npm=363.0,
+    down_margin_j=0.0, device_leak_j=-0.03, down=LinkCount(sent=1000, received=1000, applied=1000), rtt_ms=Percentiles(),
+    ticks=TickCount(1000, 1000), diverged=False, state="live", reason="", playout=PlayoutAccount(),
+    device=DeviceAccount(margin_j=0.1),
+)  # fmt: skip
+SEAT = SeatAccount((0.0,), 0.0, 0.0, LinkCount(sent=1000, received=1000, applied=1000), PlayoutAccount())
+ROOM = RoomAccount((0.0,), (0.0,), 0.1, False, 0.0, TickCount(128, 128))
+
+
+def summary_of(*users: UserRecord) -> dict[str, Any]:
+    return summarise(name="lab", seed=1, seconds=1.0, tank_mj=0.0, users=users, room=ROOM, dropped={})
+
+
+def person(name: str = "anna", seat: SeatAccount | None = SEAT, **client: Any) -> UserRecord:
+    return UserRecord(name, msgspec.structs.replace(CLIENT, **client), seat)
+
+
+def port(**device: Any) -> UserRecord:
+    return person(device=DeviceAccount(**{"margin_j": 0.1, **device}))
+
+
+def tones(summary: dict[str, Any]) -> str:
+    return " ".join(each.tone for each in judgements(summary))
+
+
+def test_all_is_well_where_every_end_said_so() -> None:
+    summary = summary_of(person())
+    assert tones(summary) == "good good good"
+    assert summary["passive"] is True
+    assert succeeded(summary)
+    assert felt(summary).sentence == "Felt as intended; 363 N/m at rest, predicted, not measured."
+
+
+@pytest.mark.parametrize(
+    ("margin_j", "passed", "tone"),
+    [
+        (0.0, True, "good"),
+        (-0.9e-12, True, "good"),
+        (-1.1e-12, False, "bad"),
+        (-9.0, False, "bad"),
+        (math.nan, False, "bad"),
+        (-math.inf, False, "bad"),
+        (math.inf, False, "bad"),
+        (None, None, "warn"),
+    ],
+)
+def test_a_device_that_gives_more_than_came_in_is_not_passive(margin_j: float | None, passed: bool, tone: str) -> None:
+    summary = summary_of(port(margin_j=margin_j, leak_j=0.5))
+    assert summary["passive"] is passed
+    read = msgspec.json.decode(summary_text(summary))
+    for each in (summary, read):
+        assert passive(each).tone == tone
+        assert succeeded(each) is (tone == "good")
+    if margin_j == -9.0:
+        assert "the device end of anna gave out more energy, 500 mJ at most, than came in" in passive(summary).sentence
+        assert passive(summary).brief == "not passive: device of anna −9 J"
+
+
+def test_what_was_never_told_is_not_good() -> None:
+    untold = {
+        "nothing was told of the device port of anna": person(device=DeviceAccount()),
+        "the server told nothing of the line of anna": person(seat=None),
+        "no account was told by the client of anna": UserRecord("anna", None, SEAT),
+        "nothing was heard from the client of anna": UserRecord("anna", None, replace(SEAT, up=LinkCount())),
+    }
+    for words, user in untold.items():
+        summary = summary_of(user)
+        assert (summary["passive"], passive(summary).tone) == (None, "warn")
+        assert words in passive(summary).sentence
+        assert not succeeded(summary)
+    old = summary_of(person(device=DeviceAccount()))
+    assert tones(old) == "warn warn warn"
+    assert [old["users"][0][key] for key in ("oscillates", "at_limit", "leak_j")] == [None] * 3
+
+
+def test_a_seat_that_nobody_took_has_nothing_to_tell() -> None:
+    nobody = UserRecord("ben", None, SeatAccount((0.0,), None, None, LinkCount()))
+    assert tones(summary_of(person(), nobody)) == "good good good"
+    assert not came(summary_of(nobody))
+    assert came(summary_of(person()))
+    assert not succeeded(summary_of(nobody))
+
+
+@pytest.mark.parametrize(
+    ("asked_npm", "tone", "words"),
+    [
+        (None, "good", "363 N/m at rest, predicted"),
+        (471.0, "good", "363 N/m at rest, predicted"),
+        (472.0, "warn", "Softer than asked for: 363 N/m at rest of 472 N/m asked for, predicted, not measured."),
+        (1453.0, "warn", "Softer than asked for: 363 N/m at rest of 1453 N/m asked for, predicted, not measured."),
+    ],
+)
+def test_what_was_asked_for_stands_beside_what_was_felt(asked_npm: float | None, tone: str, words: str) -> None:
+    judged = felt(summary_of(msgspec.structs.replace(person(), asked_npm=asked_npm)))
+    assert (judged.tone, words in judged.sentence) == (tone, True)
+
+
+def test_an_earlier_sitting_counts() -> None:
+    before = port(margin_j=-1.0)
+    summary = summary_of(msgspec.structs.replace(person(), earlier=(before,)))
+    assert passive(summary).tone == "bad"
+    assert stable(summary_of(msgspec.structs.replace(person(), earlier=(port(oscillates=True),)))).tone == "bad"
+
+
+def test_a_force_that_oscillated_is_not_stable_and_was_not_felt_as_intended() -> None:
+    summary = summary_of(port(oscillates=True), person("ben"))
+    assert tones(summary) == "good bad warn"
+    assert "the force on anna oscillated" in stable(summary).sentence
+    assert summary["passive"]
+    assert not succeeded(summary)
+    [anna, ben] = summary["users"]
+    assert (anna["predicted_stiffness_npm"], anna["not_predicted"]) == (None, "the force oscillated")
+    assert (ben["predicted_stiffness_npm"], ben["not_predicted"]) == (363.0, None)
+
+
+def replaced(share: float, **playout: int) -> UserRecord:
+    account = PlayoutAccount(concealed=round(1000 * share), **playout)
+    return person(playout=account)
+
+
+@pytest.mark.parametrize(
+    ("within", "beyond", "words"),
+    [
+        (
+            port(at_limit=judgement.MOST_LIMITED),
+            port(at_limit=0.05),
+            "a limit of anna's device held the force in 5.0 %",
+        ),
+        (
+            port(controlled=judgement.MOST_CONTROLLED),
+            port(controlled=0.2),
+            "anna's device port changed what is felt in 20 %",
+        ),
+        (replaced(judgement.MOST_REPLACED), replaced(0.6), "60 % of the frames to anna were missing and replaced"),
+        (person(), person(state="degraded"), "anna ended without force"),
+        (person(felt_stiffness_npm=300.0), person(felt_stiffness_npm=100.0), "felt 100 N/m at rest, where 363 N/m"),
+    ],
+)
+def test_what_took_the_place_of_the_force_law_warns_and_does_not_fail(
+    within: UserRecord, beyond: UserRecord, words: str
+) -> None:
+    assert felt(summary_of(within)).tone == "good"
+    summary = summary_of(beyond, person("ben"))
+    assert felt(summary).tone == "warn"
+    assert words in felt(summary).sentence
+    assert "more" not in felt(summary).sentence
+    assert succeeded(summary), "it is no failure of the session"
+
+
+def test_others_of_whom_it_is_true_are_counted() -> None:
+    both = summary_of(port(at_limit=0.05), person("ben", device=DeviceAccount(at_limit=0.5, margin_j=0.0)))
+    assert (
+        "a limit of ben's device held the force in 50 % of the ticks (and more than 1 % with 1 more)"
+        in felt(both).sentence
+    )
+
+
+def test_where_no_force_was_met_nothing_was_felt() -> None:
+    assert felt(summary_of(person(peak_force_n=0.0))).sentence == "Nothing was felt: no hand met a force."
+    assert felt(summary_of(person(peak_force_n=0.0), person("ben"))).tone == "good"
+
+
+@pytest.mark.parametrize(
+    ("user", "why"),
+    [
+        (person(), None),
+        (port(at_limit=0.02), "the force was at a limit in 2.0 % of the ticks"),
+        (port(controlled=0.06), "the device port changed what is felt in 6.0 % of the ticks"),
+        (replaced(0.06), "6.0 % of the frames to it were replaced"),
+        (replaced(0.012, longest_gap=10), "1.2 % of the frames to it were replaced"),
+        (replaced(0.011, longest_gap=10), None),
+        (replaced(0.0, repeated=6, skipped=5), "the playout's depth changed at 1.1 % of the frames"),
+        (replaced(0.0, repeated=5, skipped=5), None),
+        (person(state="fault"), "it ended in fault"),
+    ],
+)
+def test_a_stiffness_is_predicted_only_where_the_line_was_linear(user: UserRecord, why: str | None) -> None:
+    [row] = summary_of(user)["users"]
+    assert row["not_predicted"] == why
+    assert row["predicted_stiffness_npm"] == (None if why else 363.0)
+
+
+# Whole sessions, as a user would run them -------------------------------------------------------------------------------
+
+
+def session(**changes: Any) -> dict[str, Any]:
+    table = {"seconds": 3.0, "users": [{"name": "anna"}, {"name": "ben", "hand": "hold"}], **changes}
+    return run_laboratory(resolve(table)).summary
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_an_ordinary_session_is_all_good(axes: int) -> None:
+    asked = {"stiffness_npm": 300.0}  # which a delay of 10 ms leaves at 240 N/m
+    assert tones(session(object={"axes": axes}, link={"delay_ms": 10.0}, coupling=asked)) == "good good good"
+
+
+def test_frames_that_come_too_late_are_not_felt_as_intended() -> None:
+    summary = session(link={"delay_ms": 20.0, "jitter_ms": 40.0}, playout={"frames": 0})
+    assert tones(summary) == "good good warn"
+    assert "were missing and replaced" in felt(summary).sentence
+    assert {user["predicted_stiffness_npm"] for user in summary["users"]} == {None}
+
+
+def test_a_session_in_which_nobody_moves_says_that_nothing_was_felt() -> None:
+    summary = session(users=[{"name": "anna", "hand": "hold"}, {"name": "ben", "hand": "hold"}])
+    assert felt(summary).sentence == "Nothing was felt: no hand met a force."
+    assert succeeded(summary)
+
+
+def test_a_push_beyond_the_motors_is_not_green() -> None:
+    summary = session(object={"kind": "wall"}, users=[{"name": "anna", "hand": "push&force_n=20"}])
+    assert felt(summary).tone == "warn"
+    assert summary["users"][0]["state"] == "fault"
+    assert not succeeded(summary)
+
+
+def test_an_unstable_coupling_is_not_green() -> None:
+    summary = session(coupling={"kind": "coupling"}, link={"delay_ms": 30.0})
+    assert stable(summary).tone == "bad"
+    assert felt(summary).tone == "warn"
+    assert not succeeded(summary)
+
+
+def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() -> None:
+    summary = summary_of(person())
+    summary["users"][0]["claimed"] = {"diverged": False, "down_margin_j": 0.0}
+    assert passive(summary).tone == "good"
+    assert passive(summary).sentence.endswith("than had been put in, nor, say the clients, any motors.")
+    summary["users"][0]["energy"] |= {"line_reserve_j": 2e-3, "device_reserve_j": 0.2}
+    assert passive(summary).sentence.endswith("any motors; least reserve after the first second 2 mJ in a whole line.")
+
+
+@pytest.mark.parametrize(("received", "words"), [(1000, "told no account"), (0, "was never heard")])
+def test_a_client_without_an_account_was_heard_if_frames_of_it_were(received: int, words: str) -> None:
+    summary = summary_of(UserRecord("ben", None, replace(SEAT, up=LinkCount(received=received))))
+    assert ("warn", f"The client of ben {words}: what it alone knows is missing.") in verdict(summary)
