@@ -49,7 +49,6 @@ COMMANDS = {
         "Compare methods of sharing an object under the same hands, on networks as they are: one table; resumable.",
     ),
     "configs": ("cogrip.cli.session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
-    "bench": ("tests.bench.__main__:bench", "Measure this machine: ratios of what is timed side by side."),
     "devices": ("cogrip.cli.devices.commands:devices", "Devices: list, find, calibrate, check, emulate."),
     "token": ("cogrip.cli.admin.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),
     "who": ("cogrip.cli.admin.who:who", "List who sits and looks on in a running server."),
@@ -59,6 +58,9 @@ COMMANDS = {
         "Measure what this machine can do in real time, and say how to do better.",
     ),
 }
+
+MOVED = {"bench": "benchmarks need a checkout of cogrip: run `python3 dev.py bench NAME` there"}
+"""Commands of earlier versions, and what to run instead."""
 
 app = App(
     name="cogrip",
@@ -81,6 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # this is a process of its own: those that it starts import nothing from where it stands
         os.environ[SAFE_PATH] = "1"
     errors = make_console(stderr=True, soft_wrap=True)
+    given = sys.argv[1:] if arguments is None else arguments
+    if given and given[0] in MOVED:
+        errors.print(f"cogrip: {MOVED[given[0]]}", markup=False)
+        return 2
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
