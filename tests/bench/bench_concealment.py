@@ -101,7 +101,7 @@ def bench_concealment(
         shown.add_row(
             trial.name, f"{trial.peak_n:.2f}", of_zero, f"{trial.step_n:.3f}",
             f"{trial.law_peak_n:.2f}", f"{trial.law_step_n:.3f}", f"{max(drifts, default=0.0):.2f}",
-            f"{1e3 * trial.owed_m:.2f}",
+            f"{1e3 * trial.deficit_m:.2f}",
             f"{trial.least_margin_j:.0e}", f"{trial.least_leak_j:.3f}",
         )  # fmt: skip
     console.print(shown)
@@ -142,12 +142,12 @@ def _run(setup: Setup, stop: Stop) -> dict[str, Trial]:
     """Rows by name, in their order; none of them once `stop` is set. Raises Problem for one that could not be run."""
     jobs = [Job(number, setup, name) for number, name in enumerate(ROWS)]
     with on_signals(stop), LocalWorkers(min(len(ROWS), processors()), stop, run_rows, lambda _: 1) as workers:
-        results = {result.cell: result for result in workers.run(jobs)}
+        results = {result.case: result for result in workers.run(jobs)}
     if stop.reason:
         return {}
-    for cell, result in sorted(results.items()):
+    for case, result in sorted(results.items()):
         if result.error:
-            raise Problem(f"{ROWS[cell]}: could not be run: {result.error}")
+            raise Problem(f"{ROWS[case]}: could not be run: {result.error}")
     return {name: results[number].measures["trial"] for number, name in enumerate(ROWS)}
 
 

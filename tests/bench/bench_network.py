@@ -16,8 +16,8 @@ from rich.table import Table
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.channel import PlainChannel
-from cogrip.protocol.io.dtls_client import SealedCall
+from cogrip.protocol.channel import UnencryptedChannel
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.settings import seat_settings
 
@@ -191,7 +191,7 @@ def make_load(job: Job, server: Process) -> Load:
     started = server.started
     people = make_people(
         job.people, job.per_room, (HOST, started.port),
-        (lambda: SealedCall(started.fingerprint)) if job.kind == "sealed" else PlainChannel,
+        (lambda: DtlsClient(started.fingerprint)) if job.kind == "sealed" else UnencryptedChannel,
         started.token, Echoed if job.kind == "echo" else Person,
     )  # fmt: skip
     return Load(people, seat_settings(settings_of(job)[0], 0))

@@ -20,7 +20,7 @@ from cogrip.sim.runs.folder import finite
 from tests.bench.playout_trial import NothingCameError, Played, arrivals, beaten, best_fixed, fixed_delays, play, ratio
 
 BOUND = 1.2  # of the best fixed depth's delay, and of the frames that it loses to lateness
-WAYS = ("up", "down")
+DIRECTIONS = ("up", "down")
 MOST_SEEDS = 10_000
 LEAST_S, MOST_S = 1.0, 3600.0
 LEAST_HZ, MOST_HZ = get_args(Hz)[1].ge, get_args(Hz)[1].le
@@ -65,13 +65,13 @@ def bench_playout(
     rows = []
     for name in PROFILES:
         if not profile or name in profile:
-            for way in WAYS:
-                console.print(f"{name} {way}: {seeds} runs of {seconds:g} s", style="dim")
+            for direction in DIRECTIONS:
+                console.print(f"{name} {direction}: {seeds} runs of {seconds:g} s", style="dim")
                 try:
-                    rows.append(_trial(name, way, seeds, seconds, network_hz))
+                    rows.append(_trial(name, direction, seeds, seconds, network_hz))
                 except NothingCameError as error:
                     raise BadInput(
-                        f"--seconds {seconds:g} at --network-hz {network_hz}: {name} {way}: {error}; give more"
+                        f"--seconds {seconds:g} at --network-hz {network_hz}: {name} {direction}: {error}; give more"
                     ) from None
     console.print(_table(rows, network_hz))
     kept = all(row["delay_ratio"] <= BOUND and row["late_ratio"] <= BOUND and not row["beaten"] for row in rows)
@@ -81,9 +81,9 @@ def bench_playout(
     return 0 if kept else 1
 
 
-def _trial(name: str, way: Any, seeds: int, seconds: float, network_hz: int) -> dict[str, Any]:
-    link = Link(profile=name).direction(way)  # type: ignore[arg-type]
-    runs = [arrivals(link, f"{seed}/{way}", seconds, network_hz) for seed in range(1, seeds + 1)]
+def _trial(name: str, direction: Any, seeds: int, seconds: float, network_hz: int) -> dict[str, Any]:
+    link = Link(profile=name).direction(direction)  # type: ignore[arg-type]
+    runs = [arrivals(link, f"{seed}/{direction}", seconds, network_hz) for seed in range(1, seeds + 1)]
     ours = [play(run, "auto") for run in runs]
     delays = fixed_delays(runs)
     quickest = delays[0].delay_frames
@@ -96,7 +96,7 @@ def _trial(name: str, way: Any, seeds: int, seconds: float, network_hz: int) -> 
     border = one_way(link.delay_ms, 0, Rates(network_hz, network_hz)).frames
     return {
         "profile": name,
-        "way": way,
+        "way": direction,
         "delay_ms": 1e3 * delay / network_hz,
         "held_frames": delay - quickest,
         "late_share": late,
@@ -142,15 +142,15 @@ def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
     ))  # fmt: skip
     numbers = _empty("the best number for playout.frames", ("frames", "ms", "late %", "expected of auto"))
     for row in rows:
-        way = f"{row['profile']} {row['way']}"
+        direction = f"{row['profile']} {row['way']}"
         beside.add_row(
-            way, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
+            direction, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
             f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
             f"{100 * row['best_late_share']:.3f}", f"{row['delay_ratio']:.3f}", f"{row['late_ratio']:.3f}",
             "yes" if row["beaten"] else "no",
         )  # fmt: skip
         numbers.add_row(
-            way, str(row["number"]), f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
+            direction, str(row["number"]), f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
             str(row["expected_frames"]),
         )  # fmt: skip
     return Group(beside, "", numbers)

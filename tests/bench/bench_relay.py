@@ -106,12 +106,13 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
     after = os.getloadavg()[0]
     answer = {
         "users": users, "seconds": seconds, "bytes": BYTES, "load_before": before, "load_after": after,
-        "profile": profile, **{way: _compared([getattr(user, way) for user in people], first) for way in ("up", "down")},
+        "profile": profile,
+        **{direction: _compared([getattr(user, direction) for user in people], first) for direction in ("up", "down")},
         "relay_left_late_us": told["late_us"], "relay_trouble": told["trouble"],
     }  # fmt: skip
     if profile is not None:
         answer["up"]["added_us"] = _beyond_drawn(people, profile, first)
-    reached = all(answer[way]["added_us"]["p99"] < MOST_ADDED_US for way in ("up", "down"))
+    reached = all(answer[direction]["added_us"]["p99"] < MOST_ADDED_US for direction in ("up", "down"))
     what = f"through {profile} on the way up" if profile else "without impairment"
     console.print(
         f"{users} users, {NETWORK_HZ} Hz, {BYTES} bytes, {seconds:g} s, {what}; us from sending to the kernel"
@@ -208,7 +209,7 @@ def _run(people: Sequence[User], seconds: float) -> None:
 
 def _way_up(profile: ProfileName | None) -> dict[str, float]:
     """What is emulated: on the way up only, and no outage, so that as many as possible come to be timed."""
-    values = PROFILES[profile].way("up") if profile else {}
+    values = PROFILES[profile].direction("up") if profile else {}
     return {key: value for key, value in values.items() if not key.startswith("outage")}
 
 
@@ -257,11 +258,11 @@ def _table(answer: dict[str, Any]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("way", "", "datagrams", *PERCENTILES):
         table.add_column(heading, justify="left" if heading in ("way", "") else "right")
-    for way in ("up", "down"):
-        each = answer[way]
+    for direction in ("up", "down"):
+        each = answer[direction]
         for kind in ("direct", "relayed", "added"):
             values = each[f"{kind}_us"]
-            table.add_row(way, kind, f"{each['datagrams']}", *(f"{values[name]:.1f}" for name in PERCENTILES))
+            table.add_row(direction, kind, f"{each['datagrams']}", *(f"{values[name]:.1f}" for name in PERCENTILES))
         ratios = [each["relayed_us"][name] / each["direct_us"][name] for name in PERCENTILES]
-        table.add_row(way, "relayed / direct", "", *(f"{ratio:.1f}" for ratio in ratios))
+        table.add_row(direction, "relayed / direct", "", *(f"{ratio:.1f}" for ratio in ratios))
     return table

@@ -45,7 +45,7 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
         traced, made, solved = np.median(times, axis=0)
         ratio = solved / traced
         worst = min(worst, ratio)
-        points = sum(len(region.outline.points_npm) for region in found)
+        points = sum(len(region.boundary.points_npm) for region in found)
         table.add_row(
             scheme, f"{1e3 * traced:.0f} ms", str(points), f"{1e3 * solved:.0f} ms", f"{1e3 * (made + solved):.0f} ms",
             f"{ratio:.1f}", f"{(made + solved) / traced:.1f}",

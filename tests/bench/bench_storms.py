@@ -23,7 +23,7 @@ from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 from cogrip.sim.runs.folder import finite
 
 from tests.bench.own_settings import refuse_own
-from tests.bench.storms.case import Job, rest_from_s, run_cells
+from tests.bench.storms.case import Job, rest_from_s, run_cases
 from tests.bench.storms.matrix import (
     LEAST_S,
     MOST_NPM,
@@ -105,12 +105,12 @@ def bench_storms(
     with on_signals(stop), Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TimeRemainingColumn(), console=make_console(stderr=True), transient=True,
-    ) as bar, LocalWorkers(workers or processors(), stop, run_cells, at_once) as these:  # fmt: skip
+    ) as bar, LocalWorkers(workers or processors(), stop, run_cases, at_once) as these:  # fmt: skip
         task = bar.add_task("sessions", total=len(jobs))
         for result in these.run(jobs):
-            results[result.cell] = result
+            results[result.case] = result
             bar.update(task, completed=len(results))
-    return _tell([(job, results[job.cell]) for job in jobs if job.cell in results], len(jobs), stop, json, console)
+    return _tell([(job, results[job.case]) for job in jobs if job.case in results], len(jobs), stop, json, console)
 
 
 def _matrix(

@@ -16,7 +16,7 @@ _BLOCKS = 4
 _TOLD_OF_TWO = 1.8
 
 
-def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int:
+def bench_sweep(*, cases: int = 400, seconds: float = 5.0, jobs: int = 2) -> int:
     """Two-user sessions of the demo's settings, each with its own stiffness; blocks of cells go to one and to many in turn.
 
     Parameters
@@ -28,11 +28,11 @@ def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int
     jobs
         Workers of the larger pool.
     """
-    if cells < _BLOCKS or jobs < 2:
+    if cases < _BLOCKS or jobs < 2:
         raise BadInput(f"bench sweep needs at least {_BLOCKS} cells and 2 jobs")
     console = make_console()
     base = msgspec.to_builtins(load(shipped("demo"), [f"seconds={seconds}"]))
-    all_jobs = [Job(cell, base, {"coupling.stiffness_npm": 200.0 + 2.0 * cell}, COLUMNS) for cell in range(cells)]
+    all_jobs = [Job(case, base, {"coupling.stiffness_npm": 200.0 + 2.0 * case}, COLUMNS) for case in range(cases)]
     blocks = [all_jobs[start::_BLOCKS] for start in range(_BLOCKS)]
     spent = {1: 0.0, jobs: 0.0}
     answers = {}
@@ -45,12 +45,12 @@ def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int
                 start = time.perf_counter()
                 results = list(workers.run(block))
                 spent[count] += time.perf_counter() - start
-                answers[number, count] = sorted((result.cell, str(result.measures)) for result in results)
+                answers[number, count] = sorted((result.case, str(result.measures)) for result in results)
                 console.print(f"block {number + 1} of {_BLOCKS}, {count} workers: {len(results)} cells")
     same = all(answers[number, 1] == answers[number, jobs] for number in range(_BLOCKS))
     ratio = spent[1] / spent[jobs]
     console.print(
-        f"{cells} cells of {seconds:g} s: 1 worker {spent[1]:.1f} s, {jobs} workers {spent[jobs]:.1f} s, ratio {ratio:.2f}; "
+        f"{cases} cells of {seconds:g} s: 1 worker {spent[1]:.1f} s, {jobs} workers {spent[jobs]:.1f} s, ratio {ratio:.2f}; "
         f"results {'equal' if same else 'DIFFER'}"
     )
     if jobs == 2:

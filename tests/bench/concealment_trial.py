@@ -48,7 +48,7 @@ class Trial:
     missing: float  # share of the frames down that were not there in time
     longest_gap: int  # frames
     gaps_m: Gaps
-    owed_m: float  # the most that lines owed of the way from proxy to hand, at the moments that count
+    deficit_m: float  # the most that lines owed of the way from proxy to hand, at the moments that count
     diverged: str
 
 
@@ -71,7 +71,7 @@ class Setup:
 class Job:
     """One row, for whichever process takes it."""
 
-    cell: int
+    case: int
     setup: Setup
     name: str
 
@@ -117,7 +117,7 @@ class Watch:
         self._wish = list(self._last)
         self.peak_n = self.step_n = self.law_peak_n = self.law_step_n = 0.0
         self.gaps_m: list[tuple[float, ...]] = []
-        self.owed_m = 0.0
+        self.deficit_m = 0.0
 
     def tick(self, laboratory: Laboratory) -> None:
         for number, person in enumerate(laboratory.people):
@@ -143,8 +143,8 @@ class Watch:
                 port, coupling = seat.port, person.core.coupling
                 if isinstance(port, WavePort) and isinstance(coupling, WaveCoupling):
                     way_m = seat.settings.rates.frame_s / sqrt(2.0 * seat.settings.coupling.impedance_nspm)
-                    owed = (abs(up - down) for up, down in zip(port.owed, coupling.owed, strict=True))
-                    self.owed_m = max(self.owed_m, way_m * max(owed))
+                    deficit = (abs(up - down) for up, down in zip(port.deficit, coupling.deficit, strict=True))
+                    self.deficit_m = max(self.deficit_m, way_m * max(deficit))
 
 
 def try_out(setup: Setup, name: str) -> Trial:
@@ -173,7 +173,7 @@ def try_out(setup: Setup, name: str) -> Trial:
         missing=missing / max(1, sent),
         longest_gap=longest,
         gaps_m=tuple(watch.gaps_m),
-        owed_m=watch.owed_m,
+        deficit_m=watch.deficit_m,
         diverged=laboratory.diverged,
     )
 
@@ -183,9 +183,9 @@ def run_rows(jobs: Sequence[Job]) -> list[Result]:
     out = []
     for job in jobs:
         try:
-            out.append(Result(job.cell, {"trial": try_out(job.setup, job.name)}))
+            out.append(Result(job.case, {"trial": try_out(job.setup, job.name)}))
         except Exception as error:  # noqa: BLE001 (kept with the row, and told)
-            out.append(Result(job.cell, {}, f"{type(error).__name__}: {error}"))
+            out.append(Result(job.case, {}, f"{type(error).__name__}: {error}"))
     return out
 
 

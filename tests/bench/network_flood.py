@@ -15,7 +15,7 @@ import msgspec
 
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io.dtls import cookie_in
-from cogrip.protocol.io.dtls_client import SealedCall
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, padded
 from cogrip.protocol.session import make_hello
@@ -110,7 +110,7 @@ def _hellos(
     server: tuple[str, int], fingerprint: str, chance: random.Random
 ) -> tuple[tuple[bytes, ...], tuple[bytes, ...]]:
     """ClientHellos without a cookie; and some with the cookie of another address, or with one that was made up."""
-    calls = [SealedCall(fingerprint) for _ in range(SAMPLES)]
+    calls = [DtlsClient(fingerprint) for _ in range(SAMPLES)]
     for call in calls:
         call.poll(time.monotonic_ns())
     whole = tuple(call.outbox.popleft()[1] for call in calls)

@@ -26,14 +26,14 @@ from cogrip.protocol.io.receive_buffer import enlarge
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.core import ServerCore
-from cogrip.server.io.authenticator import TokenDoor
-from cogrip.server.io.dtls_channel import SealedListener
-from cogrip.server.io.housekeeping import Keeper
+from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.dtls_channel import DtlsListener
+from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.state_folder import StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.loop import LiveServer, ServerChannel
-from cogrip.server.rate_limit import Gate
-from cogrip.server.unencrypted_channel import PlainListener
+from cogrip.server.rate_limit import RateLimiter
+from cogrip.server.unencrypted_channel import UnencryptedListener
 
 from tests.bench.network_load import room_name
 
@@ -137,18 +137,18 @@ def serve(job: Job) -> None:
     stop, told, trouble = Stop(), [0], list[str]()
     folder = make_folder(Path(job.state))
 
-    def say(happening: object) -> None:
+    def say(event: object) -> None:
         told[0] += 1
-        if getattr(happening, "event", "") == "trouble":
-            trouble.append(str(happening))
+        if getattr(event, "event", "") == "trouble":
+            trouble.append(str(event))
 
-    door = TokenDoor(TokenFile(folder), say) if job.kind == "sealed" else None
+    authenticator = TokenAuthenticator(TokenFile(folder), say) if job.kind == "sealed" else None
     server = LiveServer(settings_of(job), HOST, 0, stop, say, lambda core: _channel(core, job, folder))
-    if door is not None:
-        server.doorkeeper = door
+    if authenticator is not None:
+        server.authenticator = authenticator
     server.record_at = Path(job.record_at) if job.record_at else None
     _, port = server.listen()
-    keeper = Keeper(server, say, folder=folder, door=door)
+    housekeeping = Housekeeping(server, say, folder=folder, authenticator=authenticator)
 
     def read() -> Reading:
         lateness, work = DurationHistogram(), DurationHistogram()
@@ -161,29 +161,31 @@ def serve(job: Job) -> None:
         counts = [seat.port.count() for room in server.core.rooms for seat in room.seats if seat.port]
         return Reading(
             time.monotonic_ns(), time.process_time_ns(), memory_kb(), lateness.summary_us(), work.summary_us(),
-            lateness.count, pacers[0].skipped, {**server.drops(), **server.losses()}, len(server.core.present()),
+            lateness.count, pacers[0].skipped, {**server.drops(), **server.losses()}, len(server.core.roster()),
             sum(count.lost for count in counts), sum(count.late for count in counts), told[0], tuple(trouble),
         )  # fmt: skip
 
     asked = Asked(job, read, stop)
     server.chores.append(asked.look)
     started = Started(port)
-    if isinstance(server.channel, SealedListener):
+    if isinstance(server.channel, DtlsListener):
         token = draw_token()
         TokenFile(folder).change(lambda book: book.new(token, time.time(), role="player"))
         started = Started(port, server.channel.fingerprint, token)
     _print(started)
-    keeper.begin()
+    housekeeping.begin()
     try:
         server.run()
     finally:
-        keeper.end(said_goodbye=True)
+        housekeeping.end(said_goodbye=True)
 
 
 def _channel(core: ServerCore, job: Job, folder: StateFolder) -> ServerChannel:
-    gate = Gate(secrets.token_bytes(16))
+    rate_limiter = RateLimiter(secrets.token_bytes(16))
     return (
-        PlainListener(gate, core.listens_to) if job.kind == "plain" else SealedListener(folder.path, gate, core.knows)
+        UnencryptedListener(rate_limiter, core.listens_to)
+        if job.kind == "plain"
+        else DtlsListener(folder.path, rate_limiter, core.knows)
     )
 
 

@@ -132,8 +132,8 @@ def test_region_leaves_picture_numbers_and_record(capsys, tmp_path: Path) -> Non
     assert (tmp_path / "region.svg").read_text().startswith("<?xml")
     with (tmp_path / "region.csv").open() as file:
         rows = list(csv.DictReader(file))
-    outline = [row for row in rows if row["kind"] == "outline"]
-    assert all(float(row["radius_inside"]) < 1.0 < float(row["radius_outside"]) for row in outline)
+    boundary = [row for row in rows if row["kind"] == "outline"]
+    assert all(float(row["radius_inside"]) < 1.0 < float(row["radius_outside"]) for row in boundary)
     assert sum(row["kind"] == "cell" for row in rows) == 4 * 64
     record = json.loads((tmp_path / "region.json").read_text())
     assert [each["delay_frames"] for each in record["outlines"]] == [0, 1, 2, 4]

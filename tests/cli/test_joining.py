@@ -11,13 +11,13 @@ from rich.console import Console
 from cogrip.cli.session import join
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.client.io.paths import Calls
+from cogrip.client.io.paths import Paths
 from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.device import Device
 from cogrip.protocol import messages
-from cogrip.protocol.channel import PlainChannel
-from cogrip.protocol.io.dtls_client import SealedCall
+from cogrip.protocol.channel import UnencryptedChannel
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.messages import Hello, Stamp, View, Welcome
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import resolve, seat_settings
@@ -79,15 +79,15 @@ def test_the_end_of_a_link_is_not_looked_up(cogrip: Cogrip, monkeypatch: pytest.
     assert looked_up == []
 
 
-def asked(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[Hello, Calls]:
+def asked(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[Hello, Paths]:
     """What would go to the server, looked at where it would go out."""
-    found: list[tuple[Hello, Calls]] = []
+    found: list[tuple[Hello, Paths]] = []
 
-    def client(arm: Device, hello: Hello, calls: Calls, *_: object) -> None:
+    def client(arm: Device, hello: Hello, calls: Paths, *_: object) -> None:
         found.append((hello, calls))
         raise BadInput("nobody is there")
 
-    def look_on(session: ClientSession, calls: Calls, *_: object) -> None:
+    def look_on(session: ClientSession, calls: Paths, *_: object) -> None:
         hello = messages.decode(session.hello)
         assert isinstance(hello, Hello)
         found.append((hello, calls))
@@ -104,7 +104,7 @@ def test_a_link_is_all_that_is_needed(cogrip: Cogrip, monkeypatch: pytest.Monkey
     hello, calls = asked(cogrip, monkeypatch, LINK)
     assert (hello.room, hello.role, hello.token, hello.ticket) == ("lab", "player", TOKEN, "")
     assert (calls.server.host, calls.server.port) == ("127.0.0.1", 4711)
-    assert isinstance(calls.make_channel(), SealedCall), "with a link nothing is ever said in the open"
+    assert isinstance(calls.make_channel(), DtlsClient), "with a link nothing is ever said in the open"
 
 
 @pytest.mark.parametrize("pasted", [f"<{LINK}>", f"'{LINK}'", f" cogrip join '{LINK}'\n"])
@@ -129,7 +129,7 @@ def test_a_hello_claims_its_devices_record(cogrip: Cogrip, monkeypatch: pytest.M
         min(record.speed_mps, messages.NO_BOUND),
     )
     assert (hello.token, hello.device_axes) == ("", 3)
-    assert isinstance(calls.make_channel(), PlainChannel)
+    assert isinstance(calls.make_channel(), UnencryptedChannel)
 
 
 @pytest.mark.parametrize("where", ["127.0.0.1:4711", "localhost:4711", "[::1]:4711"])
@@ -139,7 +139,7 @@ def test_this_machine_may_be_spoken_to_in_the_open(cogrip: Cogrip, monkeypatch: 
 
 def test_another_one_only_where_that_is_asked_for(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     _, calls = asked(cogrip, monkeypatch, "192.0.2.7", "--insecure")
-    assert isinstance(calls.make_channel(), PlainChannel)
+    assert isinstance(calls.make_channel(), UnencryptedChannel)
 
 
 def test_an_observer_needs_no_device(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,14 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.cli.session.log_lines import LONGEST_BYTES, LONGEST_TEXT, WARNINGS, LogLines
-from cogrip.server.events import EVENTS, Happening
+from cogrip.server.events import EVENTS, ServerEvent
 
 AT = datetime(2026, 3, 4, 5, 6, 7, 89_500, tzinfo=timezone(timedelta(hours=1)))
-JOINED = Happening("joined", "lab: anna joined from 10.0.0.7:5", "lab", "anna", "10.0.0.7:5", token="k3")
+JOINED = ServerEvent("joined", "lab: anna joined from 10.0.0.7:5", "lab", "anna", "10.0.0.7:5", token="k3")
 ANY = st.text(st.characters(exclude_categories=()), max_size=60)  # lone surrogates as well
 
 
-def said(form: str, *what: Happening | str) -> str:
+def said(form: str, *what: ServerEvent | str) -> str:
     stream = io.StringIO()
     lines = LogLines(form, stream, lambda: AT)
     for each in what:
@@ -49,7 +49,7 @@ def test_json_has_the_fields_that_are_set():
 
 @pytest.mark.parametrize("event", EVENTS)
 def test_what_a_keeper_should_look_at_is_a_warning(event):
-    level = json.loads(said("json", Happening(event, "x")))["level"]
+    level = json.loads(said("json", ServerEvent(event, "x")))["level"]
     assert level == (
         "info" if event in ("joined", "observes", "resumed", "left", "restored", "reloaded") else "warning"
     )
@@ -67,13 +67,13 @@ def test_the_time_is_now_and_has_an_offset():
 
 @given(ANY, ANY)
 def test_whatever_a_stranger_is_called_is_one_line(text, user):
-    happening = Happening("refused", text, user=user)
-    (line,) = said("json", happening).splitlines()
+    event = ServerEvent("refused", text, user=user)
+    (line,) = said("json", event).splitlines()
     assert line.isascii()
     assert line.isprintable()
     told = json.loads(line)
     assert (told["text"], told.get("user", "")) == (text, user)
-    for what in (happening, text):
+    for what in (event, text):
         shown = said("text", what)
         assert shown.count("\n") == 1
         assert shown[:-1].isprintable(), "nothing that moves a cursor, and nothing that runs backwards"
@@ -82,7 +82,7 @@ def test_whatever_a_stranger_is_called_is_one_line(text, user):
 @pytest.mark.parametrize("character", ["a", "é", "\U0001f600", "\0"])
 def test_a_line_fits_whole_into_a_pipe(character):
     for length in (LONGEST_TEXT, 100 * LONGEST_TEXT):
-        line = said("json", Happening("refused", character * length, "r" * 40, "u" * 40))
+        line = said("json", ServerEvent("refused", character * length, "r" * 40, "u" * 40))
         assert len(line) <= LONGEST_BYTES
         assert json.loads(line)["text"].startswith(character * 100)
 

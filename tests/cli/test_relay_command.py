@@ -245,7 +245,7 @@ def test_at_a_terminal_the_status_goes_where_the_lines_go() -> None:
 @pytest.mark.parametrize("width", [130, PIPED_WIDTH])
 def test_no_address_is_cut(width: int) -> None:
     address = ("2001:db8:1111:2222:3333:4444:5555:6666", 65535)
-    core = Relay(lambda number, way, origin_ns: configured_link(Link(), way, "", (), origin_ns))
+    core = Relay(lambda number, direction, origin_ns: configured_link(Link(), direction, "", (), origin_ns))
     core.from_client(b"x", address, 0)
     console = Console(file=StringIO(), width=width)
     console.print(_table(LiveRelay(core, ("", 0), ("", 0), Stop(), print)))

@@ -26,7 +26,7 @@ from cogrip.devices.arm.check import Row
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
-from cogrip.server.roster import Present
+from cogrip.server.roster import RosterEntry
 from cogrip.server.tokens import Token
 from cogrip.sim.experiments.methods.table import TABLE
 from cogrip.sim.runs.comparison import differences
@@ -185,11 +185,11 @@ def test_the_live_table_of_a_server(monkeypatch: pytest.MonkeyPatch, width: int,
     names = [f"room-{number}" for number in range(rooms)]
     table = ServeTable(ServeView("nowhere", dict.fromkeys(names, PEOPLE)))
     monkeypatch.setattr(table, "_run", Followed(3))
-    present = [Present(name, names[0], IPV6, 4e5, seat, rtt_ms=1234.5, lost=123456, holds=seat > 1)
+    roster = [RosterEntry(name, names[0], IPV6, 4e5, seat, rtt_ms=1234.5, lost=123456, holds=seat > 1)
                for seat, name in enumerate(PEOPLE[:3])]  # fmt: skip
     monkeypatch.setattr(table, "_state", object())
     monkeypatch.setattr(table, "_ask", lambda: None)
-    table._here = {(each.room, each.seat): each for each in present if each.seat is not None}
+    table._here = {(each.room, each.seat): each for each in roster if each.seat is not None}
     text = printed(table.table(width, height - 1), width)
     check(
         text, width, "name", "state", "since", "rtt", "lost", "proxy", "force", "holds", "comes", "111:06:40", "1234.5"
@@ -249,7 +249,7 @@ def test_ages_have_the_unit_that_fits() -> None:
 
 
 def relay_of(host: str) -> LiveRelay:
-    core = Relay(lambda number, way, origin_ns: configured_link(Link(), way, "", (), origin_ns), 8, 10**9)
+    core = Relay(lambda number, direction, origin_ns: configured_link(Link(), direction, "", (), origin_ns), 8, 10**9)
     for port in (65533, 65534, 65535):
         core.from_client(b"x", (host, port), 0)
     return LiveRelay(core, ("", 0), ("", 0), Stop(), print)
@@ -283,7 +283,7 @@ def test_a_relays_table(width: int, host: str) -> None:
 def test_a_relays_status_is_one_line(monkeypatch: pytest.MonkeyPatch, width: int, count: int) -> None:
     live = relay_of("127.0.0.1")
     total = dict.fromkeys(("sent", "delivered", "lost", "outage"), count)
-    monkeypatch.setattr(live.relay, "totals", lambda way: total)
+    monkeypatch.setattr(live.relay, "totals", lambda direction: total)
     line = _status(live, width).replace("\r", "").replace("\x1b[K", "")
     assert len(line) < width
     assert "flows: up " in line
@@ -294,7 +294,7 @@ def test_a_relays_status_is_one_line(monkeypatch: pytest.MonkeyPatch, width: int
 @pytest.mark.parametrize("width", WIDTHS)
 def test_who_is_there(width: int) -> None:
     people = [
-        Present(
+        RosterEntry(
             name,
             "room-" + "r" * 30,
             IPV6,

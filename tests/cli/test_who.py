@@ -10,15 +10,15 @@ import pytest
 
 from cogrip.server.io.control import Control, Who
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
-from cogrip.server.roster import Present
+from cogrip.server.roster import RosterEntry
 
 from tests.cli.spoiled_runs import Cogrip
 
 LIMIT_S = 20.0
 PEOPLE = (
-    Present("anna", "lab", "10.0.0.7:5", 3723.4, 0, "sim:phantom\x1b[2J", 41.25, 20.0, 21.25, 7, True),
-    Present("ben", "lab", "away", 61.0, 1, "mouse:", None, None, None, 0),
-    Present("observer 1", "lab", "[::1]:9", 0.0),
+    RosterEntry("anna", "lab", "10.0.0.7:5", 3723.4, 0, "sim:phantom\x1b[2J", 41.25, 20.0, 21.25, 7, True),
+    RosterEntry("ben", "lab", "away", 61.0, 1, "mouse:", None, None, None, 0),
+    RosterEntry("observer 1", "lab", "[::1]:9", 0.0),
 )
 
 

@@ -57,7 +57,7 @@ class Person(RecordedEnd):
         seat = seat_settings(self.settings, 0)
         return messages.encode(Welcome(3, 1, self.session, digest(self.settings), "test", seat, TICKET))
 
-    def sit(self) -> None:
+    def take_seat(self) -> None:
         self.core.call(self.now_ns)
         self.core.receive(self.welcome(), self.now_ns)
         self.now_ns += 300_000_000
@@ -131,7 +131,7 @@ def scripted() -> Person:
     """A session with every kind of message, every command, every state."""
     person = Person(2, gives_velocity=False)
     person.poll(0, [("garbage", 3, 0.0)])
-    person.sit()
+    person.take_seat()
     person.run(60)
     person.run_tick(1, Sample((math.nan, 0.0), None))
     person.run(5)
@@ -157,7 +157,7 @@ def outages() -> Person:
     """A session that comes back to its line, and then to a new one."""
     person = Person(1)
     person.poll(0)
-    person.sit()
+    person.take_seat()
     person.run(40)
     person.run(550, answered=False)
     person.run_tick(1, person.sample((person.swing_m(1),) * 3, ()), [("welcome", 0, 0.0)])

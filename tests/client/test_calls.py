@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from cogrip.client.io.paths import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, Calls, JoinError, Server, find
+from cogrip.client.io.paths import LEFT, MOST_DATAGRAMS, MOST_MESSAGES, TOO_MANY, JoinError, Paths, Server, find
 from cogrip.client.path_migration import AGAIN_NS, REFUSED_NS, SPARE_NS
-from cogrip.protocol.channel import PEER, Address, Channel, PlainChannel
+from cogrip.protocol.channel import PEER, Address, Channel, UnencryptedChannel
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.session import GIVE_UP_NS, ClientSession, make_hello
 
@@ -18,7 +18,7 @@ LIMIT_S = 60.0
 MS = 1_000_000
 
 
-class SlowChannel(PlainChannel):
+class SlowChannel(UnencryptedChannel):
     """Opens once it has heard `open`, says `knock` until then, and can be told to fail."""
 
     def __init__(self) -> None:
@@ -75,15 +75,15 @@ def far() -> Iterator[Far]:
     server.socket.close()
 
 
-Make = Callable[[Callable[[], Channel]], Calls]
+Make = Callable[[Callable[[], Channel]], Paths]
 
 
 @pytest.fixture
 def calls(far: Far) -> Iterator[Make]:
-    made: list[Calls] = []
+    made: list[Paths] = []
 
-    def make(channel: Callable[[], Channel]) -> Calls:
-        made.append(Calls(find("127.0.0.1", far.port), channel))
+    def make(channel: Callable[[], Channel]) -> Paths:
+        made.append(Paths(find("127.0.0.1", far.port), channel))
         made[-1].open()
         return made[-1]
 
@@ -92,7 +92,7 @@ def calls(far: Far) -> Iterator[Make]:
         each.close()
 
 
-def arrives(calls: Calls, now_ns: int = 0, answers: Callable[[bytes], bool] = lambda message: False) -> list[bytes]:
+def arrives(calls: Paths, now_ns: int = 0, answers: Callable[[bytes], bool] = lambda message: False) -> list[bytes]:
     """Drain until something has come."""
     found: list[bytes] = []
     until = time.monotonic() + LIMIT_S
@@ -102,16 +102,16 @@ def arrives(calls: Calls, now_ns: int = 0, answers: Callable[[bytes], bool] = la
     return found
 
 
-def opens(calls: Calls) -> None:
+def opens(calls: Paths) -> None:
     """Drain until the newest channel is open."""
     until = time.monotonic() + LIMIT_S
-    while not calls._dialler.asking.channel.ready(PEER):
+    while not calls._migration.asking.channel.ready(PEER):
         assert time.monotonic() < until, "it never opened"
         calls.drain(0, lambda message, at_ns: None, lambda message: False)
 
 
 def test_one_way_takes_everything(far: Far, calls: Make) -> None:
-    way = calls(PlainChannel)
+    way = calls(UnencryptedChannel)
     way.send(b"hello", hello=True)
     way.send(b"waves")
     (first, address), (second, again) = far.hear(), far.hear()
@@ -122,7 +122,7 @@ def test_one_way_takes_everything(far: Far, calls: Make) -> None:
 
 
 def test_hellos_go_by_a_new_way_until_a_welcome_has_come_by_it(far: Far, calls: Make) -> None:
-    way = calls(PlainChannel)
+    way = calls(UnencryptedChannel)
     way.send(b"waves")
     _, old = far.hear()
     way.poll(0, resuming=True)
@@ -141,7 +141,7 @@ def test_hellos_go_by_a_new_way_until_a_welcome_has_come_by_it(far: Far, calls: 
 
 
 def test_a_welcome_by_the_old_way_closes_the_new_one(far: Far, calls: Make) -> None:
-    way = calls(PlainChannel)
+    way = calls(UnencryptedChannel)
     way.send(b"waves")
     _, old = far.hear()
     way.poll(0, resuming=True)
@@ -190,7 +190,7 @@ def test_what_failed_for_good_is_told_and_tried_again(far: Far, calls: Make) -> 
     for address in addresses:
         far.say(b"never", address)
     until = time.monotonic() + LIMIT_S
-    while not all(call.channel.failed for call in way._dialler.ways):
+    while not all(call.channel.failed for call in way._migration.ways):
         assert time.monotonic() < until
         way.drain(0, lambda message, at_ns: None, lambda message: False)
     way.poll(AGAIN_NS[0], resuming=True)
@@ -199,7 +199,7 @@ def test_what_failed_for_good_is_told_and_tried_again(far: Far, calls: Make) -> 
 
 
 def test_where_nobody_listens_it_is_tried_more_often() -> None:
-    way = Calls(find("127.0.0.1", free_port()), PlainChannel)
+    way = Paths(find("127.0.0.1", free_port()), UnencryptedChannel)
     way.open()
     way.poll(0, resuming=True)
     until = time.monotonic() + LIMIT_S
@@ -215,7 +215,7 @@ def test_where_nobody_listens_it_is_tried_more_often() -> None:
 
 
 def test_no_network_is_counted_and_is_a_try(calls: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    way = calls(PlainChannel)
+    way = calls(UnencryptedChannel)
 
     def unreachable(self: socket.socket, address: object) -> None:
         raise OSError(101, "Network is unreachable")
@@ -256,21 +256,21 @@ def test_a_channel_that_fails_is_the_reason_why_there_is_no_seat(far: Far) -> No
         def poll(self, now_ns: int) -> None:
             self.failed = "this is another server"
 
-    way = Calls(find("127.0.0.1", far.port), Failing)
+    way = Paths(find("127.0.0.1", far.port), Failing)
     with pytest.raises(JoinError, match=rf"^this is another server \(server 127.0.0.1:{far.port}\)$"):
         way.call(Caller(), Stop())
     way.close()
 
 
 def test_somebody_who_stops_before_there_is_a_seat(far: Far) -> None:
-    way = Calls(find("127.0.0.1", far.port), SlowChannel)
+    way = Paths(find("127.0.0.1", far.port), SlowChannel)
     with pytest.raises(JoinError, match=r"stopped \(SIGINT\) before a seat was had"):
         way.call(Caller(), Stop("stopped (SIGINT)"))
     way.close()
 
 
 def test_nothing_that_was_never_opened_needs_closing(far: Far) -> None:
-    Calls(find("127.0.0.1", far.port), PlainChannel).close()
+    Paths(find("127.0.0.1", far.port), UnencryptedChannel).close()
     assert GIVE_UP_NS < LIMIT_S * 1e9
 
 
@@ -300,7 +300,7 @@ def test_a_name_that_nobody_knows() -> None:
 # A flood --------------------------------------------------------------------------------------------------------------
 
 
-def queued(way: Calls, count: int) -> list[bytes]:
+def queued(way: Paths, count: int) -> list[bytes]:
     """Put `count` datagrams before a way's socket, in place of a network's; those that are still there."""
     waiting = [b"%d" % number for number in range(count)]
 
@@ -313,14 +313,14 @@ def queued(way: Calls, count: int) -> list[bytes]:
         def send(self, datagram: bytes) -> None: ...
         def close(self) -> None: ...
 
-    way._dialler.way.socket.close()
-    way._dialler.way.socket = Socket()  # type: ignore[assignment]
+    way._migration.way.socket.close()
+    way._migration.way.socket = Socket()  # type: ignore[assignment]
     return waiting
 
 
 @pytest.mark.parametrize("count", [MOST_DATAGRAMS - 1, MOST_DATAGRAMS, MOST_DATAGRAMS + 1, 3 * MOST_DATAGRAMS])
 def test_a_tick_takes_so_many_datagrams_and_no_more(calls: Make, count: int) -> None:
-    way = calls(PlainChannel)
+    way = calls(UnencryptedChannel)
     waiting = queued(way, count)
     taken: list[bytes] = []
     way.drain(0, lambda message, at_ns: taken.append(message), lambda message: False)
@@ -333,7 +333,7 @@ def test_a_tick_takes_so_many_datagrams_and_no_more(calls: Make, count: int) -> 
 
 @pytest.mark.parametrize("count", [MOST_MESSAGES, MOST_MESSAGES + 1, 100])
 def test_a_datagram_gives_so_many_messages_and_no_more(far: Far, calls: Make, count: int) -> None:
-    class Bundle(PlainChannel):
+    class Bundle(UnencryptedChannel):
         def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
             return [datagram] * count
 
@@ -345,12 +345,12 @@ def test_a_datagram_gives_so_many_messages_and_no_more(far: Far, calls: Make, co
 
 
 def test_a_flood_on_the_old_way_leaves_the_new_one_its_turn(far: Far, calls: Make) -> None:
-    way = calls(PlainChannel)
+    way = calls(UnencryptedChannel)
     queued(way, 1000)
     way.poll(0, resuming=True)
     way.send(b"hello", hello=True)
     far.say(b"welcome", far.hear()[1])
     until = time.monotonic() + LIMIT_S
-    while way._dialler.newer is not None:
+    while way._migration.newer is not None:
         assert time.monotonic() < until, "the welcome was not heard"
         way.drain(0, lambda message, at_ns: None, lambda message: message == b"welcome")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.core import RECKON_S
-from cogrip.client.felt_stiffness import REST_S, RestStiffness
+from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.protocol import messages
 from cogrip.protocol.line.concealment import FASTEST
 from cogrip.protocol.messages import Stamp, State, Waves
@@ -239,7 +239,7 @@ def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
     """For as long at every rate."""
     frame_s = 1.0 / network_hz
     samples = round(REST_S * network_hz)
-    rest = RestStiffness(0.0, frame_s)
+    rest = FeltStiffness(0.0, frame_s)
     for _ in range(samples - 1):
         rest.add(2e-3, 1.5)
     assert rest.stiffness_npm() is None
@@ -248,7 +248,7 @@ def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
     rest.add(2.1e-3, 1.5)
     assert rest.stiffness_npm() is None, "it moved"
     for depth, force in ((-1e-3, 1.0), (1e-3, 0.0)):
-        rest = RestStiffness(0.0, frame_s)
+        rest = FeltStiffness(0.0, frame_s)
         for _ in range(samples):
             rest.add(depth, force)
         assert rest.stiffness_npm() is None

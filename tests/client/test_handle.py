@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from cogrip.client.safety import Safety
-from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, Handle
+from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, SupervisedDevice
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.registry import make
 
@@ -78,7 +78,7 @@ class Held:
 
     def __init__(self) -> None:
         self.device, self.core = Scripted(), Core()
-        self.handle = Handle(self.device, self.core, RATE_HZ)  # type: ignore[arg-type]
+        self.handle = SupervisedDevice(self.device, self.core, RATE_HZ)  # type: ignore[arg-type]
         self.tick = 0
         self.run(400)
         self.device.calls.clear()
@@ -267,7 +267,7 @@ def test_a_clock_tells_calls_that_block(held: Held) -> None:
         return HERE
 
     held.device.read = read  # type: ignore[method-assign]
-    held.handle = Handle(held.device, held.core, RATE_HZ, clock)  # type: ignore[arg-type]
+    held.handle = SupervisedDevice(held.device, held.core, RATE_HZ, clock)  # type: ignore[arg-type]
     every = 3
     held.run(1000)
     assert held.state == "live"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
-from cogrip.protocol.line.energy_sums import RunningSum
+from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, Stamp, State
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
@@ -109,7 +109,7 @@ def test_a_force_that_nothing_pays_for_fades_and_one_that_is_paid_for_does_not()
     hear(rich, 0, -3.0, 1.0, taken=0.0)
     hear(poor, 0, -3.0, 0.0, taken=0.0)
     for control in (rich, poor):
-        control._in = [RunningSum(1.0)]  # the server has enough: no damper
+        control._in = [CompensatedSum(1.0)]  # the server has enough: no damper
         control._left[0].add(RESERVE_J)
         control._given = [-3.0]
     forces = [(run_tick(rich, 0.1, 0.1), run_tick(poor, 0.1, 0.1)) for _ in range(200)]
@@ -126,27 +126,27 @@ def test_a_force_that_nothing_pays_for_fades_and_one_that_is_paid_for_does_not()
 def test_a_hand_that_presses_against_the_force_is_not_controlled() -> None:
     control = control_of()
     hear(control, 0, 0.2, 0.0)
-    control._in = [RunningSum(1.0)]
+    control._in = [CompensatedSum(1.0)]
     assert [run_tick(control, 0.1, 0.1) for _ in range(50)] == [0.2] * 50
     assert control.controlled == 0
 
 
 def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take() -> None:
     control = control_of()
-    control._left = [RunningSum(1.0)]
+    control._left = [CompensatedSum(1.0)]
     hear(control, 0, 0.0, 0.0, taken=0.0)
     (force,) = control.force((0.0,), (0.04,))
     assert force == pytest.approx(0.5 * B * 0.04)
-    control._in = [RunningSum(0.5 * CHARGE_UP_J)]
+    control._in = [CompensatedSum(0.5 * CHARGE_UP_J)]
     (force,) = control.force((0.0,), (0.04,))
     assert force == pytest.approx(0.25 * B * 0.04)
-    control._in = [RunningSum(CHARGE_UP_J)]
+    control._in = [CompensatedSum(CHARGE_UP_J)]
     assert list(control.force((0.0,), (0.04,))) == [0.0]
 
 
 def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reserve_is_full() -> None:
     control = control_of()
-    control._left = [RunningSum(-1e-3)]
+    control._left = [CompensatedSum(-1e-3)]
     books = (
         (5e-4, 0.0, -5e-4), (1.5e-3, 5e-4, 5e-4), (1e-3, 1e-3, 1e-3), (5e-3, 3.5e-3, 3.5e-3), (1e-3, 4e-3, 4e-3),
         (1e-3, 5e-3, 4e-3),
@@ -162,7 +162,7 @@ def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reser
 def test_a_strong_force_is_given_in_full_once_enough_is_kept_for_it() -> None:
     """30 N of a wall, which a hand presses into: the reserve follows the force."""
     control = control_of()
-    control._in = [RunningSum(1.0)]
+    control._in = [CompensatedSum(1.0)]
     forces = []
     for tick in range(600):
         if tick % M == 0:
@@ -283,7 +283,7 @@ def test_a_new_server_begins_with_new_books() -> None:
     for number in range(6 * M + 3):
         client.tick(number, 1e-4 * number, velocity=(0.1,))
     before = client.core.port_j
-    quiet_ns = client.core.session.last_heard_ns + 600_000_000
+    quiet_ns = client.core.session.last_received_ns + 600_000_000
     client.core.poll(quiet_ns)
     client.renew(quiet_ns)
     control = client.core.coupling

@@ -162,7 +162,7 @@ def test_nothing_is_lost_before_it_is_known_where_it_goes() -> None:
     at_once, later = Person(), Person()
     later.core = RecordedClient(*start_of(at_once.core.start))
     for person in (at_once, later):
-        person.sit()
+        person.take_seat()
     later.core.record(later.held)
     for person in (at_once, later):
         person.run(20)

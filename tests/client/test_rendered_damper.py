@@ -7,7 +7,7 @@ import pytest
 
 from cogrip.client.core import ClientCore
 from cogrip.client.rendered_damper import OverloadError, is_carried, refusal, rounded_down
-from cogrip.client.supervised_device import Handle
+from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.devices.registry import make
@@ -81,10 +81,10 @@ def seated(device: SimulatedDevice, settings: SeatSettings) -> ClientCore:
 def test_a_device_is_not_even_opened_with_more_than_it_carries() -> None:
     device, settings = phantom(), seat(impedance_nspm=50.0)
     with pytest.raises(OverloadError, match=r"set coupling\.impedance_nspm to 20 or less"):
-        Handle(device, seated(device, settings), 1024, spared=True).open()
+        SupervisedDevice(device, seated(device, settings), 1024, spared=True).open()
     with pytest.raises(Exception, match="closed"):
         device.read(0)
-    Handle(device, seated(device, settings), 1024).open()  # virtual time, in nobody's hand
+    SupervisedDevice(device, seated(device, settings), 1024).open()  # virtual time, in nobody's hand
     device.close()
 
 
@@ -93,7 +93,7 @@ def test_a_device_that_turns_out_weaker_is_closed_again() -> None:
     whole = phantom()
     device = Grown(whole.capability, whole.plant, whole.hand)
     device.record = replace(whole.capability, damping_nspm=8.0)
-    handle = Handle(device, seated(device, seat()), 1024, spared=True)
+    handle = SupervisedDevice(device, seated(device, seat()), 1024, spared=True)
     with pytest.raises(OverloadError, match=r"its record bound.* to 8 or less"):
         handle.open()
     with pytest.raises(Exception, match="closed"):
@@ -101,7 +101,7 @@ def test_a_device_that_turns_out_weaker_is_closed_again() -> None:
 
     device.capability = device.record = whole.capability
     core = seated(device, seat())
-    handle = Handle(device, core, 1024, spared=True)
+    handle = SupervisedDevice(device, core, 1024, spared=True)
     handle.open()
     device.close()
     handle.read(0)

@@ -93,22 +93,22 @@ def test_what_is_not_sent_in_a_gap_is_owed_by_the_other_way() -> None:
         end.frame(None if number in (20, 21) or number >= 60 else wave, 0.1, sent=wave)
 
     receiver, told = end.coupling._receiver, []
-    forgo = receiver.forgo
+    write_off = receiver.write_off
 
     def listen(row: Sequence[float]) -> None:
-        owed = receiver.owed[0]
-        forgo(row)
-        told.append(owed - receiver.owed[0])
+        deficit = receiver.deficit[0]
+        write_off(row)
+        told.append(deficit - receiver.deficit[0])
 
-    receiver.forgo = listen  # type: ignore[method-assign]
-    before, sent, applied = sum(end.coupling._forgone) / M, 0.0, 0.0
+    receiver.write_off = listen  # type: ignore[method-assign]
+    before, sent, applied = sum(end.coupling._written_off) / M, 0.0, 0.0
     for _ in range(30):
         end.frame(None, 0.1, sent=wave)
         sent += end.coupling.sent[0]
         applied += end.coupling.returning[0]
     moved = 30 * ROOT * 0.1
     assert sent + applied < 0.7 * moved
-    forgone = sum(told) - before + sum(end.coupling._forgone) / M
+    forgone = sum(told) - before + sum(end.coupling._written_off) / M
     assert sent + applied + forgone == pytest.approx(moved, rel=1e-9)
 
 

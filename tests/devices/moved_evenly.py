@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from itertools import pairwise
 
-from cogrip.client.supervised_device import Handle
+from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Device
 from cogrip.protocol.rates import due_ns
 
@@ -16,7 +16,7 @@ JUMP_TICK, TICKS = 500, 700
 def forces_over_a_jump(device: Device, move: Callable[[float], None], jump_m: float) -> tuple[Client, list[float]]:
     """The forces that a client of one axis asks the device for, tick by tick. move: to a place along x [m]."""
     client, forces = Client(), []
-    handle = Handle(device, client.core, DEVICE_HZ)
+    handle = SupervisedDevice(device, client.core, DEVICE_HZ)
     move(-0.02)
     handle.open()
     client.core.equip(device.capability)

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.supervised_device import Handle
+from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.arm import identification
 from cogrip.devices.arm.identification import Bounds, everywhere, fit, force_within, identify
 from cogrip.devices.arm.pose import OwnLosses
@@ -197,7 +197,7 @@ def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() 
     found, _ = identified(device)
     assert device.store is not None
     client = Client()
-    handle = Handle(device, client.core, DEVICE_HZ)
+    handle = SupervisedDevice(device, client.core, DEVICE_HZ)
     handle.open()
     assert device.capability.own_damping_nspm == device.capability.own_friction_n == 0.0
     handle.close()

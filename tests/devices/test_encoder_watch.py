@@ -25,7 +25,7 @@ STUCK = round(STUCK_S * RATE_HZ)
 GAP_TICKS = round(GAP_S * RATE_HZ)
 DATA = Path(__file__).parents[3] / "shared" / "data"
 NAMES = ("aluhaptics", "polhem", "vintage", "woodenhaptics")  # the others have the same joints, or coarser ones
-WAYS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+DIRECTIONS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 every_model = pytest.mark.parametrize("name", NAMES)
 
 
@@ -115,7 +115,7 @@ HANDS = {
 def test_recorded_hands_are_believed(name: str, hand: str) -> None:
     read, *arguments = HANDS[hand]
     positions = read(*arguments)
-    for way in WAYS:
+    for way in DIRECTIONS:
         readings = counts(name, positions[:, way].tolist())
         assert len(readings) > 0.6 * len(positions)
         assert alarms(name, readings) == []

@@ -2,7 +2,7 @@
 
     hello --HelloVerifyRequest--> hello with cookie --ServerHello ... ServerHelloDone--> finishing --Finished--> open
 
-It is a `Channel`, so it can take the place of `SealedCall`. Each step of the handshake can also be made by hand.
+It is a `Channel`, so it can take the place of `DtlsClient`. Each step of the handshake can also be made by hand.
 """
 
 import os

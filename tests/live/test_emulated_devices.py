@@ -197,8 +197,8 @@ def test_the_demo_with_two_arms(start, tmp_path):
         assert user["travel_m"] > 0.01
         assert user["ticks"]["due"] >= user["ticks"]["run"] > FEW_TICKS
         assert user["link"]["applied"] > FEW_FRAMES
-        for way in ("up", "down"):
-            link = user["link"][way]
+        for direction in ("up", "down"):
+            link = user["link"][direction]
             assert link["sent"] == link["applied"] + link["late"] + link["lost"]
     assert (folder / "report.html").exists()
     for arm in arms:

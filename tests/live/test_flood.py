@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from cogrip.cli.session.settings_file import load
-from cogrip.protocol.io.dtls_client import SealedCall
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
@@ -44,7 +44,7 @@ def overheard(port: int, fingerprint: str, token: str) -> list[bytes]:
         software="test", nonce=1, room="demo", name="anna", digest="", device="sim:light", axes=1, rate_hz=1024.0,
         force_n=10.0, speed_mps=2.0, token=token,
     )  # fmt: skip
-    person = Person("anna", hello, (HOST, port), SealedCall(fingerprint))
+    person = Person("anna", hello, (HOST, port), DtlsClient(fingerprint))
     someone = Load([person], seat_settings(load(DEMO), 0))
     heard: list[bytes] = []
     try:

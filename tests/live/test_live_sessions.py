@@ -55,7 +55,8 @@ def replayed(runs: Path) -> dict[Path, Verdict]:
 
 def accounted(link: dict) -> bool:
     return all(
-        link[way]["sent"] == sum(link[way][fate] for fate in ("applied", "late", "lost")) for way in ("up", "down")
+        link[direction]["sent"] == sum(link[direction][fate] for fate in ("applied", "late", "lost"))
+        for direction in ("up", "down")
     )
 
 

@@ -91,11 +91,11 @@ def test_what_arrives_is_what_the_laboratorys_links_let_through(relay, bound):
     _, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--seed", "7", *SETS)
     link = resolve({}, {f"link.{name}": float(value) for name, value in (each.split("=") for each in ROUGH)}).link
     drawn = {
-        (n, way): list(islice(fates(link.direction(way), f"7/{n}/{way}"), MANY))
+        (n, direction): list(islice(fates(link.direction(direction), f"7/{n}/{direction}"), MANY))
         for n in range(2)
-        for way in ("up", "down")
+        for direction in ("up", "down")
     }
-    got, ways = {}, {}
+    got, directions = {}, {}
     for n in range(2):
         client = bound()
         for number in range(MANY):
@@ -103,21 +103,21 @@ def test_what_arrives_is_what_the_laboratorys_links_let_through(relay, bound):
         copies = sum((not fate.lost) * (1 + (fate.copy_extra_ns is not None)) for fate in drawn[n, "up"])
         got[n, "up"] = []
         for _ in range(copies):
-            datagram, ways[n] = server.recvfrom(2048)
+            datagram, directions[n] = server.recvfrom(2048)
             got[n, "up"].append(int(datagram))
         for number in range(MANY):
-            server.sendto(b"%d" % number, ways[n])
+            server.sendto(b"%d" % number, directions[n])
         copies = sum((not fate.lost) * (1 + (fate.copy_extra_ns is not None)) for fate in drawn[n, "down"])
         got[n, "down"] = numbers(client, copies)
-    assert ways[0] != ways[1], "the server sees distinct addresses"
+    assert directions[0] != directions[1], "the server sees distinct addresses"
     summary = end()
     assert [flow["number"] for flow in summary["flows"]] == [0, 1]
-    for (n, way), fates_drawn in drawn.items():
-        check_order(got[n, way], fates_drawn, summary["flows"][n][way])
-        assert summary["flows"][n][way]["reordered"] > 0
-    for way in ("up", "down"):
-        assert summary["late_us"][way]["p50"] >= 0
-        assert summary["totals"][way]["in_flight"] == summary["totals"][way]["not_sent"] == 0
+    for (n, direction), fates_drawn in drawn.items():
+        check_order(got[n, direction], fates_drawn, summary["flows"][n][direction])
+        assert summary["flows"][n][direction]["reordered"] > 0
+    for direction in ("up", "down"):
+        assert summary["late_us"][direction]["p50"] >= 0
+        assert summary["totals"][direction]["in_flight"] == summary["totals"][direction]["not_sent"] == 0
 
 
 def test_nobody_at_the_far_end_is_counted_and_whoever_comes_later_is_reached(relay, bound):
@@ -154,14 +154,14 @@ def test_strangers_beyond_the_bound_get_nothing(relay, bound):
 def test_an_idle_flow_ends_and_its_client_may_come_again(relay, bound):
     server, client = bound(), bound()
     process, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--idle-s", "1")
-    ways = []
+    directions = []
     for _ in range(2):
         client.sendto(b"hello", place)
-        ways.append(server.recvfrom(99)[1])
-        process.hear(f"flow {len(ways) - 1}: .* was idle for too long")
-    server.sendto(b"late", ways[0])
+        directions.append(server.recvfrom(99)[1])
+        process.hear(f"flow {len(directions) - 1}: .* was idle for too long")
+    server.sendto(b"late", directions[0])
     summary = end()
-    assert ways[0] != ways[1]
+    assert directions[0] != directions[1]
     assert (summary["flows"], summary["flows_begun"], summary["flows_expired"]) == ([], 2, 2)
     assert summary["totals"]["up"]["delivered"] == 2
     assert summary["totals"]["down"]["sent"] == 0, "nobody has that address any more"
@@ -175,8 +175,8 @@ def test_it_speaks_version_6(relay, bound):
         pytest.skip("no IPv6 here")
     _, place, end = relay(f"[::1]:{server.getsockname()[1]}", listen="[::1]:0")
     client.sendto(b"hello", place)
-    datagram, way = server.recvfrom(99)
-    server.sendto(datagram + b" yourself", way)
+    datagram, direction = server.recvfrom(99)
+    server.sendto(datagram + b" yourself", direction)
     assert client.recv(99) == b"hello yourself"
     assert end()["totals"]["down"]["delivered"] == 1
 
@@ -209,8 +209,8 @@ def test_two_people_hold_one_cube_through_weather(run, relay, tmp_path, sealed):
         assert user["link"]["applied"] > FEW_FRAMES
         assert accounted(user["link"])
     assert summary["flows_begun"] == 2
-    for way in ("up", "down"):
-        total = summary["totals"][way]
+    for direction in ("up", "down"):
+        total = summary["totals"][direction]
         assert total["sent"] + total["duplicated"] == sum(
             total[each] for each in ("delivered", "lost", "outage", "queue_dropped", "in_flight")
         )

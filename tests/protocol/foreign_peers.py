@@ -106,13 +106,13 @@ class Pair:
             answers += self.client.take()
         return answers
 
-    def shake(self, way: Callable[[int, list[bytes]], list[bytes]] = lambda _, datagrams: datagrams) -> "Pair":
+    def shake(self, direction: Callable[[int, list[bytes]], list[bytes]] = lambda _, datagrams: datagrams) -> "Pair":
         """Let the handshake go as far as it goes. way: what arrives of a flight, by its number."""
         self.client.dial()
         datagrams = list(self.client.take())
         for number in range(10):
             self.flights.append(datagrams)
-            datagrams = (self.to_client if number % 2 else self.to_server)(way(number, datagrams))
+            datagrams = (self.to_client if number % 2 else self.to_server)(direction(number, datagrams))
             if not datagrams:
                 break
         return self

@@ -16,10 +16,10 @@ FRAME_NS = 7_812_500
 AHEAD_NS = 10**15  # the far clock is by so much ahead
 
 
-def exchanged(ways: list[tuple[int, int]], ahead_ns: int = AHEAD_NS) -> Clock:
+def exchanged(directions: list[tuple[int, int]], ahead_ns: int = AHEAD_NS) -> Clock:
     """(there, back) one after another; the far end answers after 3 ms. The near end's clock."""
     near, far, now_ns = Clock(), Clock(), 1_000 * MS
-    for there, back in ways:
+    for there, back in directions:
         asked = near.stamp(now_ns)
         now_ns += there
         far.read(asked, now_ns + ahead_ns)
@@ -41,14 +41,14 @@ def test_the_error_is_half_of_what_the_ways_differ_by_exactly(there_ms: int, bac
 
 
 @given(st.lists(st.tuples(st.integers(0, S), st.integers(0, S)), min_size=1, max_size=20), st.integers(-S + MS, 10**15))
-def test_the_truth_is_never_farther_away_than_it_says(ways: list[tuple[int, int]], ahead_ns: int) -> None:
-    clock = exchanged(ways, ahead_ns)
+def test_the_truth_is_never_farther_away_than_it_says(directions: list[tuple[int, int]], ahead_ns: int) -> None:
+    clock = exchanged(directions, ahead_ns)
     assert clock.offset_ns is not None
     assert clock.uncertainty_ns is not None
     assert clock.there_ns is not None
     assert clock.back_ns is not None
     assert abs(clock.offset_ns - ahead_ns) <= clock.uncertainty_ns + 1
-    there, back = ways[-1]
+    there, back = directions[-1]
     assert clock.there_ns + clock.back_ns == there + back
     assert clock.there_ns >= 0
     assert clock.back_ns >= 0
@@ -83,24 +83,24 @@ class Ends:
     def run(self, seconds: float) -> None:
         end_ns = self.now_ns + int(seconds * S)
         while self.now_ns < end_ns:
-            for way in (0, 1):
-                self._send(way)
+            for direction in (0, 1):
+                self._send(direction)
             self.now_ns += FRAME_NS
             while self._flight and self._flight[0][0] <= self.now_ns:
-                came_ns, _, way, stamp = heapq.heappop(self._flight)
-                self._take(came_ns, way, stamp)
+                came_ns, _, direction, stamp = heapq.heappop(self._flight)
+                self._take(came_ns, direction, stamp)
 
-    def _send(self, way: int) -> None:
+    def _send(self, direction: int) -> None:
         draw = self._random.random
-        stamp = self.near.stamp(self.now_ns) if way == 0 else self.far.stamp(self.far_ns(self.now_ns))
+        stamp = self.near.stamp(self.now_ns) if direction == 0 else self.far.stamp(self.far_ns(self.now_ns))
         for _ in range(2 if draw() < self.twice else 1):
             if draw() >= self.loss:
-                late_ns = int(self._ways[way] + self._random.expovariate(1.0) * self._jitter_ns)
+                late_ns = int(self._ways[direction] + self._random.expovariate(1.0) * self._jitter_ns)
                 self._sent += 1
-                heapq.heappush(self._flight, (self.now_ns + late_ns, self._sent, way, stamp))
+                heapq.heappush(self._flight, (self.now_ns + late_ns, self._sent, direction, stamp))
 
-    def _take(self, came_ns: int, way: int, stamp: Stamp) -> None:
-        if way == 0:
+    def _take(self, came_ns: int, direction: int, stamp: Stamp) -> None:
+        if direction == 0:
             self.far.read(stamp, self.far_ns(came_ns))
         elif self.near.read(stamp, came_ns) is not None:
             assert self.near.offset_ns is not None

@@ -41,8 +41,8 @@ class AnyOrder(RuleBasedStateMachine):
         self.books.take(frames)
 
     @rule(value=st.floats(-2.0, 2.0))
-    def forgo(self, value: float) -> None:
-        self.books.receiver.forgo((value, -value))
+    def write_off(self, value: float) -> None:
+        self.books.receiver.write_off((value, -value))
 
     @precondition(lambda self: self.books.sent)
     @rule(silent=st.integers(1, 40))
@@ -110,8 +110,8 @@ def test_a_gap_is_entered_and_left_without_a_jump(silent: int) -> None:
 
 
 def test_what_was_lost_is_paid_within_seconds() -> None:
-    assert abs(outage("zero", 64, rest=640)[1].debt()) > 18.0
-    assert abs(outage(BEST, 64, rest=640)[1].debt()) < 0.1
+    assert abs(outage("zero", 64, rest=640)[1].deficit()) > 18.0
+    assert abs(outage(BEST, 64, rest=640)[1].deficit()) < 0.1
 
 
 def test_repayment_that_costs_is_bounded() -> None:
@@ -168,7 +168,7 @@ def test_what_the_end_took_for_played_is_swallowed_as_it_comes() -> None:
     for number in range(300):
         if number == 100:
             for _ in range(40):
-                books.receiver.forgo((0.3,))
+                books.receiver.write_off((0.3,))
         wave = 0.3 if 150 <= number < 190 else 0.0
         books.receiver.receive(*books.send((wave,)))
         books.take()
@@ -187,18 +187,18 @@ def test_what_the_end_took_for_played_is_swallowed_as_it_comes() -> None:
 )
 @settings(max_examples=200, deadline=None)
 def test_no_answer_is_beyond_its_room_or_not_finite(numbers: tuple[list[float], ...], gap: bool) -> None:
-    row, debt, bank = numbers
+    row, deficit, reserve = numbers
     axes = len(row)
     for name, make in CONCEALMENTS.items():
-        way = make(axes, FRAME_S)
-        room = [abs(value) for value in bank]
-        filled = way.fill(row, room)
+        direction = make(axes, FRAME_S)
+        room = [abs(value) for value in reserve]
+        filled = direction.fill(row, room)
         if name == BEST:
             assert all(abs(value) <= most for value, most in zip(filled, room, strict=True))
-            paid = way.pay(row, debt, room, row, gap)
+            paid = direction.pay(row, deficit, room, row, gap)
             for value, pay, most in zip(row, paid, room, strict=True):
                 assert abs(value + pay) <= sqrt(value * value + most) * (1.0 + 1e-9) + 1e-9
-        assert 0.0 <= way.quality <= 1.0
+        assert 0.0 <= direction.quality <= 1.0
 
 
 @pytest.mark.parametrize("name", CONCEALMENTS)

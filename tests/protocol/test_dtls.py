@@ -102,24 +102,24 @@ def test_flights_of_several_datagrams_in_any_order() -> None:
     for seed in range(20):
         chance = random.Random(seed)
 
-        def way(_: int, datagrams: list[bytes], chance: random.Random = chance) -> list[bytes]:
+        def direction(_: int, datagrams: list[bytes], chance: random.Random = chance) -> list[bytes]:
             assert all(len(datagram) <= MAX_DATAGRAM_BYTES for datagram in datagrams)
             moved = datagrams + chance.sample(datagrams, len(datagrams) // 2)
             chance.shuffle(moved)
             return moved
 
-        pair = ours(long).shake(way)
+        pair = ours(long).shake(direction)
         assert pair.client.ready
         assert pair.server.ready
         assert len(pair.flights[3]) >= 4
 
 
 def test_records_of_a_flight_one_by_one_and_the_certificate_s_in_reverse(identity: Identity) -> None:
-    def way(number: int, datagrams: list[bytes]) -> list[bytes]:
+    def direction(number: int, datagrams: list[bytes]) -> list[bytes]:
         apart = records(b"".join(datagrams))
         return apart[::-1] if number == 3 else apart  # a CCS that comes before its time is lost: it has no number
 
-    pair = ours(identity).shake(way)
+    pair = ours(identity).shake(direction)
     assert pair.client.ready
     assert pair.server.ready
     assert list(pair.server.feed(pair.client.send(b"hello"))) == [b"hello"]
@@ -138,13 +138,13 @@ def test_early_messages_wait_for_a_last_flight_that_is_late(identity: Identity) 
     pair = ours(identity)
     late: list[bytes] = []
 
-    def way(number: int, datagrams: list[bytes]) -> list[bytes]:
+    def direction(number: int, datagrams: list[bytes]) -> list[bytes]:
         if number == 5:
             late.extend(datagrams)
             return []
         return datagrams
 
-    pair.shake(way)
+    pair.shake(direction)
     assert pair.server.ready
     assert not pair.client.ready
     early = pair.server.send(b"early")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.line.concealment import CONCEALMENTS
-from cogrip.protocol.line.energy_sums import BANK_SHARE, UNIT, RunningSum, WaveSums, rounding_share
+from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, CompensatedSum, WaveSums, rounding_share
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.line.sender import Frame, LineSender
@@ -28,7 +28,7 @@ def exact(terms: list[float]) -> Fraction:
 
 @given(st.lists(st.floats(-1e12, 1e12) | st.floats(-1e-6, 1e-6), max_size=60))
 def test_a_sum_is_within_two_roundings_of_all_that_went_into_it(terms: list[float]) -> None:
-    running = RunningSum()
+    running = CompensatedSum()
     for term in terms:
         running.add(term)
     through = exact([abs(term) for term in terms])
@@ -38,7 +38,7 @@ def test_a_sum_is_within_two_roundings_of_all_that_went_into_it(terms: list[floa
 
 def test_many_like_terms_do_not_add_up_their_rounding() -> None:
     term, count = HELD_N**2 / 40.0 / 2048.0, 300_000
-    running, plain = RunningSum(), 0.0
+    running, plain = CompensatedSum(), 0.0
     for _ in range(count):
         running.add(term)
         plain += term
@@ -48,7 +48,7 @@ def test_many_like_terms_do_not_add_up_their_rounding() -> None:
 
 
 def test_what_is_too_small_for_a_plain_sum_is_not_lost() -> None:
-    running = RunningSum(1e6)
+    running = CompensatedSum(1e6)
     assert 1e6 + 1e-11 == 1e6
     for _ in range(100_000):
         running.add(1e-11)
@@ -57,7 +57,7 @@ def test_what_is_too_small_for_a_plain_sum_is_not_lost() -> None:
 
 @given(st.lists(st.tuples(*[st.floats(-1e4, 1e4)] * 3), max_size=40), st.integers(1, 3))
 def test_rows_add_up_axis_by_axis_as_numbers_do(rows: list[tuple[float, ...]], axes: int) -> None:
-    sums, totals, squares = WaveSums(axes), *[[RunningSum() for _ in range(axes)] for _ in range(2)]
+    sums, totals, squares = WaveSums(axes), *[[CompensatedSum() for _ in range(axes)] for _ in range(2)]
     for row in rows:
         sums.add(row[:axes])
         for axis in range(axes):
@@ -156,7 +156,7 @@ def test_no_weather_makes_a_bank_of_rounding(seed: int) -> None:
         flight = [one for one in flight if one[0] > number]
         frames = 1 if random.random() > 0.02 else random.randint(2, 5)
         if forgoes and random.random() < 0.3:
-            receiver.forgo([random.uniform(-1.0, 1.0) * largest * 0.1])
+            receiver.write_off([random.uniform(-1.0, 1.0) * largest * 0.1])
         played += Fraction(receiver.take(frames)[0]) ** 2
         excess = played - allowed[min(receiver.heard, number + 1)] - tank
         assert excess <= 0, f"{float(excess):.3g} W too much"
@@ -191,7 +191,7 @@ def test_a_bank_is_not_filled_by_rounding() -> None:
         receiver.take()
     through = sender.contents()[3][0]
     assert receiver._lost_square[0] <= 0.25 * 2 - receiver._history[receiver.heard % 1024][2][0] - 10 * UNIT * through
-    assert BANK_SHARE * through < 0.25, "what was lost is larger than what is kept"
+    assert RESERVE_FRACTION * through < 0.25, "what was lost is larger than what is kept"
 
 
 class Ends:

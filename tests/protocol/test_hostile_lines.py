@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.line.jitter_buffer import AdaptivePlayout
+from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.receiver import jitter_buffer as playout
 from cogrip.protocol.line.receiver import receiver as line
@@ -73,7 +73,7 @@ def test_the_first_take_of_a_line_goes_over_no_more_than_its_window() -> None:
 
 
 def test_a_sender_that_is_everywhere_leaves_no_more_latenesses_than_are_bounded() -> None:
-    depth, chance, most = AdaptivePlayout(FRAME_S), random.Random(3), 0
+    depth, chance, most = AdaptiveJitterBuffer(FRAME_S), random.Random(3), 0
     depth.begin(0)
     for _ in range(
         20_000

@@ -16,10 +16,10 @@ from cogrip.protocol.line.jitter_buffer import (
     SKIP,
     SPACING,
     WEIGHT_S,
-    AdaptivePlayout,
-    FixedPlayout,
+    AdaptiveJitterBuffer,
+    FixedJitterBuffer,
     cost,
-    make_playout,
+    make_jitter_buffer,
     weight_frames,
 )
 from cogrip.protocol.line.receiver import LineReceiver
@@ -143,7 +143,7 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Roa
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.integers(-40, 40), st.booleans(), st.booleans()), max_size=300))
 def test_whatever_is_heard_moves_are_single_and_shallower_ones_apart(heard: list[tuple[int, bool, bool]]) -> None:
-    playout = AdaptivePlayout(1.0 / HZ)
+    playout = AdaptiveJitterBuffer(1.0 / HZ)
     playout.begin(3)
     skips = []
     for take, (lead, here, fresh) in enumerate(heard):
@@ -281,7 +281,7 @@ def test_the_depth_follows_the_jitter_up_and_down() -> None:
 def test_a_shallower_depth_must_be_better_by_the_hysteresis(better: float, skips: bool) -> None:
     """J(1) - J(0) = 1 - W / (N - 1) where one frame in N is late by one."""
     every = 1 + round(weight_frames(1.0 / HZ) / (1.0 - better))
-    playout = AdaptivePlayout(1.0 / HZ)
+    playout = AdaptiveJitterBuffer(1.0 / HZ)
     playout.begin(0)
     playout.arrived(-1)
     assert playout.decide(-1, False, True) == REPEAT
@@ -293,8 +293,8 @@ def test_a_shallower_depth_must_be_better_by_the_hysteresis(better: float, skips
 
 
 def test_frames_are_a_number_or_auto() -> None:
-    assert isinstance(make_playout(0, FRAME_S), FixedPlayout)
-    assert isinstance(make_playout("auto", FRAME_S), AdaptivePlayout)
+    assert isinstance(make_jitter_buffer(0, FRAME_S), FixedJitterBuffer)
+    assert isinstance(make_jitter_buffer("auto", FRAME_S), AdaptiveJitterBuffer)
     assert cost(2, 1.0, 3.0, 64.0) == 2 + 64.0 / 3.0
     assert cost(2, 1.0, 0.0, 64.0) == float("inf")
     assert HELD_MS == HOLD_MS

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from cogrip.protocol.line.concealment import CONCEALMENTS, FADE, REPAY_LIMIT, Concealed
+from cogrip.protocol.line.concealment import COMPENSATION_LIMIT, CONCEALMENTS, FADE, Concealed
 from cogrip.protocol.line.jitter_buffer import REALIGN_WINDOW
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.receiver import receiver as line
@@ -83,7 +83,7 @@ class Books:
         joules = 0.5 * FRAME_S * sum(self.played_squares)
         assert self.receiver.played_j == pytest.approx(joules, rel=1e-9, abs=1e-15)
 
-    def debt(self, axis: int = 0) -> float:
+    def deficit(self, axis: int = 0) -> float:
         return sum(frame[axis] for frame in self.sent) - sum(frame[axis] for frame in self.played)
 
 
@@ -249,13 +249,13 @@ def test_debt_is_repaid_when_the_waves_go_quiet(seed: int, tank_j: float) -> Non
     books = Books(delay=2, redundancy=2, tank_j=tank_j)
     waves = hand(1, seed)
     drive(books, Road(loss=0.3, burst=4.0, jitter=20), waves, frames=400, seed=seed)
-    owed = abs(books.debt())
+    deficit = abs(books.deficit())
     for _ in range(500):
         books.receiver.receive(*books.send((0.0,)))
         books.take()
     books.check()
     assert books.receiver.count().lost > 50
-    assert abs(books.debt()) < 0.01 * max(1.0, owed)
+    assert abs(books.deficit()) < 0.01 * max(1.0, deficit)
 
 
 def test_repayment_is_slow() -> None:
@@ -265,9 +265,9 @@ def test_repayment_is_slow() -> None:
         if not 5 <= number < 20:
             books.receiver.receive(*contents)
         books.take()
-    repaid = [wave[0] for wave in books.played[20:]]
-    assert max(repaid) == REPAY_LIMIT
-    assert min(repaid) >= 0.0
+    compensated = [wave[0] for wave in books.played[20:]]
+    assert max(compensated) == COMPENSATION_LIMIT
+    assert min(compensated) >= 0.0
 
 
 @pytest.mark.parametrize(("sender_period", "drift"), [(9.95, 20), (10.05, -20)], ids=["sender fast", "sender slow"])
@@ -312,13 +312,13 @@ def test_the_playout_begins_with_the_newest_frame_of_the_first_border() -> None:
     for _ in range(40):
         contents = books.send((0.5,))
     books.receiver.receive(*contents)
-    assert books.take() == (0.5 + REPAY_LIMIT,)  # frame 38 of 0 to 39
+    assert books.take() == (0.5 + COMPENSATION_LIMIT,)  # frame 38 of 0 to 39
     assert (books.receiver.heard, books.receiver.count().lost) == (39, 38)
     for _ in range(2000):
         books.receiver.receive(*books.send((0.0,)))
         books.take()
     books.check()
-    assert books.debt() == pytest.approx(0.0, abs=1e-6)
+    assert books.deficit() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_holding_the_last_wave_creates_energy_where_the_line_does_not() -> None:
@@ -370,7 +370,7 @@ def test_passed_over_frames_are_late_or_lost_and_their_debt_is_known() -> None:
     for _ in range(600):
         books.receiver.receive(*books.send((0.0,)))
         books.take()
-    assert books.debt() == pytest.approx(0.0, abs=1e-3)
+    assert books.deficit() == pytest.approx(0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

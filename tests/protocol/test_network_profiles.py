@@ -22,8 +22,8 @@ def both(**link: object) -> tuple[LinkProfile, LinkProfile]:
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_profile_is_a_link_and_reaches_the_seat(name: str) -> None:
     up, down = both(profile=name)
-    assert up == LinkProfile(**PROFILES[name].way("up"))
-    assert down == LinkProfile(**PROFILES[name].way("down"))
+    assert up == LinkProfile(**PROFILES[name].direction("up"))
+    assert down == LinkProfile(**PROFILES[name].direction("down"))
     seat = seat_settings(resolve({"link": {"profile": name}}), 0)
     assert (seat.up, seat.down) == (up, down)
 
@@ -98,9 +98,13 @@ def test_the_page_shows_the_numbers_of_the_code() -> None:
     keys = [cell.strip(" `") for cell in lines[head].strip("|").split("|")][2:]
     found = {}
     for line in lines[head + 2 :]:
-        name, way, *cells = [cell.strip(" `") for cell in line.strip("|").split("|")]
+        name, direction, *cells = [cell.strip(" `") for cell in line.strip("|").split("|")]
         if name not in PROFILES:
             break
-        found[name, way] = {key: float(cell) for key, cell in zip(keys, cells, strict=True) if cell}
-    expected = {(name, way): dict(each.way(way)) for name, each in PROFILES.items() for way in ("up", "down")}
+        found[name, direction] = {key: float(cell) for key, cell in zip(keys, cells, strict=True) if cell}
+    expected = {
+        (name, direction): dict(each.direction(direction))
+        for name, each in PROFILES.items()
+        for direction in ("up", "down")
+    }
     assert found == expected

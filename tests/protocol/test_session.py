@@ -215,7 +215,7 @@ def test_nothing_foreign_reaches_the_coupling() -> None:
         client.receive(datagram, 1)
     assert client.dropped == {"other session": 1, "malformed": 1, "unexpected": 1, "other nonce": 1}
     assert client.receive(waves(100), 2) == messages.decode(waves(100))
-    assert (client.state, client.last_heard_ns) == ("seated", 2)
+    assert (client.state, client.last_received_ns) == ("seated", 2)
 
 
 def both_print(client: ClientSession, core: ServerCore) -> str:

@@ -72,7 +72,7 @@ def test_the_old_way_may_be_heard_again_by_itself() -> None:
     message = client.receive(waves(100), 5 + 800 * MS)
     assert isinstance(message, Waves)
     assert (client.state, client.away_ns, client.resumed, client.renewed) == ("seated", 800 * MS, 1, 0)
-    assert client.last_heard_ns == 5 + 800 * MS
+    assert client.last_received_ns == 5 + 800 * MS
 
 
 def test_another_address_takes_the_seat_along() -> None:
@@ -173,7 +173,7 @@ def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
     assert client.receive(mine(session), 1) == messages.decode(mine(session))
     assert client.receive(others(session), 2) is None
     assert client.dropped == {"unexpected": 1}
-    assert client.last_heard_ns == 1
+    assert client.last_received_ns == 1
 
 
 def test_an_observer_comes_back_to_the_same_place() -> None:
@@ -183,4 +183,4 @@ def test_an_observer_comes_back_to_the_same_place() -> None:
     client.poll(QUIET_NS)
     exchange(client, core, QUIET_NS, "another address")
     assert (client.state, client.resumed, client.renewed) == ("seated", 1, 0)
-    assert [each.address for each in core.rooms[0].gallery.observers.values()] == ["another address"]
+    assert [each.address for each in core.rooms[0].observer_slots.observers.values()] == ["another address"]

@@ -12,7 +12,7 @@ from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
 from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.recording import reader
 from cogrip.server import loop, room, tokens
-from cogrip.server import rate_limit as gate
+from cogrip.server import rate_limit as rate_limiter
 from cogrip.server import seat_limits as limits
 from cogrip.server.io import control, metrics_process
 from cogrip.server.io import dtls_channel as sealed_channel
@@ -51,7 +51,7 @@ def test_numbers_of_the_security_page_are_the_codes(what: str, numbers: str, whe
         for each in (
             dtls_records,
             messages,
-            gate,
+            rate_limiter,
             sealed_channel,
             loop,
             tokens,

@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from cogrip.client import passivity_control
-from cogrip.client import path_migration as dialler
+from cogrip.client import path_migration as migration
 from cogrip.protocol import clock, dtls_records, loop_meter, messages, session
 from cogrip.protocol import passivity_control as power
 from cogrip.protocol.accounts import (
@@ -30,7 +30,7 @@ from cogrip.protocol.accounts import (
 )
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client as sealed_call
-from cogrip.protocol.io.dtls_client import SealedCall
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.line.receiver import LineReceiver, concealment
 from cogrip.protocol.line.receiver import jitter_buffer as playout
 from cogrip.protocol.line.receiver import receiver as line
@@ -39,18 +39,18 @@ from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
-from cogrip.server import observers as gallery
-from cogrip.server import rate_limit as gate
+from cogrip.server import observers as observer_slots
+from cogrip.server import rate_limit as rate_limiter
 from cogrip.server import room
 from cogrip.server import seat_limits as limits
 from cogrip.server import unencrypted_channel as plain_channel
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.core import ServerCore
 from cogrip.server.io import dtls_channel as sealed_channel
-from cogrip.server.io.dtls_channel import SealedListener
-from cogrip.server.rate_limit import Gate
+from cogrip.server.io.dtls_channel import DtlsListener
+from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.tokens import TokenBook
-from cogrip.server.unencrypted_channel import PlainListener
+from cogrip.server.unencrypted_channel import UnencryptedListener
 
 from tests.protocol.spec_page import SPEC, rows, section
 
@@ -374,7 +374,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
         ({"device_rate_hz": 1.0}, "rate"), ({"device_force_n": 9.1}, "device"), ({"role": "observer"}, "full"), ({}, ""),
         ({}, "taken"), ({"name": ""}, "full"), ({"ticket": "ticket", "device_force_n": 7.0}, "device"),
     ]  # fmt: skip
-    channel = SealedListener(tmp_path, Gate(b"s" * 16), core.knows)
+    channel = DtlsListener(tmp_path, RateLimiter(b"s" * 16), core.knows)
     channel.receive(messages.padded(fit), ("10.0.0.1", 1), 0)
     answers = [(channel.outbox.popleft()[1], "sealed")]
     for number, (change, code) in enumerate(wrong):
@@ -395,9 +395,9 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 
 PROTOCOL = (
-    messages, session, clock, loop_meter, line, concealment, playout, power, passivity_control, room, gallery, limits,
+    messages, session, clock, loop_meter, line, concealment, playout, power, passivity_control, room, observer_slots, limits,
 )  # fmt: skip
-SEAL = (sealed_channel, sealed_call, gate, dialler, dtls_records)
+SEAL = (sealed_channel, sealed_call, rate_limiter, migration, dtls_records)
 
 
 @pytest.mark.parametrize(
@@ -416,7 +416,7 @@ def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
     """The table of section 11.3, row by row, from a stranger."""
     assert len(rows(section("11.3"), "to")) == 4
     hello, stranger = VECTORS["hello"][0], ("192.0.2.1", 9)
-    sealed = SealedListener(tmp_path, Gate(b"s" * 16), lambda _: False)
+    sealed = DtlsListener(tmp_path, RateLimiter(b"s" * 16), lambda _: False)
     assert sealed.receive(hello, stranger, 0) == ()
     (_, answer) = sealed.outbox.popleft()
     refuse = decode(answer)
@@ -427,10 +427,10 @@ def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
         assert sealed.receive(datagram, stranger, 0) == ()
     assert not sealed.outbox
     assert sealed.dropped == {"refused: sealed": 1, "stranger": len(others)}
-    call = SealedCall(sealed.fingerprint)
+    call = DtlsClient(sealed.fingerprint)
     call.poll(0)
     (_, first) = call.outbox.popleft()
-    plain = PlainListener(Gate(b"s" * 16), lambda _: False)
+    plain = UnencryptedListener(RateLimiter(b"s" * 16), lambda _: False)
     assert plain.receive(first, stranger, 0) == ()
     assert (plain.dropped, list(plain.outbox)) == ({"stranger": 1}, [])
     for datagram, _ in VECTORS.values():

@@ -9,9 +9,9 @@ from itertools import count
 from pathlib import Path
 
 from cogrip.protocol.channel import PEER, Address
-from cogrip.protocol.io.dtls_client import SealedCall
-from cogrip.server.io.dtls_channel import SealedListener
-from cogrip.server.rate_limit import Budget, Gate, Limits
+from cogrip.protocol.io.dtls_client import DtlsClient
+from cogrip.server.io.dtls_channel import DtlsListener
+from cogrip.server.rate_limit import Budget, Limits, RateLimiter
 
 STEP_NS = 5_000_000
 ON_THE_WAY_NS = 10_000_000
@@ -42,9 +42,9 @@ class Wire:
         most: int = 1024,
     ) -> None:
         self.seats: set[Address] = {ANNA, BEN}
-        self.listener = SealedListener(folder, Gate(b"s" * 16, limits), self.seats.__contains__, most=most)
+        self.listener = DtlsListener(folder, RateLimiter(b"s" * 16, limits), self.seats.__contains__, most=most)
         self.now_ns = 1_000_000_000
-        self.calls: dict[Address, SealedCall] = {}
+        self.calls: dict[Address, DtlsClient] = {}
         self.heard: list[tuple[Address, bytes]] = []
         self.answers: dict[Address, list[bytes]] = {}
         self.log: list[tuple[bool, Address, bytes]] = []  # to the server?
@@ -52,13 +52,13 @@ class Wire:
         self._numbers = count()
         self._flying: list[tuple[int, int, bool, Address, bytes]] = []
 
-    def call(self, address: Address = ANNA, fingerprint: str = "") -> SealedCall:
+    def call(self, address: Address = ANNA, fingerprint: str = "") -> DtlsClient:
         """Someone begins to call; nothing has moved yet."""
-        self.calls[address] = call = SealedCall(fingerprint or self.listener.fingerprint)
+        self.calls[address] = call = DtlsClient(fingerprint or self.listener.fingerprint)
         self.answers.setdefault(address, [])
         return call
 
-    def seal(self, address: Address = ANNA) -> SealedCall:
+    def seal(self, address: Address = ANNA) -> DtlsClient:
         """Someone calls until there is a seal."""
         call = self.call(address)
         self.until(lambda: call.ready(PEER) and self.listener.ready(address))

@@ -21,8 +21,8 @@ from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, Hello, Stamp, Waves
 from cogrip.protocol.session import make_hello
 from cogrip.server.io.dtls_channel import MOST_UNSEATED
-from cogrip.server.rate_limit import LIMITS, Gate
-from cogrip.server.unencrypted_channel import PlainListener, looks_like_hello
+from cogrip.server.rate_limit import LIMITS, RateLimiter
+from cogrip.server.unencrypted_channel import UnencryptedListener, looks_like_hello
 
 from tests.server.encrypted_network import ANNA, BEN, NO_LIMITS, Wire
 
@@ -88,14 +88,14 @@ def fuzz_plain(datagrams: int, seed: int) -> dict[str, int]:
     """Strangers, and a seated peer whose address is used by others, at the plain door. Returns the drops."""
     chance = random.Random(seed)
     seated: Address = ("10.0.0.1", 4001)
-    door = PlainListener(Gate(b"s" * 16, LIMITS), lambda address: address == seated)
+    authenticator = UnencryptedListener(RateLimiter(b"s" * 16, LIMITS), lambda address: address == seated)
     traffic = plain_traffic()
     now_ns = passed = 0
     for _ in range(datagrams):
         now_ns += FLOOD_NS
         datagram = mutated(chance, chance.choice(traffic), traffic)
         address = chance.choice(STRANGERS) if chance.random() < 0.95 else seated
-        for message in door.receive(datagram, address, now_ns):
+        for message in authenticator.receive(datagram, address, now_ns):
             passed += address != seated
             assert address == seated or looks_like_hello(message), message
             try:
@@ -104,11 +104,11 @@ def fuzz_plain(datagrams: int, seed: int) -> dict[str, int]:
                 messages.foreign_version(message)
             else:
                 assert address == seated or isinstance(decoded, Hello)
-    assert not door.outbox
-    assert len(door.dropped) <= MOST_NAMES
+    assert not authenticator.outbox
+    assert len(authenticator.dropped) <= MOST_NAMES
     strangers = 2 * LIMITS.contacts.burst + 2 * LIMITS.contacts.per_second * (now_ns * 1e-9 + 1.0)  # new, and again
     assert passed <= strangers
-    return door.dropped
+    return authenticator.dropped
 
 
 def fuzz_sealed(datagrams: int, folder: Path, seed: int, *, limited: bool = True) -> dict[str, int]:
@@ -204,23 +204,23 @@ def resident_bytes() -> int:
     return pages * 4096
 
 
-def main(door: str, datagrams: int) -> None:
+def main(authenticator: str, datagrams: int) -> None:
     """Run by hand: time, memory, and what was dropped why."""
     with tempfile.TemporaryDirectory() as folder:
 
         def run(count: int, seed: int) -> dict[str, int]:
-            if door == "plain":
+            if authenticator == "plain":
                 return fuzz_plain(count, seed)
-            if door == "call":
+            if authenticator == "call":
                 return fuzz_call(count, Path(folder), seed)
-            return fuzz_sealed(count, Path(folder), seed, limited=door != "open")
+            return fuzz_sealed(count, Path(folder), seed, limited=authenticator != "open")
 
         run(20_000, 0)
         before, begun_ns = resident_bytes(), time.perf_counter_ns()
         dropped = run(datagrams, 1)
         took_s = (time.perf_counter_ns() - begun_ns) * 1e-9
         grown_kib = (resident_bytes() - before) / 1024
-    print(f"{door}: {datagrams} datagrams in {took_s:.1f} s, {grown_kib:+.0f} KiB of {before / 2**20:.1f} MiB")
+    print(f"{authenticator}: {datagrams} datagrams in {took_s:.1f} s, {grown_kib:+.0f} KiB of {before / 2**20:.1f} MiB")
     for reason, number in sorted(dropped.items(), key=lambda item: -item[1]):
         print(f"{number:10d}  {reason}")
 

@@ -171,7 +171,7 @@ def scripted() -> Server:
     server.run(10, (1, 4))
     server.hear((2, "by token", 1, 0.0), (3, "by token", 2, 0.0))
     server.run(8, (1, 4))
-    server.core.disown(ADDRESSES[1])
+    server.core.unbind_address(ADDRESSES[1])
     server.tick(0)
     server.hear((3, "comes back with another device", 1, 0.0), (3, "comes back", 1, 0.0))
     server.run(6, (3, 4))
@@ -181,7 +181,7 @@ def scripted() -> Server:
     server.tick(0)
     server.core.stop("the time is over")
     server.hear((4, "leave", 0, 0.0))
-    server.core.close_books()
+    server.core.close_ledger()
     return server
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from cogrip.protocol.messages import MAGIC, PROTOCOL_VERSION, Hello
-from cogrip.server.admission import Denied, Doorkeeper, Grant
-from cogrip.server.events import EVENTS, Happening
-from cogrip.server.io.authenticator import TokenDoor
+from cogrip.server.admission import Authenticator, Denied, Grant
+from cogrip.server.events import EVENTS, ServerEvent
+from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.state_folder import StateError, StateFolder, make_folder
 from cogrip.server.io.token_file import TokenFile, draw_token
 from cogrip.server.tokens import TokenBook
@@ -30,12 +30,12 @@ class Bench:
     def __init__(self, folder: StateFolder) -> None:
         self.folder = folder
         self.file = TokenFile(folder)
-        self.said: list[Happening] = []
+        self.said: list[ServerEvent] = []
         self.now_s = NOW_S
-        self._doors: list[TokenDoor] = []
+        self._doors: list[TokenAuthenticator] = []
 
-    def door(self) -> TokenDoor:
-        self._doors.append(TokenDoor(self.file, self.said.append, lambda: self.now_s))
+    def authenticator(self) -> TokenAuthenticator:
+        self._doors.append(TokenAuthenticator(self.file, self.said.append, lambda: self.now_s))
         return self._doors[-1]
 
     def new(self, **terms: Any) -> tuple[str, str]:
@@ -50,8 +50,8 @@ class Bench:
         return [each.event for each in self.said]
 
     def close(self) -> None:
-        for door in self._doors:
-            door.close()
+        for authenticator in self._doors:
+            authenticator.close()
 
 
 @pytest.fixture
@@ -63,50 +63,50 @@ def bench(tmp_path) -> Iterator[Bench]:
 
 
 def test_what_was_made_after_the_start_is_known_at_the_next_hello(bench: Bench) -> None:
-    door: Doorkeeper = bench.door()
+    authenticator: Authenticator = bench.authenticator()
     token, ident = bench.new(room="demo", user="anna")
-    assert door.admit(hello(token)) == Grant("player", ident, "demo", "anna")
-    assert door.admit(hello(token, "observer", "wall")) == Denied(
+    assert authenticator.admit(hello(token)) == Grant("player", ident, "demo", "anna")
+    assert authenticator.admit(hello(token, "observer", "wall")) == Denied(
         "room", "this token is for room 'demo', not 'wall'; use the link as it is"
     )
     bench.edit(lambda book: book.revoke(ident, NOW_S))
-    assert door.admit(hello(token)) == REVOKED
+    assert authenticator.admit(hello(token)) == REVOKED
     assert bench.said == []
 
 
 def test_the_clock_decides_what_has_expired(bench: Bench) -> None:
     token, _ = bench.new(expires=int(NOW_S) + 60)
-    door = bench.door()
+    authenticator = bench.authenticator()
     bench.now_s = NOW_S + 59.99
-    assert isinstance(door.admit(hello(token)), Grant)
+    assert isinstance(authenticator.admit(hello(token)), Grant)
     bench.now_s = NOW_S + 60
-    assert door.admit(hello(token)) == Denied(
+    assert authenticator.admit(hello(token)) == Denied(
         "token", "this token has expired, at 2027-01-15 08:01 UTC; ask for a new link"
     )
 
 
 def test_a_one_time_token_is_used_up_by_the_place_it_gave_not_by_asking(bench: Bench) -> None:
     token, ident = bench.new(once=True)
-    door = bench.door()
-    grant = door.admit(hello(token))
-    assert isinstance(door.admit(hello(token)), Grant)
+    authenticator = bench.authenticator()
+    grant = authenticator.admit(hello(token))
+    assert isinstance(authenticator.admit(hello(token)), Grant)
     assert isinstance(grant, Grant)
-    door.admitted(grant)
-    assert door.admit(hello(token)) == USED
-    door.close()
+    authenticator.admitted(grant)
+    assert authenticator.admit(hello(token)) == USED
+    authenticator.close()
     assert bench.file.load().find(ident).used == NOW_S
-    assert bench.door().admit(hello(token)) == USED, "the next server knows too"
+    assert bench.authenticator().admit(hello(token)) == USED, "the next server knows too"
 
 
 def test_a_standing_token_writes_nothing(bench: Bench) -> None:
     token, _ = bench.new()
-    door, stamp = bench.door(), bench.file.stamp()
+    authenticator, stamp = bench.authenticator(), bench.file.stamp()
     for _ in range(3):
-        grant = door.admit(hello(token))
+        grant = authenticator.admit(hello(token))
         assert isinstance(grant, Grant)
-        door.admitted(grant)
-    door.admitted(Grant("player"))
-    door.close()
+        authenticator.admitted(grant)
+    authenticator.admitted(Grant("player"))
+    authenticator.close()
     assert bench.file.stamp() == stamp
 
 
@@ -116,7 +116,7 @@ def test_a_use_that_cannot_be_written_holds_and_is_written_later(
 ) -> None:
     """The tick does not wait for the disk."""
     (token, ident), (_, other) = bench.new(once=True), bench.new(once=True)
-    door, failed = bench.door(), threading.Event()
+    authenticator, failed = bench.authenticator(), threading.Event()
 
     def full(edit: object) -> None:
         failed.set()
@@ -124,19 +124,19 @@ def test_a_use_that_cannot_be_written_holds_and_is_written_later(
 
     with monkeypatch.context() as patch:
         patch.setattr(bench.file, "change", full)
-        door.admitted(Grant("player", ident))
-        assert door.admit(hello(token)) == USED
+        authenticator.admitted(Grant("player", ident))
+        assert authenticator.admit(hello(token)) == USED
         assert failed.wait(LIMIT_S)
     if again == "reload":
-        assert door.reload()
+        assert authenticator.reload()
     elif again == "another":
-        door.admitted(Grant("player", other))
+        authenticator.admitted(Grant("player", other))
     else:
         bench.new()
-        assert door.admit(hello(token)) == USED
-    door.close()
+        assert authenticator.admit(hello(token)) == USED
+    authenticator.close()
     assert bench.file.load().find(ident).used == NOW_S
-    assert door.admit(hello(token)) == USED
+    assert authenticator.admit(hello(token)) == USED
     (trouble,) = [each.text for each in bench.said if each.event == "trouble"]
     assert trouble.startswith(
         "a token's use or end is not written down, and holds until this server ends: tokens.json:"
@@ -145,47 +145,47 @@ def test_a_use_that_cannot_be_written_holds_and_is_written_later(
 
 def test_a_use_while_the_file_is_away_makes_no_empty_one(bench: Bench) -> None:
     token, ident = bench.new(once=True)
-    door, kept = bench.door(), bench.folder.tokens.read_bytes()
+    authenticator, kept = bench.authenticator(), bench.folder.tokens.read_bytes()
     bench.folder.tokens.unlink()
-    door.admitted(Grant("player", ident))
-    assert door.admit(hello(token)) == USED
-    door.close()
+    authenticator.admitted(Grant("player", ident))
+    assert authenticator.admit(hello(token)) == USED
+    authenticator.close()
     assert not bench.folder.tokens.exists()
     bench.folder.tokens.write_bytes(kept)
     bench.folder.tokens.chmod(0o600)
-    assert door.admit(hello(token)) == USED
+    assert authenticator.admit(hello(token)) == USED
 
 
 def test_revoked_ids_are_told_once_and_all_at_the_start(bench: Bench) -> None:
     (_, old), (token, new), (_, third) = bench.new(), bench.new(), bench.new()
     bench.edit(lambda book: book.revoke(old, NOW_S))
-    door = bench.door()
-    assert door.revoked() == {old}, "a restored seat may have been taken by it"
-    assert door.revoked() == set()
+    authenticator = bench.authenticator()
+    assert authenticator.revoked() == {old}, "a restored seat may have been taken by it"
+    assert authenticator.revoked() == set()
     bench.edit(lambda book: book.revoke(new, NOW_S))
-    assert door.revoked() == set(), "nothing was read yet"
-    assert door.reload()
-    assert door.revoked() == {new}
-    door.revoke(third)
-    assert door.revoked() == {third}
-    assert door.revoked() == set()
-    assert door.admit(hello(token)) == REVOKED
-    door.close()
+    assert authenticator.revoked() == set(), "nothing was read yet"
+    assert authenticator.reload()
+    assert authenticator.revoked() == {new}
+    authenticator.revoke(third)
+    assert authenticator.revoked() == {third}
+    assert authenticator.revoked() == set()
+    assert authenticator.admit(hello(token)) == REVOKED
+    authenticator.close()
     assert bench.file.load().find(third).revoked == NOW_S
     assert [each.text for each in bench.said] == ["tokens were read again: 1 of 3 are good"]
 
 
 def test_an_id_of_nobody_is_passed_over(bench: Bench) -> None:
-    door = bench.door()
-    door.revoke("00000000")
-    door.admitted(Grant("player", "00000000"))
-    assert door.revoked() == set()
+    authenticator = bench.authenticator()
+    authenticator.revoke("00000000")
+    authenticator.admitted(Grant("player", "00000000"))
+    assert authenticator.revoked() == set()
 
 
 @pytest.mark.parametrize("harm", ["damaged", "readable", "gone"])
 def test_a_broken_book_puts_nobody_out_and_is_said_once(bench: Bench, harm: str) -> None:
     token, ident = bench.new()
-    door, path = bench.door(), bench.folder.tokens
+    authenticator, path = bench.authenticator(), bench.folder.tokens
     kept = path.read_bytes()
     if harm == "damaged":
         path.write_bytes(b"{")
@@ -194,31 +194,31 @@ def test_a_broken_book_puts_nobody_out_and_is_said_once(bench: Bench, harm: str)
     else:
         path.unlink()
     for _ in range(3):
-        assert isinstance(door.admit(hello(token)), Grant)
-        assert isinstance(door.admit(hello("x" * 22)), Denied)
-        assert door.revoked() == set()
-    assert not door.reload()
+        assert isinstance(authenticator.admit(hello(token)), Grant)
+        assert isinstance(authenticator.admit(hello("x" * 22)), Denied)
+        assert authenticator.revoked() == set()
+    assert not authenticator.reload()
     assert bench.events() == ["trouble"]
     assert "tokens are not read anew, and stay as they were" in bench.said[0].text
     assert str(path) in bench.said[0].text
     path.write_bytes(kept)
     path.chmod(0o600)
     bench.edit(lambda book: book.revoke(ident, NOW_S))
-    assert door.admit(hello(token)) == REVOKED
+    assert authenticator.admit(hello(token)) == REVOKED
     path.write_bytes(b"{")
-    assert door.admit(hello(token)) == REVOKED
+    assert authenticator.admit(hello(token)) == REVOKED
     assert bench.events() == ["trouble", "trouble"], "another breakage is another trouble"
 
 
 def test_a_broken_book_is_not_read_for_every_hello(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     token, _ = bench.new()
-    door = bench.door()
+    authenticator = bench.authenticator()
     bench.folder.tokens.write_bytes(b"{")
     loads = []
     load = bench.file.load
     monkeypatch.setattr(bench.file, "load", lambda: loads.append(1) or load())
     for _ in range(5):
-        door.admit(hello(token))
+        authenticator.admit(hello(token))
     assert len(loads) == 1
 
 
@@ -226,14 +226,14 @@ def test_a_book_that_is_broken_from_the_start_is_an_error(bench: Bench) -> None:
     bench.folder.tokens.write_bytes(b"{")
     bench.folder.tokens.chmod(0o600)
     with pytest.raises(StateError, match="cannot be read as tokens"):
-        bench.door()
+        bench.authenticator()
 
 
 def test_no_token_is_said(bench: Bench) -> None:
     token, ident = bench.new()
-    door = bench.door()
+    authenticator = bench.authenticator()
     bench.folder.tokens.write_bytes(b"{")
-    answers = [door.admit(hello(token)), door.admit(hello(token + "x"))]
-    door.revoke(ident)
-    answers.append(door.admit(hello(token)))
+    answers = [authenticator.admit(hello(token)), authenticator.admit(hello(token + "x"))]
+    authenticator.revoke(ident)
+    answers.append(authenticator.admit(hello(token)))
     assert token not in repr(answers) + repr(bench.said)

@@ -23,12 +23,12 @@ def claimed(margin_j: float) -> ClientAccount:
 def test_claims_crowd_no_sitting_out_that_was_measured_as_bad() -> None:
     seat = Seat(seat_settings(SETTINGS, 0))
     seat.last = measured(-0.7)
-    seat.close_sitting()
+    seat.close_seat_session()
     for _ in range(3 * MOST_EARLIER):
         seat.last, seat.account = measured(0.0), claimed(-1e300)
-        seat.close_sitting()
+        seat.close_seat_session()
     assert len(seat.earlier) == MOST_EARLIER
-    assert min(sitting.least_margin() for sitting in seat.earlier) == -0.7
+    assert min(seat_session.least_margin() for seat_session in seat.earlier) == -0.7
 
 
 def test_an_old_state_does_not_say_where_the_hand_is() -> None:

@@ -117,12 +117,12 @@ def test_its_last_flight_is_answered_again_a_few_times_and_not_longer_than_it_is
     answers = 0
     for _ in range(MOST_REPEATS + 3):
         peer.put_flight()
-        question = peer.outbox.pop()[1]
-        wire.inject(question, ANNA)
-        wire.inject(question, ANNA)  # the network's copy gets no answer
+        query = peer.outbox.pop()[1]
+        wire.inject(query, ANNA)
+        wire.inject(query, ANNA)  # the network's copy gets no answer
         for _, answer in wire.listener.outbox:
             answers += 1
-            assert len(answer) <= len(question)
+            assert len(answer) <= len(query)
             peer.receive(answer, PEER, wire.now_ns)
         wire.listener.outbox.clear()
     assert answers == MOST_REPEATS

@@ -13,7 +13,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client as sealed_call
 from cogrip.protocol.io.dtls import NOT_TRUSTED, is_client_hello
-from cogrip.protocol.io.dtls_client import NO_ANSWER_CURE, SealedCall
+from cogrip.protocol.io.dtls_client import NO_ANSWER_CURE, DtlsClient
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES, Refuse
 from cogrip.protocol.session import make_hello
 from cogrip.server.io.dtls_channel import (
@@ -24,9 +24,9 @@ from cogrip.server.io.dtls_channel import (
     MOST_UNSEATED,
     TOLD,
     WAITS_NS,
-    SealedListener,
+    DtlsListener,
 )
-from cogrip.server.rate_limit import LIMITS, Budget, Gate
+from cogrip.server.rate_limit import LIMITS, Budget, RateLimiter
 
 from tests.protocol.foreign_peers import foreign
 from tests.server.encrypted_network import ANNA, BEN, FAULTS, NO_LIMITS, Wire
@@ -455,8 +455,8 @@ def test_over_real_sockets(folder: Path) -> None:
             each.bind(("127.0.0.1", 0))
             each.setblocking(False)
         port, *people = sockets
-        listener = SealedListener(folder, Gate(b"s"), lambda _: True)
-        calls = [SealedCall(listener.fingerprint) for _ in people]
+        listener = DtlsListener(folder, RateLimiter(b"s"), lambda _: True)
+        calls = [DtlsClient(listener.fingerprint) for _ in people]
         heard: list[bytes] = []
         answers: list[list[bytes]] = [[], []]
         end_ns = time.monotonic_ns() + 30_000_000_000

@@ -6,30 +6,32 @@ import pytest
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.server.core import ServerCore
-from cogrip.server.events import EVENTS, OF_STRANGERS, Happening
+from cogrip.server.events import EVENTS, OF_STRANGERS, ServerEvent
 from cogrip.server.loop import TOLD, LiveServer
-from cogrip.server.rate_limit import Gate
-from cogrip.server.unencrypted_channel import PlainListener
+from cogrip.server.rate_limit import RateLimiter
+from cogrip.server.unencrypted_channel import UnencryptedListener
 
 FLOOD = 1024
 
 
 @pytest.mark.parametrize("event", OF_STRANGERS)
 def test_a_flood_of_events_becomes_some_lines_and_a_count(event: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[Happening] = []
-    server = LiveServer([], "127.0.0.1", 0, Stop(), said.append, lambda core: PlainListener(Gate(b"s"), core.knows))
+    said: list[ServerEvent] = []
+    server = LiveServer(
+        [], "127.0.0.1", 0, Stop(), said.append, lambda core: UnencryptedListener(RateLimiter(b"s"), core.knows)
+    )
     server.core = ServerCore([], "", lambda: 1)  # type: ignore[assignment]
-    server.channel = PlainListener(Gate(b"s"), server.core.knows)
+    server.channel = UnencryptedListener(RateLimiter(b"s"), server.core.knows)
     now_ns = 5_000_000_000
     monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns)
     for each in range(FLOOD):
-        server.core.events.append(Happening(event, f"number {each}"))
+        server.core.events.append(ServerEvent(event, f"number {each}"))
     server._tell()
     assert len(said) == TOLD.burst
     now_ns += 1_000_000_000
     server._tell()
     assert said[TOLD.burst :] == [
-        Happening(event, f"{FLOOD - TOLD.burst} more of this kind ({event}) were not said one by one")
+        ServerEvent(event, f"{FLOOD - TOLD.burst} more of this kind ({event}) were not said one by one")
     ]
 
 

@@ -68,8 +68,8 @@ def hold(room: Room, frames: range, number: int = 0) -> None:
         room.tick(frame * FRAME_NS)
 
 
-def sit(room: Room, number: int = 0) -> None:
-    room.sit(number, 1, 1, ("127.0.0.1", number), 0, PHANTOM)
+def take_seat(room: Room, number: int = 0) -> None:
+    room.take_seat(number, 1, 1, ("127.0.0.1", number), 0, PHANTOM)
 
 
 def maker(*rooms: Room) -> SnapshotMaker:
@@ -78,7 +78,7 @@ def maker(*rooms: Room) -> SnapshotMaker:
 
 def test_a_snapshot_says_what_the_room_knows():
     room, pacer = a_room(), Pacer(128, 0)
-    sit(room)
+    take_seat(room)
     hold(room, range(20))
     assert room.seats[0].port.receive(waves(19)), "a duplicate"
     room.seats[0].clock.read(
@@ -133,13 +133,13 @@ def test_tick_times_are_in_seconds_and_skips_are_counted():
 def test_least_margins_stay_when_the_seat_is_left_and_taken_again():
     room = a_room()
     look = maker(room).look
-    sit(room)
+    take_seat(room)
     room.seats[0].line_margin_j = -0.25
     assert look(0.5).rooms[0].least_line_margin_j == -0.25
-    room.rise(0, "leave")
+    room.leave_seat(0, "leave")
     left = look(1.0).rooms[0]
     assert (left.seated, left.least_line_margin_j, left.seats[0].line_margin_j) == (0, -0.25, -0.25)
-    sit(room)
+    take_seat(room)
     again = look(1.5).rooms[0]
     assert (again.least_line_margin_j, again.seats[0].line_margin_j) == (-0.25, 0.0)
 
@@ -172,7 +172,7 @@ def test_looking_is_not_recorded():
 
 def test_what_is_not_finite_is_said_as_such():
     room = a_room()
-    sit(room)
+    take_seat(room)
     room.world.position = np.array([nan])
     room.travel_m = inf
     room.diverged = "the object left the workspace at (nan,) m"
@@ -292,7 +292,7 @@ def test_the_text_says_what_the_snapshot_says():
 
 def test_names_units_and_help_are_what_prometheus_asks_for():
     room = a_room()
-    sit(room)
+    take_seat(room)
     hold(room, range(5))
     for family in families(maker(room).look(1.0, {"malformed": 1}, datagrams=(1, 1))):
         assert family.name.startswith("cogrip_")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.worlds.power import DRIFT_MPS, DRIFT_SHARE, GIVE_SHARE, Led, PowerWorld
-from cogrip.server.worlds.small_room import FewGripWorld
+from cogrip.server.worlds.small_room import SmallGripWorld
 
 T = 1 / 128
 
@@ -132,7 +132,7 @@ def test_with_energy_enough_it_is_the_passive_step_of_a_stiff_line() -> None:
     settings = resolve({
         "coupling": {"stiffness_npm": 700.0, "damping_nspm": 7.0, "impedance_nspm": b}, "users": [{"name": "a"}, {"name": "b"}],
     })  # fmt: skip
-    stiff = FewGripWorld([seat_settings(settings, number) for number in range(2)])
+    stiff = SmallGripWorld([seat_settings(settings, number) for number in range(2)])
     for number in range(2):
         stiff.join(number, np.zeros(1))
     stiff.stiffness = np.full((2, 1), 700.0)

@@ -19,8 +19,8 @@ from cogrip.server.rate_limit import (
     REPEATED,
     SEATED_NS,
     Budget,
-    Gate,
     Limits,
+    RateLimiter,
     limits_for,
     network_of,
 )
@@ -30,12 +30,12 @@ OPEN = Limits(PLENTY, PLENTY, PLENTY, PLENTY)
 ANNA, BEN = ("10.0.0.1", 4001), ("10.0.0.2", 4002)
 
 
-def gate(**limits: Budget) -> Gate:
-    return Gate(b"secret of a test", OPEN._replace(**limits))
+def rate_limiter(**limits: Budget) -> RateLimiter:
+    return RateLimiter(b"secret of a test", OPEN._replace(**limits))
 
 
 def test_sizes() -> None:
-    doors = gate()
+    doors = rate_limiter()
     assert doors.size(b"") == "empty"
     assert doors.size(b"x") == doors.size(bytes(MAX_DATAGRAM_BYTES)) == ""
     assert doors.size(bytes(MAX_DATAGRAM_BYTES + 1)) == "too large"
@@ -51,8 +51,8 @@ def test_sizes() -> None:
         ("peer", "peer", "flood of a peer"),
     ],
 )
-def test_a_budget_gives_its_burst_then_its_rate(question: str, budget: str, says: str) -> None:
-    ask = getattr(repeated(gate(**{budget: Budget(10, 3)})), question)
+def test_a_budget_gives_its_burst_then_its_rate(query: str, budget: str, says: str) -> None:
+    ask = getattr(repeated(rate_limiter(**{budget: Budget(10, 3)})), query)
     now_ns = 5_000_000_000
     assert [ask(ANNA, now_ns) for _ in range(5)] == ["", "", "", says, says]
     assert ask(ANNA, now_ns + 99_999_999) == says
@@ -63,7 +63,7 @@ def test_a_budget_gives_its_burst_then_its_rate(question: str, budget: str, says
     assert [ask(ANNA, later_ns) for _ in range(5)] == ["", "", "", says, says]
 
 
-def repeated(doors: Gate) -> Gate:
+def repeated(doors: RateLimiter) -> RateLimiter:
     """Where all addresses were let through just now, and draw from the budgets of those that come again."""
     for seen_ns in (doors._contact_ns, doors._handshake_ns):
         seen_ns[:] = array("q", [5_000_000_000]) * ADDRESS_SLOTS
@@ -73,7 +73,7 @@ def repeated(doors: Gate) -> Gate:
 def test_the_limits_that_are_there_by_default() -> None:
     assert Limits() == LIMITS == Limits(Budget(20, 250), Budget(300, 600), Budget(100, 50), Budget(512, 512))
     assert limits_for(1024).peer == Budget(4096, 4096)
-    doors, now_ns = repeated(Gate(b"s")), 5_000_000_000
+    doors, now_ns = repeated(RateLimiter(b"s")), 5_000_000_000
     assert [doors.handshake((f"10.0.{number}.1", 1), now_ns) for number in range(51)].count("") == 50
     assert [doors.contact((f"10.0.{number >> 8}.{number & 255}", 1), now_ns) for number in range(601)].count("") == 600
     laboratory = [doors.contact(("192.0.2.1", 1000 + number), 10**10) for number in range(251)]
@@ -85,7 +85,7 @@ def test_the_limits_that_are_there_by_default() -> None:
 )
 def test_a_budget_is_a_token_bucket(rate: int, burst: int, gaps_ms: list[int]) -> None:
     """Against a bucket of exact fractions."""
-    doors = gate(peer=Budget(rate, burst))
+    doors = rate_limiter(peer=Budget(rate, burst))
     tokens, now_ns = Fraction(burst), 1_000_000_000
     each_ns = 1_000_000_000 // rate
     for gap_ms in gaps_ms:
@@ -97,17 +97,17 @@ def test_a_budget_is_a_token_bucket(rate: int, burst: int, gaps_ms: list[int]) -
 
 
 def test_one_address_spends_its_own_budget_whatever_its_port() -> None:
-    doors = gate(address=Budget(10, 2))
+    doors = rate_limiter(address=Budget(10, 2))
     assert [doors.contact((ANNA[0], port), 1) for port in (1, 2, 3)] == ["", "", "address budget"]
     assert [doors.handshake((ANNA[0], port), 1) for port in (1, 2, 3)] == ["", "", "address budget"]
     assert doors.contact(BEN, 1) == doors.handshake(BEN, 1) == ""
 
 
 @pytest.mark.parametrize(("question", "budget"), [("contact", "contacts"), ("handshake", "handshakes")])
-def test_each_class_of_addresses_has_a_budget_of_its_own(question: str, budget: str) -> None:
-    doors = gate(**{budget: Budget(10, 4)})
-    ask = getattr(doors, question)
-    says = f"{question} budget"
+def test_each_class_of_addresses_has_a_budget_of_its_own(query: str, budget: str) -> None:
+    doors = rate_limiter(**{budget: Budget(10, 4)})
+    ask = getattr(doors, query)
+    says = f"{query} budget"
     doors.seated(ANNA, 0)
     flood = [ask((f"10.66.{number}.1", 1), 0) for number in range(50)]
     assert flood == [""] * 4 + [says] * 46
@@ -116,7 +116,7 @@ def test_each_class_of_addresses_has_a_budget_of_its_own(question: str, budget: 
     assert [ask(("10.66.0.1", port), 0) for port in range(5)] == [""] * 4 + [says], "come before, and come again"
     later_ns = NEW_NS - 1
     assert [ask(("10.66.1.1", 1), later_ns), ask(("10.66.2.1", 1), NEW_NS)] == ["", ""]
-    classes = doors._contacts if question == "contact" else doors._handshakes
+    classes = doors._contacts if query == "contact" else doors._handshakes
     assert classes._full_ns[REPEATED] > classes._full_ns[NEW] - 1_000_000_000 > 0
     assert doors.was_seated(ANNA, SEATED_NS - 1)
     assert not doors.was_seated(ANNA, SEATED_NS)
@@ -131,7 +131,7 @@ MOST_SHUT_OUT = 0.03  # one in 260 has the bucket of an attacker's address
 @pytest.mark.parametrize("had_seat", [False, True])
 def test_hundreds_of_addresses_with_cookies_shut_hardly_anybody_out(had_seat: bool) -> None:
     """They ask as often as one address may, all the time; each newcomer dials as a client does, and comes once."""
-    chance, doors, start_ns = random.Random(3), Gate(b"s" * 16), 10**13
+    chance, doors, start_ns = random.Random(3), RateLimiter(b"s" * 16), 10**13
     queue: list[tuple[float, str, str, int]] = []
     for attacker in range(ATTACKERS):
         phase_s = chance.random() / EACH_PER_S
@@ -162,7 +162,7 @@ def test_hundreds_of_addresses_with_cookies_shut_hardly_anybody_out(had_seat: bo
 
 
 def test_peers_are_told_apart_by_port() -> None:
-    doors = gate(peer=Budget(10, 1))
+    doors = rate_limiter(peer=Budget(10, 1))
     assert doors.peer(ANNA, 1) == ""
     assert doors.peer(ANNA, 1) == "flood of a peer"
     slot = doors._peer_slot  # differs from process to process
@@ -187,11 +187,11 @@ def test_peers_are_told_apart_by_port() -> None:
 )
 def test_the_network_of_an_address(address: object, network: str) -> None:
     assert network_of(address) == network
-    assert Gate(b"s").contact(address, 1) == ""
+    assert RateLimiter(b"s").contact(address, 1) == ""
 
 
 def test_a_flood_of_forged_addresses_takes_no_memory_and_evicts_nobody() -> None:
-    doors = gate(address=Budget(20, 3))
+    doors = rate_limiter(address=Budget(20, 3))
     for _ in range(3):
         doors.contact(ANNA, 1)
     before = size_of(doors)
@@ -202,7 +202,7 @@ def test_a_flood_of_forged_addresses_takes_no_memory_and_evicts_nobody() -> None
     assert doors.contact(ANNA, 1) == "address budget"  # it is still known
 
 
-def size_of(doors: Gate) -> int:
+def size_of(doors: RateLimiter) -> int:
     tables = [doors._addresses, doors._shaking, doors._peers, doors._contacts, doors._handshakes]
     times = [doors._seated_ns, doors._contact_ns, doors._handshake_ns]
     return sum(map(sys.getsizeof, [*times, *(table._full_ns for table in tables)]))
@@ -210,6 +210,6 @@ def size_of(doors: Gate) -> int:
 
 def test_where_an_address_falls_is_known_to_nobody_outside() -> None:
     addresses = [(f"10.{number}.0.1", 1) for number in range(200)]
-    slots = [[Gate(secret)._slot(address) for address in addresses] for secret in (b"one", b"two")]
+    slots = [[RateLimiter(secret)._slot(address) for address in addresses] for secret in (b"one", b"two")]
     assert sum(one == two for one, two in zip(*slots, strict=True)) <= 5
     assert len(set(slots[0])) >= 180

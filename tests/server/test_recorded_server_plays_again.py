@@ -62,7 +62,7 @@ def played(server: Server, actions: Sequence[Any]) -> None:
             case "hear", words:
                 server.hear(*words)
             case "close_books", *_:
-                server.core.close_books()
+                server.core.close_ledger()
             case "socket_failed", reason:
                 server.core.socket_failed(reason)
             case "stop", reason:
@@ -145,7 +145,7 @@ def test_a_restored_server_plays_again() -> None:
     after.hear((0, "comes back", 0, 0.0), (1, "hello", 0, 0.0))
     assert after.core.rooms[0].seats[0].state == "seated"
     after.run(40)
-    after.core.close_books()
+    after.core.close_ledger()
     after.exact()
 
 
@@ -163,7 +163,7 @@ def test_what_the_socket_refused_is_an_input_too() -> None:
     server.hear((0, "hello", 0, 0.0))
     server.run(5, (0,))
     server.core.socket_failed("Network is unreachable")
-    server.core.close_books()
+    server.core.close_ledger()
     server.exact()
 
 

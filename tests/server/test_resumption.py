@@ -42,9 +42,9 @@ class Door:
 class Guarded(Desk):
     def __init__(self, *rooms: Settings) -> None:
         sessions, tickets = count(100), count(1)
-        self.door = Door()
+        self.authenticator = Door()
         self.core = ServerCore(
-            rooms or (room(),), "test", lambda: next(sessions), self.door, lambda: f"ticket-{next(tickets)}",
+            rooms or (room(),), "test", lambda: next(sessions), self.authenticator, lambda: f"ticket-{next(tickets)}",
             lambda ticket: f"mark of {ticket}",
         )  # fmt: skip
         self.now_ns = 1_000_000_000
@@ -77,17 +77,17 @@ def test_who_has_no_right_is_refused_in_words(changed: dict[str, object], code: 
     assert refuse.code == code
     assert words in refuse.reason
     assert desk.core.events[-1].code == code
-    assert not desk.door.used
+    assert not desk.authenticator.used
     assert not desk.core.knows("x")
 
 
 def test_a_token_is_used_when_a_seat_is_given_and_only_then() -> None:
     desk = Guarded(room(people=("anna",)))
     desk.welcome("x")
-    assert desk.door.used == ["aaaaaaaa"]
+    assert desk.authenticator.used == ["aaaaaaaa"]
     desk.hello("x", token="p")  # the welcome was lost
     assert desk.refused("y", token="p", nonce=2).code == "full"
-    assert desk.door.used == ["aaaaaaaa"]
+    assert desk.authenticator.used == ["aaaaaaaa"]
 
 
 def test_a_token_for_one_seat_gives_that_seat() -> None:

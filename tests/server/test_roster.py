@@ -6,7 +6,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Heartbeat, Leave, Stamp
 from cogrip.protocol.session import ClientSession
 from cogrip.server.io.control import MOST_ANSWER_BYTES, Answer
-from cogrip.server.roster import MOST_PRESENT, Present, people_of
+from cogrip.server.roster import MOST_PRESENT, RosterEntry, people_of
 
 from tests.protocol.two_ends import MS, exchange, hello, seated, server, waves
 
@@ -16,7 +16,7 @@ S = 1_000 * MS
 def test_a_person_is_listed_from_sitting_down_to_leaving() -> None:
     _, core = seated(now_ns=5 * S)
     [anna] = people_of(core.rooms, 7 * S)
-    assert anna == Present("anna", "lab", "anna's", 2.0, 0, "sim:phantom", None, None, None, 0, False)
+    assert anna == RosterEntry("anna", "lab", "anna's", 2.0, 0, "sim:phantom", None, None, None, 0, False)
     core.receive(waves(100), "anna's", 7 * S)
     core.tick(core.rooms[0], 7 * S)
     # our clock shows 7 s, theirs 107 s: 20 ms there and 10 ms back after 5 ms are told as 15 ms each
@@ -34,7 +34,7 @@ def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away
     looks = ClientSession(hello("", 9, role="observer"))
     looks.call(0)
     exchange(looks, core, 0, "there")
-    core.disown("anna's")
+    core.unbind_address("anna's")
     first, second = people_of(core.rooms, 90 * S)
     assert (first.name, first.seat, first.address) == ("anna", 0, "away")
     assert (second.name, second.seat, second.address, second.since_s, second.lost) == (
@@ -47,7 +47,7 @@ def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away
 
 
 def test_a_list_as_long_as_may_be_has_room_in_an_answer() -> None:
-    longest = Present("n" * 40, "r" * 40, "[fe80::1234:5678:9abc:def0%interface0]:65535", 1234567.8, 255, "\x01" * 40,
+    longest = RosterEntry("n" * 40, "r" * 40, "[fe80::1234:5678:9abc:def0%interface0]:65535", 1234567.8, 255, "\x01" * 40,
                       59999.999, 59999.999, 59999.999, 2**53, True)  # fmt: skip
     assert len(msgspec.json.encode(Answer(True, "t" * 100, (longest,) * MOST_PRESENT))) < MOST_ANSWER_BYTES
 

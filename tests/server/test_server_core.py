@@ -185,9 +185,9 @@ def test_a_short_hello_is_not_answered() -> None:
 def test_no_answer_to_a_stranger_is_longer_than_the_question() -> None:
     desk = Desk(room("n" * 40, people=tuple(letter * 40 for letter in "abcd")))
     for name in ("", "a" * 40, "z" * 40):
-        question = messages.padded(hello(name=name))
-        desk.core.receive(question, name, 0)
-        assert len(desk.core.outbox[-1][1]) <= len(question)
+        query = messages.padded(hello(name=name))
+        desk.core.receive(query, name, 0)
+        assert len(desk.core.outbox[-1][1]) <= len(query)
 
 
 @given(st.lists(st.binary(max_size=200), max_size=20))

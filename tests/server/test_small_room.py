@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.registry import make_world
-from cogrip.server.worlds.small_room import MOST, FewGripWorld
+from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 
 
 def seats(count: int, axes: int, random: np.random.Generator) -> list[SeatSettings]:
@@ -30,7 +30,7 @@ def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) ->
     """They come, hold, and go at random moments, while their stiffness grows as well as after."""
     random = np.random.default_rng(seed)
     people = seats(count, axes, random)
-    many, few = GripWorld(people), FewGripWorld(people)
+    many, few = GripWorld(people), SmallGripWorld(people)
     for step in range(120):
         user = int(random.integers(count))
         if step % 25 == 0:
@@ -55,19 +55,19 @@ def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) ->
 
 def test_rooms_of_few_and_of_many() -> None:
     random = np.random.default_rng(1)
-    assert isinstance(make_world(seats(MOST // 3, 3, random)), FewGripWorld)
+    assert isinstance(make_world(seats(MOST // 3, 3, random)), SmallGripWorld)
     assert isinstance(make_world(seats(MOST // 3 + 1, 3, random)), GripWorld)
 
 
 def test_the_arrays_of_few_people_are_not_to_be_written_to() -> None:
-    world = FewGripWorld(seats(2, 3, np.random.default_rng(1)))
+    world = SmallGripWorld(seats(2, 3, np.random.default_rng(1)))
     for name in ("position", "velocity", "stretch", "stiffness", "damping", "force", "port_work"):
         assert not getattr(world, name).flags.writeable, name
     world.position = np.array([0.1, 0.2, 0.3])
     assert world.motion() == (0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("kind", [GripWorld, FewGripWorld])
+@pytest.mark.parametrize("kind", [GripWorld, SmallGripWorld])
 def test_the_work_of_hours_is_within_two_roundings_of_the_true_one(kind: type[GripWorld]) -> None:
     """Small steps beside a large sum: a plain one is out by up to half its last digit each time."""
     world, start = kind(seats(2, 1, np.random.default_rng(1))), 1e7 / 3.0
@@ -86,5 +86,5 @@ def test_the_work_of_hours_is_within_two_roundings_of_the_true_one(kind: type[Gr
         assert abs(Fraction(work) - true[user]) <= Fraction(2.0**-52) * Fraction(start) * 2
     out = max(abs(Fraction(sum_) - work) for sum_, work in zip(plain, true, strict=True))
     assert out > Fraction(2.0**-52) * Fraction(start) * 4, "else nothing is shown"
-    world.open_books(1)
+    world.start_ledger(1)
     assert list(world.worked()) == [world.port_work[0], 0.0]

@@ -9,11 +9,11 @@ from cogrip.protocol.felt_stiffness import MOST_GAIN
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.core import ServerCore
-from cogrip.server.stiffness_adaptation import FOLLOW_S, WORD_EVERY_S, WORDS, StiffnessFollower
+from cogrip.server.stiffness_adaptation import FOLLOW_S, WORD_EVERY_S, WORDS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.registry import make_world
-from cogrip.server.worlds.small_room import FewGripWorld
+from cogrip.server.worlds.small_room import SmallGripWorld
 from cogrip.server.worlds.world import MOST_SAVED_J, World
 
 FRAME_MS = 7.8125
@@ -30,13 +30,13 @@ class Followed:
     def __init__(self, **coupling: object) -> None:
         self.seat = seat(**coupling)
         self.loops = LoopMeter(128)
-        self.follower = StiffnessFollower(self.seat, self.loops)
+        self.adapter = StiffnessAdapter(self.seat, self.loops)
         self.aims = [self.seat.rendered_npm]
 
     def hear(self, loop: int, frames: int) -> None:
         for _ in range(frames):
             self.loops.add(loop)
-            aim = self.follower.heed()
+            aim = self.adapter.heed()
             self.aims.append(self.aims[-1] if aim is None else aim)
 
 
@@ -59,7 +59,7 @@ def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(loop: int) ->
     rates = np.abs(np.diff(np.log(followed.aims))) / (FRAME_MS * 1e-3)
     assert rates.max() <= 1.0 / FOLLOW_S
     assert np.all(np.diff(followed.aims) >= 0) if loop > 5 else np.all(np.diff(followed.aims) <= 0)
-    assert followed.follower.told == ""
+    assert followed.adapter.told == ""
 
 
 def test_a_jitter_that_leaves_the_median_moves_nothing() -> None:
@@ -75,8 +75,8 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
     followed.hear(5, 200)
     followed.hear(13, 2000)  # C_line = 101.6 ms / 100: softer than 1000 N/m
     assert followed.aims[-1] == 1000.0 * MOST_GAIN
-    assert not followed.follower.reached
-    words = followed.follower.told
+    assert not followed.adapter.reached
+    words = followed.adapter.told
     assert "1000 N/m is out of reach by the delay now measured (94 ms both ways together)" in words
     assert "984.6 N/m" in words
     assert "coupling.impedance_nspm above 50.78 would do" in words
@@ -85,15 +85,15 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
         < 1.0
         < seat(impedance_nspm=50.77).line_compliance(13) * 1000.0
     )
-    followed.follower.told = ""
+    followed.adapter.told = ""
     followed.hear(13, 1000)
-    assert followed.follower.told == ""
+    assert followed.adapter.told == ""
     felt_npm = followed.seat.predicted_stiffness(13)
     assert felt_npm == pytest.approx(
         1.0 / (1.0 / 1e5 + 1.0 / 984.615), rel=1e-4
     )  # 975: as stiff as the line but for 1 %
     followed.hear(5, 2000)
-    assert "1000 N/m is within reach again" in followed.follower.told
+    assert "1000 N/m is within reach again" in followed.adapter.told
     assert followed.aims[-1] == pytest.approx(followed.seat.rendered_npm)
 
 
@@ -102,9 +102,9 @@ def swing(followed: Followed, seconds: int) -> list[tuple[int, str]]:
     heard = []
     for frame in range(128 * seconds):
         followed.hear(13 if frame // 128 % 2 else 5, 1)
-        if followed.follower.told:
-            heard.append((frame, followed.follower.told))
-            followed.follower.told = ""
+        if followed.adapter.told:
+            heard.append((frame, followed.adapter.told))
+            followed.adapter.told = ""
     return heard
 
 
@@ -118,8 +118,8 @@ def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others(
     for number, (_, words) in enumerate(heard):  # each says something else than the one before
         assert ("out of reach" in words) == (number % 2 == 0)
     changes = 600 - 1  # one in each second but the first
-    assert followed.follower.withheld >= changes - WORDS - 600 // WORD_EVERY_S
-    assert followed.follower.withheld <= changes - WORDS
+    assert followed.adapter.withheld >= changes - WORDS - 600 // WORD_EVERY_S
+    assert followed.adapter.withheld <= changes - WORDS
 
 
 @pytest.mark.parametrize("loop", [5, 13])
@@ -130,8 +130,8 @@ def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
     assert len(heard) == WORDS
     followed.hear(loop, 3 * WORD_EVERY_S * 128)
     reached = loop == 5
-    assert followed.follower.reached is reached
-    assert followed.follower.told == "" if reached else "out of reach" in followed.follower.told
+    assert followed.adapter.reached is reached
+    assert followed.adapter.told == "" if reached else "out of reach" in followed.adapter.told
     assert "within reach again" in heard[-1][1]
 
 
@@ -139,7 +139,7 @@ def test_what_was_not_said_is_counted_by_name() -> None:
     core = ServerCore([resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", lambda: 1)
     [room] = core.rooms
     followed = Followed()
-    room.seats[0].follower = followed.follower
+    room.seats[0].adapter = followed.adapter
     followed.hear(5, 200)
     told = 0
     for second in range(40):
@@ -205,7 +205,7 @@ def stored_j(world: World) -> float:
     return kinetic + 0.5 * float((world.stiffness * world.stretch**2).sum())
 
 
-KINDS = {"cube": FewGripWorld, "many": GripWorld, "faces": PushWorld, "wall": PushWorld}
+KINDS = {"cube": SmallGripWorld, "many": GripWorld, "faces": PushWorld, "wall": PushWorld}
 
 
 @settings(max_examples=40)
@@ -233,7 +233,7 @@ def test_no_sequence_of_aims_makes_energy(kind: str, count: int, axes: int, seed
         world.step(wave)
         scale = max(scale, float(np.abs(world.port_work).sum()), stored_j(world))
         assert stored_j(world) <= float(world.port_work.sum()) + 1e-9 * (1.0 + scale)
-    ledger = world._paid_j if isinstance(world, FewGripWorld) else world._ledger
+    ledger = world._paid_j if isinstance(world, SmallGripWorld) else world._ledger
     assert max(ledger) <= MOST_SAVED_J
     assert min(ledger) >= -1e-12 * (1.0 + scale)
 
@@ -247,7 +247,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
         world = KINDS[kind](people(1, 1, "cube" if kind == "many" else kind, True, random))
         world.join(0, np.zeros(1))
         for step in range(400):
-            if isinstance(world, FewGripWorld):
+            if isinstance(world, SmallGripWorld):
                 world._paid_j[0] = 1e6
             else:
                 world._ledger[0] = 1e6
@@ -263,7 +263,7 @@ def test_energy_is_made_where_the_ledger_is_not_asked(kind: str) -> None:
 def test_few_people_follow_as_many_do(count: int, axes: int, seed: int) -> None:
     random = np.random.default_rng(seed)
     seats = people(count, axes, "cube", True, random)
-    many, few = GripWorld(seats), FewGripWorld(seats)
+    many, few = GripWorld(seats), SmallGripWorld(seats)
     for step in range(150):
         user = int(random.integers(count))
         if step % 25 == 0:

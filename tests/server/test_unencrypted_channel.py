@@ -11,8 +11,8 @@ from cogrip.protocol import messages
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import HELLO_BYTES, MAX_DATAGRAM_BYTES, Heartbeat, Stamp
 from cogrip.protocol.session import make_hello
-from cogrip.server.rate_limit import Budget, Gate, Limits
-from cogrip.server.unencrypted_channel import PlainListener, looks_like_hello
+from cogrip.server.rate_limit import Budget, Limits, RateLimiter
+from cogrip.server.unencrypted_channel import UnencryptedListener, looks_like_hello
 
 ANNA, BEN = ("10.0.0.1", 4001), ("10.0.0.2", 4002)
 WAVE = messages.encode(Heartbeat(5, Stamp(1)))
@@ -22,12 +22,12 @@ HELLO = messages.padded(
 LIMITS = Limits(Budget(20, 5), Budget(300, 8), Budget(1, 1), Budget(100, 10))
 
 
-def door(*seated: Address) -> PlainListener:
-    return PlainListener(Gate(b"s", LIMITS), seated.__contains__)
+def authenticator(*seated: Address) -> UnencryptedListener:
+    return UnencryptedListener(RateLimiter(b"s", LIMITS), seated.__contains__)
 
 
 def test_strangers_may_say_hello_and_no_more() -> None:
-    listener = door(BEN)
+    listener = authenticator(BEN)
     assert listener.receive(WAVE, ANNA, 0) == ()
     assert listener.receive(HELLO[:-1], ANNA, 0) == ()
     assert listener.receive(HELLO, ANNA, 0) == (HELLO,)
@@ -38,7 +38,7 @@ def test_strangers_may_say_hello_and_no_more() -> None:
 
 
 def test_hellos_have_budgets_by_address_and_in_all() -> None:
-    listener = door()
+    listener = authenticator()
     assert sum(len(listener.receive(HELLO, ANNA, 0)) for _ in range(6)) == 5
     assert (
         sum(len(listener.receive(HELLO, (f"10.1.1.{number}", 1), 0)) for number in range(10)) == 7
@@ -47,9 +47,9 @@ def test_hellos_have_budgets_by_address_and_in_all() -> None:
 
 
 def test_who_is_seated_has_a_budget_too_and_spends_nobody_else_s() -> None:
-    slot = Gate(b"s", LIMITS)._peer_slot  # differs from process to process
+    slot = RateLimiter(b"s", LIMITS)._peer_slot  # differs from process to process
     other = next(("10.0.0.2", port) for port in count(4002) if slot(("10.0.0.2", port)) != slot(ANNA))
-    listener = door(ANNA, other)
+    listener = authenticator(ANNA, other)
     assert sum(len(listener.receive(WAVE, ANNA, 0)) for _ in range(30)) == 10
     assert listener.dropped == {"flood of a peer": 20}
     assert listener.receive(WAVE, other, 0) == (WAVE,)
@@ -57,14 +57,14 @@ def test_who_is_seated_has_a_budget_too_and_spends_nobody_else_s() -> None:
 
 
 def test_a_dtls_hello_is_a_stranger_s() -> None:
-    listener = door()
+    listener = authenticator()
     assert listener.receive(b"\x16\xfe\xff" + bytes(1100), ANNA, 0) == ()
     assert listener.dropped == {"stranger": 1}
     assert not listener.outbox
 
 
 def test_sending_is_not_held_back() -> None:
-    listener = door()
+    listener = authenticator()
     assert listener.ready(ANNA)
     assert listener.send(WAVE, ANNA)
     listener.poll(0)

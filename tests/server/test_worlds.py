@@ -14,7 +14,7 @@ from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.registry import make_world
-from cogrip.server.worlds.small_room import FewGripWorld
+from cogrip.server.worlds.small_room import SmallGripWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def draw(world: World, random: np.random.Generator) -> None:
     world.velocity = random.uniform(-1.0, 1.0, world.axes)
     world.external_force = random.uniform(-5.0, 5.0, world.axes)
     world.side = random.choice([-1.0, 1.0], count)
-    world.present[:] = True
+    world.roster[:] = True
 
 
 def grip(count: int, dimensions: int, seed: int) -> tuple[GripWorld, Array]:
@@ -286,11 +286,11 @@ def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, see
     for _ in range(200):
         user = int(random.integers(count))
         if random.random() < 0.1:
-            if world.present[user]:
+            if world.roster[user]:
                 world.leave(user)
             else:
                 world.join(user, random.uniform(-0.3, 0.3, dimensions))
-        u = np.where(world.present[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
+        u = np.where(world.roster[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
         budget += came_in(u, world.step(u))
         assert stored(world) <= budget + 1e-12 * (1.0 + abs(budget))
         assert np.all(world.stiffness <= world.target_stiffness * (1.0 + 1e-12))
@@ -435,7 +435,7 @@ def test_virtual_coupling_sums_springs_and_answers_with_what_it_stepped_from() -
 @pytest.mark.parametrize("kind", ["cube", "faces", "wall"])
 def test_worlds_by_settings(kind: str, step: str) -> None:
     world = make_world(seats(1, kind, server_step=step))
-    expected: type[World] = PaperWorld if step == "paper" else FewGripWorld if kind == "cube" else PushWorld
+    expected: type[World] = PaperWorld if step == "paper" else SmallGripWorld if kind == "cube" else PushWorld
     assert type(world) is expected
     assert type(make_world(seats(1, kind, kind="coupling"))) is CoupledWorld
 

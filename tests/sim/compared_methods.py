@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.experiments.methods.case import Job, run_cell
+from cogrip.sim.experiments.methods.case import Job, run_case
 from cogrip.sim.experiments.methods.query import Comparison, prepare
 from cogrip.sim.experiments.sweep.case import Result
 
@@ -25,7 +25,7 @@ class InProcess:
     """Workers of the very simplest kind."""
 
     def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
-        return map(run_cell, jobs)
+        return map(run_case, jobs)
 
 
 def small(

@@ -31,11 +31,11 @@ def settings_of(table: dict[str, Any], scheme: Any) -> Settings:
 
 def border_of(stable: NDArray[np.bool_]) -> Array:
     """Middles of the edges between stable and unstable cells, as shares of the box, (n, 2) with K_1 first."""
-    cells = len(stable)
+    cases = len(stable)
     rows, columns = np.nonzero(stable[:, 1:] != stable[:, :-1])
-    upright = np.column_stack(((columns + 1.0) / cells, (rows + 0.5) / cells))
+    upright = np.column_stack(((columns + 1.0) / cases, (rows + 0.5) / cases))
     rows, columns = np.nonzero(stable[1:] != stable[:-1])
-    level = np.column_stack(((columns + 0.5) / cells, (rows + 1.0) / cells))
+    level = np.column_stack(((columns + 0.5) / cases, (rows + 1.0) / cases))
     return np.concatenate((upright, level))
 
 
@@ -53,18 +53,18 @@ def distances(points: Array, line: Array) -> Array:
     ("table", "scheme", "cells"), [(ALIKE, "paper", 120), (UNALIKE, "paper", 200), (UNALIKE, "coupling", 120)]
 )
 def test_the_outline_lies_within_half_a_percent_of_a_dense_grids_border(
-    table: dict[str, Any], scheme: str, cells: int
+    table: dict[str, Any], scheme: str, cases: int
 ) -> None:
     """The border that a grid shows is known to half a cell: a quarter of a percent, or four tenths."""
-    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cells, estimated=False)
+    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cases, estimated=False)
     for region in found:
-        assert region.outline.verified
-        assert not region.outline.open.any()
+        assert region.boundary.verified
+        assert not region.boundary.open.any()
         assert region.grid is not None
         edges = border_of(region.grid < 1.0)
-        assert distances(edges, region.outline.points_npm / box).max() < 0.005
+        assert distances(edges, region.boundary.points_npm / box).max() < 0.005
         # and the other way round: from every point of the outline to the nearest edge, which is half a cell long each way
-        nearest = np.abs(region.outline.points_npm[:, None] / box - edges).max(axis=2).min(axis=1)
+        nearest = np.abs(region.boundary.points_npm[:, None] / box - edges).max(axis=2).min(axis=1)
         assert nearest.max() < 0.005
 
 
@@ -73,21 +73,21 @@ def test_just_inside_is_stable_and_just_outside_is_not(scheme: str) -> None:
     found, _ = regions(settings_of(UNALIKE, scheme), DELAYS, estimated=False)
     for region in found:
         model = LiftedModel(region.session)
-        points = region.outline.points_npm
+        points = region.boundary.points_npm
         assert (radius(model, stiffnesses(region.session, points * (1.0 - ASIDE))) < 1.0).all()
         assert (radius(model, stiffnesses(region.session, points * (1.0 + ASIDE))) > 1.0).all()
 
 
 def test_two_people_alike_have_a_region_alike() -> None:
     found, _ = regions(settings_of(ALIKE, "paper"), (1,), to_npm=(4000.0, 4000.0), estimated=False)
-    points = found[0].outline.points_npm
+    points = found[0].boundary.points_npm
     np.testing.assert_allclose(points, points[::-1, ::-1], rtol=1e-6)
 
 
 def test_the_diagonal_point_is_the_largest_stable_stiffness() -> None:
     found, _ = regions(settings_of(ALIKE, "paper"), DELAYS, estimated=False)
     for region in found:
-        points = region.outline.points_npm
+        points = region.boundary.points_npm
         middle = points[np.abs(points[:, 0] - points[:, 1]).argmin()]
         limit = largest_stable(LiftedModel(region.session)).stiffness_npm
         assert limit is not None
@@ -97,26 +97,26 @@ def test_the_diagonal_point_is_the_largest_stable_stiffness() -> None:
 def test_the_passive_scheme_is_stable_to_the_edge_of_the_picture() -> None:
     found, box = regions(settings_of(UNALIKE, "passive"), DELAYS, to_npm=(1e5, 1e5), grid_cells=12, estimated=False)
     for region in found:
-        assert region.outline.open.all()
-        assert region.outline.verified
+        assert region.boundary.open.all()
+        assert region.boundary.verified
         assert region.grid is not None
         assert (region.grid < 1.0).all()
-        np.testing.assert_allclose(region.outline.points_npm.max(axis=0), box)
+        np.testing.assert_allclose(region.boundary.points_npm.max(axis=0), box)
 
 
 def test_a_box_of_its_own_holds_every_outline() -> None:
     found, box = regions(settings_of(UNALIKE, "paper"), DELAYS, estimated=False)
     for region in found:
-        assert (region.outline.points_npm < np.array(box)).all()
+        assert (region.boundary.points_npm < np.array(box)).all()
 
 
 def test_a_region_that_goes_on_beyond_the_box_is_open_there() -> None:
     found, _ = regions(settings_of(ALIKE, "paper"), (0,), to_npm=(2500.0, 2500.0), estimated=False)
-    outline = found[0].outline
-    assert outline.open[0]
-    assert outline.open[-1]
-    assert not outline.open[len(outline.open) // 2]
-    assert outline.verified
+    boundary = found[0].boundary
+    assert boundary.open[0]
+    assert boundary.open[-1]
+    assert not boundary.open[len(boundary.open) // 2]
+    assert boundary.verified
 
 
 def test_a_third_person_keeps_their_stiffness() -> None:
@@ -125,7 +125,7 @@ def test_a_third_person_keeps_their_stiffness() -> None:
     K = stiffnesses(session, np.array([[1.0, 2.0], [3.0, 4.0]]))
     assert K.tolist() == [[1.0, 2.0, 123.0], [3.0, 4.0, 123.0]]
     found, _ = regions(settings_of(table, "paper"), (1,), estimated=False)
-    assert found[0].outline.verified
+    assert found[0].boundary.verified
 
 
 def test_the_grid_has_the_first_person_across_and_the_second_one_up() -> None:

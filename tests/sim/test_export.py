@@ -217,11 +217,11 @@ WORDS = {
 def test_every_table_is_plain_numbers_but_for_columns_of_words(folder: Path, tmp_path: Path) -> None:
     """No list, no object, no flag as a word in any cell: whatever reads a CSV file takes the columns for numbers."""
     for path, _ in export(open_run(folder), "csv", tmp_path):
-        for name, cells in read_csv(path).items():
+        for name, cases in read_csv(path).items():
             if name not in WORDS:
-                assert all(cell == "" or math.isfinite(float(cell)) for cell in cells), (path.name, name)
+                assert all(case == "" or math.isfinite(float(case)) for case in cases), (path.name, name)
             if name != "grant":
-                assert not any(cell.startswith(("[", "{")) for cell in cells), (path.name, name)
+                assert not any(case.startswith(("[", "{")) for case in cases), (path.name, name)
 
 
 def test_the_docs_tell_of_every_column(folder: Path, tmp_path: Path) -> None:

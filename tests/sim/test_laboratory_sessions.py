@@ -156,7 +156,7 @@ def gaps(summary: Table) -> np.ndarray[Any, Any]:
 
 
 def counts(summary: Table) -> list[dict[str, int]]:
-    return [user["link"][way] for user in summary["users"] for way in ("up", "down")]
+    return [user["link"][direction] for user in summary["users"] for direction in ("up", "down")]
 
 
 def check_fates(summary: Table) -> None:

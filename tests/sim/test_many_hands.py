@@ -104,11 +104,11 @@ def hands(count: int, kind: str, dimensions: int) -> list[dict[str, Any]]:
     users = []
     for number in range(count):
         angle = 2.0 * math.pi * number / count
-        way = [math.cos(angle), math.sin(angle), 0.5][:dimensions]
+        direction = [math.cos(angle), math.sin(angle), 0.5][:dimensions]
         side = ("left", "right")[number % 2]
         if kind == "faces":
-            way[0] = 1.0 if side == "left" else -1.0
-        direction = ",".join(f"{each:.3f}" for each in way)
+            direction[0] = 1.0 if side == "left" else -1.0
+        direction = ",".join(f"{each:.3f}" for each in direction)
         hand = f"reach&amplitude_m=0.02&stroke_s=0.3&delay_s={0.02 * number}&direction={direction}"
         users.append({"name": f"u{number}", "device": "sim:ideal", "hand": hand, "side": side})
     return users

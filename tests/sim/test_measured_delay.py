@@ -55,8 +55,8 @@ def test_both_ends_find_the_others_clock_but_for_half_of_what_the_ways_differ_by
     slack_ms = 1e-4 + 2e-8 * abs(ahead_ms) + 0.02 * abs(ppm) / 300.0
     assert delay["clock_offset_ms"] == pytest.approx(-ahead_ms + wrong_ms, abs=slack_ms)
     assert delay["uncertainty_ms"] == pytest.approx(0.5 * (up_ms + down_ms), abs=slack_ms)
-    for way in ("up_ms", "down_ms"):
-        assert delay[way]["p50"] == pytest.approx(0.5 * (up_ms + down_ms), rel=1 / 31)  # of a histogram's bin
+    for direction in ("up_ms", "down_ms"):
+        assert delay[direction]["p50"] == pytest.approx(0.5 * (up_ms + down_ms), rel=1 / 31)  # of a histogram's bin
     assert seat.clock.offset_ns is not None
     assert seat.clock.offset_ns * 1e-6 == pytest.approx(ahead_ms - wrong_ms, abs=slack_ms)
     assert core.session.clock.turned == seat.clock.turned == 0
@@ -201,7 +201,7 @@ def test_without_compensation_the_spring_is_the_one_that_was_asked_for_and_the_p
     assert session.felt_npm[0] == pytest.approx(1.0 / compliances[0], rel=0.01)
     assert session.felt_npm[-1] == pytest.approx(1.0 / compliances[1], rel=0.02)
     assert user["predicted_stiffness_npm"] == pytest.approx(1.0 / compliances[1], rel=1e-9)
-    assert session.laboratory.room.seats[0].follower is None
+    assert session.laboratory.room.seats[0].adapter is None
 
 
 def test_a_delay_that_puts_the_stiffness_out_of_reach_is_said_and_the_hand_feels_what_the_line_allows() -> None:
@@ -225,8 +225,8 @@ def test_a_playout_that_finds_its_own_depth_is_part_of_what_is_measured() -> Non
     compliance = loop * FRAME_MS * 1e-3 / 120.0
     assert user["rendered_npm"] == pytest.approx(K_NPM / (1.0 - K_NPM * compliance), rel=1e-9)
     page = people_table(session.summary)
-    ways = " / ".join(f"{user['delay'][way]['p50']:.1f}" for way in ("up_ms", "down_ms"))
-    assert f"one way, median <span class=unit>[ms]</span></th><td>{ways}</td>" in page
+    directions = " / ".join(f"{user['delay'][direction]['p50']:.1f}" for direction in ("up_ms", "down_ms"))
+    assert f"one way, median <span class=unit>[ms]</span></th><td>{directions}</td>" in page
     assert f"rendered stiffness <span class=unit>[N/m]</span></th><td>{user['rendered_npm']:.0f}</td>" in page
     assert session.felt_npm[-1] == pytest.approx(K_NPM, rel=0.02)
     assert least_margin(session.summary) >= -1e-12

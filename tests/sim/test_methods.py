@@ -14,8 +14,8 @@ from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import coupling_of, rates_of, resolve
 from cogrip.sim.experiments.methods import case as cells_module
-from cogrip.sim.experiments.methods import query as question
-from cogrip.sim.experiments.methods.case import run_cell, run_session
+from cogrip.sim.experiments.methods import query as query
+from cogrip.sim.experiments.methods.case import run_case, run_session
 from cogrip.sim.experiments.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
 from cogrip.sim.experiments.methods.hand import FADE_S, RestingHand, let_rest
 from cogrip.sim.experiments.methods.measures import (
@@ -57,7 +57,7 @@ from tests.sim.compared_methods import FRAME_MS, FREE, TWO, small
 def _felt_once() -> Iterator[None]:
     """The probe takes longer than a session of these."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(question, "FELT_SEEDS", 1)
+        patch.setattr(query, "FELT_SEEDS", 1)
         yield
 
 
@@ -314,12 +314,12 @@ def test_too_few_and_too_many_seeds() -> None:
 
 def test_every_cell_is_named_once_and_clean_comes_first() -> None:
     asked = prepare(resolve({**TWO, "seed": 7}), ["wave", "coupling"], list(NETWORKS), 3)
-    values = [asked.values(cell) for cell in range(asked.cells)]
-    assert len({tuple(each.values()) for each in values}) == asked.cells == 2 * 6 * 3
+    values = [asked.values(case) for case in range(asked.cases)]
+    assert len({tuple(each.values()) for each in values}) == asked.cases == 2 * 6 * 3
     assert {each["seed"] for each in values} == {7, 8, 9}
     jobs = asked.jobs({0: Result(0, {})})
-    assert [job.cell for job in jobs] == list(range(1, asked.cells))
-    chunks = [values[start : start + asked.at_once(jobs)] for start in range(0, asked.cells, asked.at_once(jobs))]
+    assert [job.case for job in jobs] == list(range(1, asked.cases))
+    chunks = [values[start : start + asked.at_once(jobs)] for start in range(0, asked.cases, asked.at_once(jobs))]
     for chunk in chunks:
         assert chunk[0]["network"] == CLEAN
         assert len({(each["method"], each["seed"]) for each in chunk}) == 1
@@ -441,7 +441,7 @@ def test_methods_fail_where_theory_says_and_nowhere_else(
 
 def test_a_clean_link_has_no_error_to_itself_and_one_view() -> None:
     asked = small(networks=["wan"], seeds=1)
-    by = {(job.method, job.network): run_cell(job).measures for job in asked.jobs({})}
+    by = {(job.method, job.network): run_case(job).measures for job in asked.jobs({})}
     for method in asked.methods:
         clean, wan = by[method, CLEAN], by[method, "wan"]
         assert clean["error_clean_n"] == 0.0
@@ -487,7 +487,7 @@ def test_an_error_inside_a_session_is_its_result(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(cells_module, "run_session", broken)
     cells_module._clean.cache_clear()
     cells_module._ideal.cache_clear()
-    results = {job.cell: run_cell(job) for job in asked.jobs({})}
+    results = {job.case: run_case(job) for job in asked.jobs({})}
     assert all(result.error == "ArithmeticError: broken" for result in results.values())
     row = gather(asked, results)["rows"][0]
     assert (row["runs"], row["failed"], row["errors"]) == (0, 1, {"ArithmeticError: broken": 1})

@@ -14,8 +14,8 @@ import pytest
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
-from cogrip.sim.experiments.methods import query as question
-from cogrip.sim.experiments.methods.case import run_cells
+from cogrip.sim.experiments.methods import query as query
+from cogrip.sim.experiments.methods.case import run_cases
 from cogrip.sim.experiments.methods.measures import COLUMNS
 from cogrip.sim.experiments.methods.query import COMPARISON, prepare, run_comparison
 from cogrip.sim.experiments.methods.report import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
@@ -42,7 +42,7 @@ from tests.sim.compared_methods import InProcess, small
 def _felt_once() -> Iterator[None]:
     """The probe takes longer than a session of these."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(question, "FELT_SEEDS", 1)
+        patch.setattr(query, "FELT_SEEDS", 1)
         yield
 
 
@@ -55,7 +55,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "out"
     asked = small()
     folder = SweepFolder(path, asked.asked, COMPARISON)
-    assert run_comparison(asked, folder, InProcess()) == asked.cells
+    assert run_comparison(asked, folder, InProcess()) == asked.cases
     write_outcome(path, asked, folder.finished)
     return path
 
@@ -63,7 +63,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_same_numbers_whoever_computes_them(whole: Path, tmp_path: Path) -> None:
     asked = small()
     folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
-    with LocalWorkers(2, None, run_cells, asked.at_once) as workers:
+    with LocalWorkers(2, None, run_cases, asked.at_once) as workers:
         run_comparison(asked, folder, workers)
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
@@ -158,15 +158,15 @@ def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Pat
         if finished:
             stop.reason = "interrupted"
 
-    with LocalWorkers(1, stop, run_cells, asked.at_once) as workers:
+    with LocalWorkers(1, stop, run_cases, asked.at_once) as workers:
         run = run_comparison(asked, folder, workers, stop_early)
-    assert 0 < run < asked.cells
+    assert 0 < run < asked.cases
     summary = gather(asked, folder.finished)
-    assert (summary["run"], summary["sessions"]) == (run, asked.cells)
+    assert (summary["run"], summary["sessions"]) == (run, asked.cases)
     assert "were not run: it was interrupted" in render(summary, [])
     folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
     assert len(folder.finished) == run
-    assert run_comparison(asked, folder, InProcess()) == asked.cells - run
+    assert run_comparison(asked, folder, InProcess()) == asked.cases - run
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 
@@ -205,13 +205,13 @@ def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
     ]  # fmt: skip
     killed = subprocess.run(command, capture_output=True)
     assert killed.returncode == -signal.SIGKILL
-    cells = out / CELLS
-    kept = cells.read_text().splitlines(keepends=True)
+    cases = out / CELLS
+    kept = cases.read_text().splitlines(keepends=True)
     assert len(kept) == 2
     asked = prepare(load(config), ["wave"], ["lan"], 4)
     folder = SweepFolder(out, asked.asked, COMPARISON)
     assert run_comparison(asked, folder, InProcess()) == 8 - len(kept)
-    assert cells.read_text().splitlines(keepends=True)[: len(kept)] == kept
+    assert cases.read_text().splitlines(keepends=True)[: len(kept)] == kept
     assert len(folder.finished) == 8
 
 
@@ -285,9 +285,9 @@ def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
         "reason": "",
     }  # fmt: skip
     results = {
-        cell: Result(cell, {**columns, "felt": felt, "felt_error_percent": felt[0]["error_percent"]})
-        for cell in range(asked.cells)
-        for felt in [people[asked.values(cell)["seed"] - asked.seeds[0]]]
+        case: Result(case, {**columns, "felt": felt, "felt_error_percent": felt[0]["error_percent"]})
+        for case in range(asked.cases)
+        for felt in [people[asked.values(case)["seed"] - asked.seeds[0]]]
     }
     row = gather(asked, results)["rows"][0]
     assert row["felt"][0]["felt_npm"] == {"median": 700.0, "q1": 600.0, "q3": 800.0, "n": 2, "of": 3}

@@ -56,16 +56,16 @@ def parse(text: str) -> list[list[str]]:
         if line in ("\\toprule", "\\midrule", "\\bottomrule"):
             continue
         assert line.endswith(" \\\\")
-        cells = re.split(r"(?<!\\)&", line.removesuffix("\\\\"))
-        assert len(cells) == len(body[1])
-        rows.append([cell.strip() for cell in cells])
-        for cell in cells:
-            assert cell.count("$") % 2 == 0
-            for mathematics in cell.split("$")[1::2]:
+        cases = re.split(r"(?<!\\)&", line.removesuffix("\\\\"))
+        assert len(cases) == len(body[1])
+        rows.append([case.strip() for case in cases])
+        for case in cases:
+            assert case.count("$") % 2 == 0
+            for mathematics in case.split("$")[1::2]:
                 assert_scripts(mathematics)
-            assert not re.search(r"(?<!\\)[%#]", cell)
-            if "$" not in cell:
-                assert not re.search(r"(?<!\\)[_^]", cell)
+            assert not re.search(r"(?<!\\)[%#]", case)
+            if "$" not in case:
+                assert not re.search(r"(?<!\\)[_^]", case)
     return rows
 
 
@@ -100,7 +100,7 @@ def test_what_tex_would_not_take(text: str) -> None:
     assert_scripts("\\mathbf{1.2}_{1.1{\\cdot}10^{7}}^{1.3} + x_i^2")
 
 
-def cell(text: str, line: int, measure: str) -> str:
+def case(text: str, line: int, measure: str) -> str:
     return parse(text)[2 + line][3 + MEASURES.index(measure)]
 
 
@@ -108,9 +108,9 @@ def test_a_head_of_symbols_a_row_of_units_and_a_row_each() -> None:
     text = table(*(row(network, method) for network in ("clean", "wan") for method in ("wave", "tdpa")))
     symbols, units, *rows = parse(text)
     assert symbols[:3] == ["Network", "Method", "Stability"]
-    assert all(cell.startswith("$") for cell in symbols[3:])
+    assert all(case.startswith("$") for case in symbols[3:])
     assert units[3:] == [f"({column.unit})".replace("%", "\\%") for column in TABLE]
-    assert [(cells[0], cells[2]) for cells in rows] == [
+    assert [(cases[0], cases[2]) for cases in rows] == [
         ("clean", "stable"), ("", "stable"), ("wan", "stable"), ("", "stable"),
     ]  # fmt: skip
     assert text.count("\\midrule") == 2
@@ -140,7 +140,7 @@ def test_a_head_of_symbols_a_row_of_units_and_a_row_each() -> None:
     ],
 )
 def test_numbers_as_they_are_printed(value: Any, text: str) -> None:
-    assert cell(table(row("wan", "wave", created_mj=value)), 0, "created_mj") == text
+    assert case(table(row("wan", "wave", created_mj=value)), 0, "created_mj") == text
 
 
 def test_the_best_of_each_network_is_bold() -> None:
@@ -152,17 +152,17 @@ def test_the_best_of_each_network_is_bold() -> None:
         row("wan", "tdpa", peak_force_n=of(2.0)),
         row("wan", "paper", peak_force_n=of(9.0)),
     )
-    peaks = [cell(text, line, "peak_force_n") for line in range(6)]
+    peaks = [case(text, line, "peak_force_n") for line in range(6)]
     assert peaks == ["$\\mathbf{2.00}$", "$1.50$", "$3.00$", "$\\mathbf{2.00}$", "$\\mathbf{2.00}$", "$9.00$"]
-    felt = [cell(text, line, "felt_error_percent") for line in range(3)]
+    felt = [case(text, line, "felt_error_percent") for line in range(3)]
     assert felt == ["$\\mathbf{-20.0}$", "--", "$-60.0$"]
-    assert "mathbf" not in cell(text, 0, "force_step_n")  # all are equal
+    assert "mathbf" not in case(text, 0, "force_step_n")  # all are equal
     alone = table(row("wan", "wave"), row("wan", "paper", oscillates=20))
     assert "mathbf" not in alone  # nothing to hold it against
     pair = [row("wan", "wave", peak_force_n=of(2.0)), row("wan", "tdpa", peak_force_n=of(3.0))]
     for active, best in ((9, 2), (10, 1)):
         driven = row("wan", "coupling", peak_force_n=of(1.0), active=active)
-        assert "mathbf" in cell(table(*pair, driven), 2 if best == 2 else 0, "peak_force_n")
+        assert "mathbf" in case(table(*pair, driven), 2 if best == 2 else 0, "peak_force_n")
 
 
 def test_what_prints_alike_is_bold_alike_whatever_its_sign() -> None:
@@ -173,7 +173,7 @@ def test_what_prints_alike_is_bold_alike_whatever_its_sign() -> None:
         row("wan", "coupling", felt_error_percent=of(-30.0), peak_force_n=of(11.0)),
     )
     for measure, bold in (("felt_error_percent", [True, True, False]), ("peak_force_n", [True, True, False])):
-        assert ["mathbf" in cell(text, line, measure) for line in range(3)] == bold
+        assert ["mathbf" in case(text, line, measure) for line in range(3)] == bold
 
 
 @pytest.mark.parametrize(("rested", "shown"), [(2, False), (3, True), (5, True)])
@@ -181,8 +181,8 @@ def test_a_felt_stiffness_is_that_of_more_than_half_of_the_probes(rested: int, s
     text = table(
         row("wan", "wave", felt_error_percent=of(-20.0, n=rested)), row("wan", "tdpa", felt_error_percent=of(-30.0))
     )
-    assert (cell(text, 0, "felt_error_percent") != "--") == shown
-    assert ("mathbf" in cell(text, 0, "felt_error_percent")) == shown
+    assert (case(text, 0, "felt_error_percent") != "--") == shown
+    assert ("mathbf" in case(text, 0, "felt_error_percent")) == shown
     assert "or at least half of the probes never came to rest" in text
 
 
@@ -197,7 +197,7 @@ def test_the_clean_link_is_not_held_against_itself() -> None:
     rows = [row(network, method, error_clean_n=of(error)) for network in ("clean", "wan")
             for method, error in (("wave", 0.0), ("tdpa", 0.1))]  # fmt: skip
     text = table(*rows)
-    assert [("mathbf" in cell(text, line, "error_clean_n")) for line in range(4)] == [False, False, True, False]
+    assert [("mathbf" in case(text, line, "error_clean_n")) for line in range(4)] == [False, False, True, False]
 
 
 @pytest.mark.parametrize(("diverged", "hidden"), [(9, False), (10, True)])
@@ -205,12 +205,12 @@ def test_what_was_cut_short_has_no_numbers_but_what_it_created(diverged: int, hi
     text = table(row("wan", "paper", diverged=diverged, diverged_s={"median": 0.291, "first": 0.2}))
     assert parse(text)[2][2] == f"div. {diverged}/20 (0.29~s)"
     for measure in MEASURES:
-        shown = cell(text, 0, measure)
+        shown = case(text, 0, measure)
         assert (shown == "--") == (hidden and measure != "created_mj")
 
 
 def test_stability_in_short() -> None:
     both = {"diverged": 1, "diverged_s": {"median": 7.4, "first": 7.4}, "oscillates": 17, "active": 2, "failed": 2}
     rows = parse(table(row("lan", "coupling", **both), row("lan", "wave", runs=0)))[2:]
-    assert [cells[2] for cells in rows] == ["div. 1/20 (7.4~s), osc. 17/20, act. 2/20, not run 2", "--"]
+    assert [cases[2] for cases in rows] == ["div. 1/20 (7.4~s), osc. 17/20, act. 2/20, not run 2", "--"]
     assert "One seed." in table(row("lan", "wave"), seeds=1)

@@ -25,13 +25,13 @@ def made_up(people: int = 2) -> Comparison:
 def results_of(asked: Comparison, **columns: Any) -> dict[int, Result]:
     """Each column: (of wave, of coupling), on both networks and of both seeds."""
     found = {}
-    for cell in range(asked.cells):
-        method = METHODS.index(asked.values(cell)["method"])
+    for case in range(asked.cases):
+        method = METHODS.index(asked.values(case)["method"])
         numbers = dict.fromkeys(COLUMNS, 1.0) | {
             "diverged": False, "diverged_s": None, "reason": "", "oscillates": False, "active": False, "passive": True,
             "felt": [],
         }  # fmt: skip
-        found[cell] = Result(cell, numbers | {name: both[method] for name, both in columns.items()})
+        found[case] = Result(case, numbers | {name: both[method] for name, both in columns.items()})
     return found
 
 

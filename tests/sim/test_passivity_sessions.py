@@ -88,8 +88,8 @@ def test_in_any_weather_no_object_gets_more_than_was_sent(
         energy, link = user["energy"], user["link"]
         assert energy["up_margin_j"] is None or energy["up_margin_j"] >= -LENT_J - 1e-12
         assert abs(energy["device_leak_j"]) < 1e-9
-        for way in (link["up"], link["down"]):
-            assert way["sent"] == way["applied"] + way["late"] + way["lost"]
+        for direction in (link["up"], link["down"]):
+            assert direction["sent"] == direction["applied"] + direction["late"] + direction["lost"]
     assert summary["server"]["energy_balance_error_j"] < 1e-9
 
 

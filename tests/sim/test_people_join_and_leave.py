@@ -40,7 +40,7 @@ def pulling(axes: int, keys: str = "amplitude_m=0.02&frequency_hz=1") -> list[st
     """Two who swing against each other, so that forces go to and fro."""
     there = DIRECTIONS[axes - 1]
     back = ",".join(f"-{each}" for each in there.split(","))
-    return [f"sine&{keys}&direction={way}" for way in (there, back)]
+    return [f"sine&{keys}&direction={direction}" for direction in (there, back)]
 
 
 def pressing(axes: int) -> list[str]:

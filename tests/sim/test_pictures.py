@@ -158,7 +158,7 @@ def grid_of(*vary: str) -> Grid:
 
 
 def results(grid: Grid, measure: str, value: Any) -> dict[int, Result]:
-    return {cell: Result(cell, {measure: value(cell)}) for cell in grid}
+    return {case: Result(case, {measure: value(case)}) for case in grid}
 
 
 def meshes(figure: Figure) -> list[QuadMesh]:
@@ -171,7 +171,7 @@ def meshes(figure: Figure) -> list[QuadMesh]:
 def test_a_heat_map_ends_where_the_cells_end(order: str) -> None:
     grid = grid_of("users.0.stiffness_npm=200:20000:4log", f"users.1.stiffness_npm={order}")
     figure = draw_measure(
-        grid, results(grid, RADIUS, lambda cell: 0.9 + 0.001 * grid.values(cell)["users.1.stiffness_npm"]), RADIUS
+        grid, results(grid, RADIUS, lambda case: 0.9 + 0.001 * grid.values(case)["users.1.stiffness_npm"]), RADIUS
     )
     check(figure)
     (mesh,) = meshes(figure)
@@ -207,7 +207,7 @@ def test_what_was_not_computed_is_hatched_and_counted() -> None:
 @pytest.mark.parametrize(("top", "drawn"), [(0.99, False), (1.01, True)])
 def test_a_map_of_radii_draws_the_limit_of_stability(top: float, drawn: bool) -> None:
     grid = grid_of("users.0.stiffness_npm=1:3:3", "users.1.stiffness_npm=1:4:4")
-    figure = draw_measure(grid, results(grid, RADIUS, lambda cell: 0.9 + (top - 0.9) * cell / 11.0), RADIUS)
+    figure = draw_measure(grid, results(grid, RADIUS, lambda case: 0.9 + (top - 0.9) * case / 11.0), RADIUS)
     check(figure)
     texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert ("limit of stability: radius 1" in texts) == drawn

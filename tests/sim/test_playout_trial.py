@@ -27,21 +27,21 @@ BOUND = 1.2
 PROFILES = get_args(ProfileName)
 
 
-def link_of(name: str, way: Any) -> LinkProfile:
-    return Link(profile=name).direction(way)  # type: ignore[arg-type]
+def link_of(name: str, direction: Any) -> LinkProfile:
+    return Link(profile=name).direction(direction)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("way", ["up", "down"])
 @pytest.mark.parametrize("name", PROFILES)
-def test_auto_is_as_good_as_the_best_fixed_depth_with_hindsight(name: str, way: str) -> None:
+def test_auto_is_as_good_as_the_best_fixed_depth_with_hindsight(name: str, direction: str) -> None:
     """Three runs of a minute; `cogrip bench playout` does twenty. The constant part of the link's delay counts for nothing."""
-    runs = [arrivals(link_of(name, way), f"{seed}/{way}", 60.0, 128) for seed in (1, 2, 3)]
+    runs = [arrivals(link_of(name, direction), f"{seed}/{direction}", 60.0, 128) for seed in (1, 2, 3)]
     ours = [play(run, "auto") for run in runs]
     delays = fixed_delays(runs)
     best = best_fixed(delays, 128)
     delay = sum(one.delay_frames for one in ours) / len(ours)
     late = sum(one.late for one in ours)
-    constant = link_of(name, way).delay_ms * 0.128
+    constant = link_of(name, direction).delay_ms * 0.128
     assert delay - constant <= BOUND * (best.delay_frames - constant)
     # where the best loses next to nothing, one frame more a minute is what a frame's chance is
     assert late <= max(BOUND * best.late, best.late + len(runs))
@@ -117,9 +117,9 @@ def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: s
         up = lab.room.seat_account(seat)
         assert up.up_margin_j is not None
         assert up.up_margin_j >= -1e-12
-        for way, account in (("up", up.playout), ("down", person.core.account(lab.ticks()).playout)):
+        for direction, account in (("up", up.playout), ("down", person.core.account(lab.ticks()).playout)):
             assert account is not None
-            expected = expected_frames(Playout(frames="auto"), link_of(name, way), Rates(1024, 128))
+            expected = expected_frames(Playout(frames="auto"), link_of(name, direction), Rates(1024, 128))
             assert account.depth_frames == pytest.approx(expected, abs=1.5)
             assert account.most_frames >= account.depth_frames >= account.least_frames
 

@@ -21,9 +21,9 @@ EXAMPLE_MAIN = runpy.run_path(str(EXAMPLE))["main"]
 
 
 @pytest.mark.parametrize(("kind", "way"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
-def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, way: str) -> None:
+def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction: str) -> None:
     run_laboratory(resolve({"seconds": 1.0, "seed": 4, "link": LINK, "coupling": {"kind": kind}}), tmp_path)
-    assert EXAMPLE_MAIN([str(tmp_path), "anna", way]) == 0
+    assert EXAMPLE_MAIN([str(tmp_path), "anna", direction]) == 0
     told = capsys.readouterr().out
     (tmp_path / "trace.csv").write_text(told)
     delays = [row.partition(",")[2] for row in told.splitlines()[1:]]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.link_profile import Link, Way
+from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.configured_link import configured_link
@@ -28,15 +28,18 @@ def link_of(**keys: object) -> Link:
 
 
 def relay_of(link: Link, seed: int = 7, **bounds: int) -> Relay:
-    return Relay(lambda n, way, origin_ns: configured_link(link, way, f"{seed}/{n}/{way}", (), origin_ns), **bounds)
+    return Relay(
+        lambda n, direction, origin_ns: configured_link(link, direction, f"{seed}/{n}/{direction}", (), origin_ns),
+        **bounds,
+    )
 
 
-def drained(relay: Relay, until_ns: int) -> list[tuple[int, int, Way, bytes]]:
+def drained(relay: Relay, until_ns: int) -> list[tuple[int, int, Direction, bytes]]:
     """(time, flow, way, datagram) of all that leaves, each at its time."""
     found = []
     while (next_ns := relay.next_ns) is not None and next_ns <= until_ns:
         relay.due(next_ns)
-        found += [(next_ns, lane.flow.number, lane.way, datagram) for lane, datagram in relay.outbox]
+        found += [(next_ns, lane.flow.number, lane.direction, datagram) for lane, datagram in relay.outbox]
         relay.outbox.clear()
     return found
 
@@ -46,27 +49,29 @@ def test_its_fates_are_those_of_the_laboratorys_links(keys: dict) -> None:
     """The same datagrams at the same times, three people and both ways: the same leave at the same times."""
     link, origin_ns, chance = link_of(**keys), 10**12, Random(3)
     relay = relay_of(link)
-    links: dict[tuple[int, Way], LinkEmulator] = {
-        (n, way): configured_link(link, way, f"7/{n}/{way}", (), origin_ns) for n in range(3) for way in ("up", "down")
+    links: dict[tuple[int, Direction], LinkEmulator] = {
+        (n, direction): configured_link(link, direction, f"7/{n}/{direction}", (), origin_ns)
+        for n in range(3)
+        for direction in ("up", "down")
     }
     flows = {}
-    expected: list[tuple[int, int, Way, bytes]] = []
-    got: list[tuple[int, int, Way, bytes]] = []
+    expected: list[tuple[int, int, Direction, bytes]] = []
+    got: list[tuple[int, int, Direction, bytes]] = []
 
     def up_to(now_ns: int) -> None:
         got.extend(drained(relay, now_ns))
-        for (n, way), each in links.items():
+        for (n, direction), each in links.items():
             while (next_ns := each.next_ns) is not None and next_ns <= now_ns:
-                expected.extend((next_ns, n, way, datagram) for datagram in each.due(next_ns))
+                expected.extend((next_ns, n, direction, datagram) for datagram in each.due(next_ns))
 
     for frame in range(400):
         for n in range(3):
             now_ns = origin_ns + frame * 7_812_500 + n * 1_000_000
             up_to(now_ns)
-            for way in ("up", "down"):
-                datagram = f"{frame} {n} {way} ".encode() + bytes(chance.randrange(300))
-                links[n, way].send(datagram, now_ns)
-                if way == "up":
+            for direction in ("up", "down"):
+                datagram = f"{frame} {n} {direction} ".encode() + bytes(chance.randrange(300))
+                links[n, direction].send(datagram, now_ns)
+                if direction == "up":
                     flows[n] = relay.from_client(datagram, n, now_ns)
                 else:
                     relay.from_server(datagram, flows[n], now_ns)
@@ -74,8 +79,8 @@ def test_its_fates_are_those_of_the_laboratorys_links(keys: dict) -> None:
     assert sorted(got) == sorted(expected)
     assert len(got) > 1000
     assert [each[0] for each in got] == sorted(each[0] for each in got), "in order of arrival over all flows"
-    for (n, way), each in links.items():
-        lane = flows[n].up if way == "up" else flows[n].down
+    for (n, direction), each in links.items():
+        lane = flows[n].up if direction == "up" else flows[n].down
         assert lane.link.counters == each.counters
     assert relay.held_bytes == 0
 
@@ -87,35 +92,38 @@ def test_its_fates_are_those_of_a_laboratory_session() -> None:
         "link": {"profile": "wifi", "outage_s": 0.1, "outage_every_s": 0.4, "duplicate": 0.1},
     })  # fmt: skip
     laboratory = Laboratory(settings)
-    sent: list[tuple[int, int, Way, bytes]] = []
-    came: list[tuple[int, int, Way, bytes]] = []
+    sent: list[tuple[int, int, Direction, bytes]] = []
+    came: list[tuple[int, int, Direction, bytes]] = []
     for n, person in enumerate(laboratory.people):
-        for way in ("up", "down"):
-            link = person.up if way == "up" else person.down
+        for direction in ("up", "down"):
+            link = person.up if direction == "up" else person.down
             # the laboratory's link itself, with an ear on what goes in and comes out
-            heard = Eavesdropped(link, lambda now_ns, datagram, n=n, way=way: sent.append((now_ns, n, way, datagram)),
-                                 lambda now_ns, datagram, n=n, way=way: came.append((now_ns, n, way, datagram)))  # fmt: skip
-            setattr(person, way, heard)
+            heard = Eavesdropped(
+                link,
+                lambda now_ns, datagram, n=n, direction=direction: sent.append((now_ns, n, direction, datagram)),
+                lambda now_ns, datagram, n=n, direction=direction: came.append((now_ns, n, direction, datagram)),
+            )
+            setattr(person, direction, heard)
     laboratory.run()
-    begun_ns = {way: min(each[0] for each in sent if each[2] == way) for way in ("up", "down")}
-    for way in ("up", "down"):  # a laboratory's server speaks first, a relay's client: so one way at a time
+    begun_ns = {direction: min(each[0] for each in sent if each[2] == direction) for direction in ("up", "down")}
+    for direction in ("up", "down"):  # a laboratory's server speaks first, a relay's client: so one way at a time
         relay = relay_of(settings.link, seed=11)
-        flows = [relay.from_client(b"hello", n, begun_ns["down"]) for n in range(2)] if way == "down" else []
+        flows = [relay.from_client(b"hello", n, begun_ns["down"]) for n in range(2)] if direction == "down" else []
         got = []
-        for now_ns, n, _, datagram in [each for each in sent if each[2] == way]:
+        for now_ns, n, _, datagram in [each for each in sent if each[2] == direction]:
             got += drained(relay, now_ns)
-            if way == "up":
+            if direction == "up":
                 relay.from_client(datagram, n, now_ns)
             else:
                 relay.from_server(datagram, flows[n], now_ns)
         got += drained(relay, 10**12)
         for n in range(2):
-            theirs = [each[3] for each in came if each[1:3] == (n, way)]
-            ours = [each[3] for each in got if each[1:3] == (n, way)]
+            theirs = [each[3] for each in came if each[1:3] == (n, direction)]
+            ours = [each[3] for each in got if each[1:3] == (n, direction)]
             assert len(theirs) > 60
             assert ours[: len(theirs)] == theirs
             assert len(ours) - len(theirs) < 10, "what was under way at the session's end"
-        assert relay.totals(way)["outage"] > 20
+        assert relay.totals(direction)["outage"] > 20
 
 
 class Eavesdropped:
@@ -153,7 +161,7 @@ def test_what_is_not_delayed_is_due_at_once() -> None:
     relay = relay_of(link_of())
     flow = relay.from_client(b"up", "a", 5)
     relay.due(5)
-    assert [(lane.way, datagram) for lane, datagram in relay.outbox] == [("up", b"up")]
+    assert [(lane.direction, datagram) for lane, datagram in relay.outbox] == [("up", b"up")]
     relay.from_server(b"down", flow, 6)
     assert relay.next_ns == 6
     relay.due(6)
@@ -240,16 +248,18 @@ def test_nothing_appears_or_vanishes(events: list[tuple[str, bool, int, int]], l
                 relay.from_client(bytes(size), address, now_ns)
             else:
                 relay.from_server(bytes(size), flow, now_ns)
-            for way in ("up", "down"):
-                each = relay.totals(way)
+            for direction in ("up", "down"):
+                each = relay.totals(direction)
                 gone = each["lost"] + each["queue_dropped"] + each["outage"]
                 assert each["sent"] + each["duplicated"] == each["delivered"] + gone + each["in_flight"]
     got += [each[1:] for each in drained(eager, now_ns + 10**12)]
     lazy.due(now_ns + 10**12)
-    late = [(lane.flow.number, lane.way, datagram) for lane, datagram in lazy.outbox]
+    late = [(lane.flow.number, lane.direction, datagram) for lane, datagram in lazy.outbox]
     assert got == late
     assert eager.held_bytes == lazy.held_bytes == 0
-    assert {way: eager.totals(way) for way in ("up", "down")} == {way: lazy.totals(way) for way in ("up", "down")}
+    assert {direction: eager.totals(direction) for direction in ("up", "down")} == {
+        direction: lazy.totals(direction) for direction in ("up", "down")
+    }
 
 
 def test_how_late_it_was_is_told() -> None:

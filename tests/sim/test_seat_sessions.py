@@ -11,7 +11,7 @@ from rich.console import Console
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.room import MOST_EARLIER, Seat, Sitting
+from cogrip.server.room import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.report.tables import people_table
 from cogrip.sim.runs.summary import UserRecord, of_laboratory, of_room, summarise
@@ -78,13 +78,13 @@ def test_of_many_sittings_the_worst_is_kept() -> None:
     for number in range(40):
         margin_j = {5: -0.25, 7: math.nan}.get(number, 0.0)
         seat.account, seat.last = CLIENT, msgspec.structs.replace(SEAT, up_margin_j=margin_j, up=LinkCount(sent=number))
-        seat.close_sitting()
+        seat.close_seat_session()
         assert seat.account is None
         assert seat.last is None
-    kept = [sitting.seat.up.sent for sitting in seat.earlier]
+    kept = [seat_session.seat.up.sent for seat_session in seat.earlier]
     assert len(kept) == MOST_EARLIER
     assert {5, 7} <= set(kept)
-    assert Sitting(None, SEAT).least_margin() == 0.0
+    assert SeatSession(None, SEAT).least_margin() == 0.0
 
 
 @pytest.mark.parametrize("margin_j", [math.nan, math.inf, -math.inf])

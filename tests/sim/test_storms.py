@@ -7,7 +7,7 @@ import pytest
 from cogrip.cli.main import main
 from cogrip.sim.experiments.sweep.case import Result
 
-from tests.bench.storms.case import Job, growth, radius, run_cell
+from tests.bench.storms.case import Job, growth, radius, run_case
 from tests.bench.storms.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
 from tests.bench.storms.room import NETWORKS, storm
 
@@ -26,7 +26,7 @@ def test_the_sample_has_every_network() -> None:
 
 @pytest.mark.parametrize("job", JOBS, ids=lambda job: f"{job.network}-{job.people}-{job.stiffness_npm:g}-{job.seed}")
 def test_ours_is_passive_and_holds_in_every_storm(job: Job) -> None:
-    result = run_cell(job)
+    result = run_case(job)
     assert wrong(job, result) == "", result.measures
     assert result.measures["balance_mj"] < 1e-6
 
@@ -36,7 +36,7 @@ def test_ours_is_passive_and_holds_in_every_storm(job: Job) -> None:
 def test_a_loose_cube_goes_as_its_eigenvalues_say(network: str, scheme: str, K: float) -> None:
     """The baselines fail where theory section 6 says so, whatever the weather; ours, at fifty times K, does not."""
     job = Job(0, network, 2, K, 1, 8.0, scheme)
-    result = run_cell(job)
+    result = run_case(job)
     assert wrong(job, result) == ""
     fails = scheme != "wave"
     assert (growth(result.measures["radius"], 8.0, 128) >= LEAST_GROWTH) is fails
@@ -81,10 +81,10 @@ def test_the_matrix_is_every_combination_and_rows_keep_the_worst() -> None:
     storms = [job for job in jobs if not job.scheme]
     assert len(storms) == 2 * 2 * 2 * 3
     assert len(jobs) - len(storms) == 2 * 2 * 4
-    assert [job.cell for job in jobs] == list(range(len(jobs)))
+    assert [job.case for job in jobs] == list(range(len(jobs)))
     assert at_once(jobs) == 2, "one room on both networks: its clean link is run once"
     results = [
-        Result(job.cell, {
+        Result(job.case, {
             "passive": True, "diverged": False, "faults": 0, "margin_mj": -1e-12 * job.seed, "coherence_rms_mm": job.seed,
             "coherence_max_mm": 1.0, "drift_mm": float(job.seed), "peak_force_n": 1.0, "force_step_n": 1.0,
         }) for job in storms

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.measures import LIFTED
-from cogrip.sim.experiments.sweep.case import Job, Result, run_cell, run_cells
+from cogrip.sim.experiments.sweep.case import Job, Result, run_case, run_cases
 from cogrip.sim.experiments.sweep.folder import CELLS, MANIFEST, TABLE, FolderError, SweepFolder
 from cogrip.sim.experiments.sweep.grid import Axis, Grid, GridError, parse_axis
 from cogrip.sim.experiments.sweep.measures import MeasureError, expanded, read
@@ -35,7 +35,7 @@ class InProcess:
     """Workers of the very simplest kind."""
 
     def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
-        return map(run_cell, jobs)
+        return map(run_case, jobs)
 
 
 @given(st.floats(1e-3, 1e6), st.floats(1e-3, 1e6), st.integers(2, 60), st.booleans())
@@ -95,9 +95,9 @@ def test_what_cannot_be_varied(text: str, words: str) -> None:
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=4))
 def test_every_combination_is_one_cell(sizes: list[int]) -> None:
     grid = Grid({}, [Axis(f"k{number}", tuple(range(size))) for number, size in enumerate(sizes)])
-    seen = {tuple(grid.values(cell).values()) for cell in grid}
-    assert len(seen) == grid.cells
-    assert all(list(grid.values(cell)) == [axis.key for axis in grid.axes] for cell in grid)
+    seen = {tuple(grid.values(case).values()) for case in grid}
+    assert len(seen) == grid.cases
+    assert all(list(grid.values(case)) == [axis.key for axis in grid.axes] for case in grid)
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ def table(folder: Path) -> list[dict[str, str]]:
 def test_a_cell_is_the_session_it_says(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "coupling.stiffness_npm=100:1000:2log", "link.loss=0,0.2")
     report = run_sweep(sweep, folder, InProcess())
-    assert (report.cells, report.computed, report.kept, report.failed) == (4, 4, 0, {})
+    assert (report.cases, report.computed, report.kept, report.failed) == (4, 4, 0, {})
     rows = table(tmp_path)
     assert [row["cell"] for row in rows] == ["0", "1", "2", "3"]
     assert [(row["coupling.stiffness_npm"], row["link.loss"]) for row in rows][:2] == [("100", "0"), ("100", "0.2")]
@@ -199,7 +199,7 @@ def test_a_cell_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> No
     class Failing(InProcess):
         def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
             for job in jobs:
-                yield Result(job.cell, {}, "broken") if job.cell == 1 else run_cell(job)
+                yield Result(job.case, {}, "broken") if job.case == 1 else run_case(job)
 
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
     assert run_sweep(sweep, folder, Failing()).failed == {"broken": 1}
@@ -210,9 +210,9 @@ def test_a_cell_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> No
 
 
 def test_an_error_inside_a_cell_is_its_result() -> None:
-    result = run_cell(Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
+    result = run_case(Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
     assert result.error.startswith("DeviceError")
-    assert run_cells([]) == []
+    assert run_cases([]) == []
 
 
 def test_a_torn_last_line_is_no_cell(tmp_path: Path) -> None:
@@ -258,8 +258,8 @@ def test_dead_workers_cost_their_cells_a_second_run(tmp_path: Path) -> None:
         report = run_sweep(sweep, folder, workers, kill_both_at_first)
     assert workers.deaths == 1
     assert (report.computed, report.failed) == (8, {})
-    cells = [json.loads(line)["cell"] for line in (tmp_path / CELLS).read_text().splitlines()]
-    assert sorted(cells) == list(range(8))
+    cases = [json.loads(line)["cell"] for line in (tmp_path / CELLS).read_text().splitlines()]
+    assert sorted(cases) == list(range(8))
 
 
 def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
@@ -300,16 +300,16 @@ def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     ]  # fmt: skip
     killed = subprocess.run([sys.executable, "-c", KILLED_AT_FIVE, *arguments], capture_output=True)
     assert killed.returncode == -signal.SIGKILL
-    cells = tmp_path / "out" / CELLS
-    kept = cells.read_text().splitlines(keepends=True)
+    cases = tmp_path / "out" / CELLS
+    kept = cases.read_text().splitlines(keepends=True)
     assert len(kept) == 5
     command = [sys.executable, "-m", "cogrip.cli.main", *arguments]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     answer = json.loads(done.stdout)
     assert answer["kept"] == 5
     assert answer["computed"] == 12 - 5
-    assert cells.read_text().splitlines(keepends=True)[:5] == kept
-    assert [row["cell"] for row in table(tmp_path / "out")] == [str(cell) for cell in range(12)]
+    assert cases.read_text().splitlines(keepends=True)[:5] == kept
+    assert [row["cell"] for row in table(tmp_path / "out")] == [str(case) for case in range(12)]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
-from cogrip.sim.experiments.sweep.case import Job, run_cell
+from cogrip.sim.experiments.sweep.case import Job, run_case
 from cogrip.sim.experiments.sweep.folder import CELLS, SweepFolder
 from cogrip.sim.experiments.sweep.grid import parse_axis
 from cogrip.sim.experiments.sweep.run import prepare, run_sweep
@@ -51,13 +51,13 @@ def test_a_node_that_is_killed_costs_no_cell(cluster: Any, tmp_path: Path) -> No
         assert ray.cluster_resources()["CPU"] == 2
         report = run_sweep(sweep, folder, workers, kill_at_half)
     assert killed
-    assert (report.cells, report.computed, report.failed) == (24, 24, {})
+    assert (report.cases, report.computed, report.failed) == (24, 24, {})
     rows = [json.loads(line) for line in (tmp_path / "out" / CELLS).read_text().splitlines()]
     assert sorted(row["cell"] for row in rows) == list(range(24))
     grid = sweep.grid
-    for cell in (0, 11, 23):
-        here = run_cell(Job(cell, grid.base, grid.values(cell), sweep.columns))
-        assert folder.finished[cell].measures == here.measures
+    for case in (0, 11, 23):
+        here = run_case(Job(case, grid.base, grid.values(case), sweep.columns))
+        assert folder.finished[case].measures == here.measures
 
 
 def test_a_cluster_there_is_not() -> None:

@@ -149,8 +149,8 @@ def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
     table = world(
         128, [1024, 4096, 2048], seconds=1e3, object={"axes": 3}, link={"delay_ms": 10}, playout={"frames": 1}
     )
-    for user, way in zip(table["users"], ("1,0,0", "-1,0,0", "0,1,0"), strict=True):
-        user["hand"] = f"sine&amplitude_m=0.02&frequency_hz=1&direction={way}"
+    for user, direction in zip(table["users"], ("1,0,0", "-1,0,0", "0,1,0"), strict=True):
+        user["hand"] = f"sine&amplitude_m=0.02&frequency_hz=1&direction={direction}"
     laboratory = Laboratory(resolve(table))
     steps, last = [0.0] * 2, [(0.0, 0.0, 0.0)] * 2
 

@@ -184,9 +184,9 @@ def test_loss_is_really_lost(run: RunRecords, tmp_path: Path) -> None:
     for records in (run, made):
         summary = json.loads((records.folder / "summary.json").read_text())
         lost[records.folder] = sum(
-            user["link"][way]["sent"] - user["link"][way]["applied"]
+            user["link"][direction]["sent"] - user["link"][direction]["applied"]
             for user in summary["users"]
-            for way in ("up", "down")
+            for direction in ("up", "down")
         )
     assert lost[made.folder] > 2 * lost[run.folder] > 0
 

@@ -16,7 +16,7 @@ from math import dist, hypot
 from cogrip.client.account import account_of
 from cogrip.client.coupling import COUPLINGS, Coupling
 from cogrip.client.device_port import DevicePort, Trouble, cure
-from cogrip.client.felt_stiffness import RestStiffness
+from cogrip.client.felt_stiffness import FeltStiffness
 from cogrip.client.passivity_control import PassivityControl
 from cogrip.client.past_lines import PastLines
 from cogrip.client.safety import Safety
@@ -50,7 +50,7 @@ class ClientCore:
         self.up_ms: float | None = None
         self.down_ms: float | None = None
         self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
-        self._work_excess_j = 0.0  # of that over the true sum, as `RunningSum` adds
+        self._work_excess_j = 0.0  # of that over the true sum, as `CompensatedSum` adds
         self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
         self.least_leak_j = 0.0
         self.peak_force_n = self.peak_step_n = 0.0
@@ -130,7 +130,7 @@ class ClientCore:
         self._ticks_per_frame = rates.ticks_per_frame
         self._rate = float(rates.device_hz)
         self._reckon_ticks = round(RECKON_S * rates.device_hz)
-        self._rest = RestStiffness(self.capability.resolution_m, rates.frame_s) if seat.object.kind == "wall" else None
+        self._rest = FeltStiffness(self.capability.resolution_m, rates.frame_s) if seat.object.kind == "wall" else None
         self._origin: tuple[float, ...] | None = None
         self._jumped: tuple[float, ...] | None = None  # what jumps have added to the device's positions
         self._sampled = 0  # the tick at which the newest position was taken
@@ -226,7 +226,7 @@ class ClientCore:
         elapsed = tick - self.tick if self.tick >= 0 else 0
         if self.tick < 0:
             # silence counts from the first tick: opening the device took its time
-            self.session.last_heard_ns = self.session.fresh_ns = now_ns
+            self.session.last_received_ns = self.session.fresh_ns = now_ns
         self.tick = tick
         position: tuple[float, ...] | None = None
         velocity: Sequence[float] = ()

@@ -5,7 +5,7 @@ from collections import deque
 REST_S = 0.5  # for which the frames must agree
 
 
-class RestStiffness:
+class FeltStiffness:
     """Fed once a frame with the depth pressed in [m] and the force along it [N]."""
 
     def __init__(self, resolution_m: float, frame_s: float) -> None:

@@ -13,7 +13,7 @@ from cogrip.protocol.messages import Power, State
 M = TypeVar("M", State, Power)
 
 
-class NewestCoupling(ABC, Generic[M]):
+class LatestStateCoupling(ABC, Generic[M]):
     """Same calls as WaveCoupling. `forward`, `returning` and `sent` stay zero: there are no waves.
 
     A message that is missing leaves no gap: the last one stands.

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.client.io.paths import POLL_S, Calls, JoinError, RefusedError
+from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError
 from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S
-from cogrip.client.supervised_device import Handle
+from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.first_axes import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
@@ -62,7 +62,7 @@ class LiveClient:
 
     device: Device
     hello: Hello
-    calls: Calls
+    calls: Paths
     stop: Stop
     say: Callable[[str], None]
     make_link: Callable[[LinkProfile, str], Link]
@@ -101,7 +101,9 @@ class LiveClient:
         assert seat is not None
         self._link(seat)
         device = self.device = first_axes(self.device, seat.object.axes)
-        handle = Handle(device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=not self.allow_unstable)
+        handle = SupervisedDevice(
+            device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=not self.allow_unstable
+        )
         recorder = None
         try:
             self._open(handle)
@@ -158,7 +160,7 @@ class LiveClient:
             self._leave(words, self._core.account(TickCount()))
             raise JoinError(f"{words}; whoever runs the server can mend its [link]") from None
 
-    def _open(self, handle: Handle) -> None:
+    def _open(self, handle: SupervisedDevice) -> None:
         """Give the seat back where the device cannot be had. Raises DeviceError."""
         try:
             handle.open()
@@ -188,7 +190,7 @@ class LiveClient:
         self._core.keep_seat(now_ns)
         self._send(now_ns)
 
-    def _loop(self, pacer: Pacer, handle: Handle) -> str:
+    def _loop(self, pacer: Pacer, handle: SupervisedDevice) -> str:
         """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
         core, safety, session = self._core, self._core.safety, self._core.session
         clock = time.monotonic_ns
@@ -227,7 +229,7 @@ class LiveClient:
             work_us = (clock() - now_ns) // 1000
             pacer.done()
 
-    def _rearm(self, handle: Handle) -> None:
+    def _rearm(self, handle: SupervisedDevice) -> None:
         """In a fault: open the device anew and leave it, when the person says so; say what came of it."""
         if self.stop.take_rearm():
             self._keep_seat()  # opening may take a while
@@ -250,7 +252,7 @@ class LiveClient:
         session = self._core.session
         if session.state != "resuming":
             return ""
-        return f"the server was silent for the last {(now_ns - session.last_heard_ns) / 1e9:.1f} s"
+        return f"the server was silent for the last {(now_ns - session.last_received_ns) / 1e9:.1f} s"
 
     def _tell_session(self, before: str, after: str) -> None:
         if after == "resuming":

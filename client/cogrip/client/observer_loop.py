@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cogrip.client.io.paths import POLL_S, Calls
+from cogrip.client.io.paths import POLL_S, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.io.stop import Stop
 
@@ -16,7 +16,7 @@ class LiveObserver:
     """`run` blocks until the looking on has ended. show: called after every look with the core and the time [ns]."""
 
     core: ObserverCore
-    calls: Calls
+    calls: Paths
     stop: Stop
     say: Callable[[str], None]
     show: Callable[[ObserverCore, int], None]

@@ -18,9 +18,9 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.latest_state_coupling import NewestCoupling
+from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import RunningSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
@@ -33,7 +33,7 @@ HORIZON_S = 8.0 / 1024.0  # over which what is left is spread: a force that runs
 SOFT_NPS = 410.0  # slope of the force while the controller holds it
 
 
-class PassivityControl(NewestCoupling[Power]):
+class PassivityControl(LatestStateCoupling[Power]):
     """An observer, and a controller of the force by what it has observed.
 
     Before `elapse`, `applied_n` is to be the force that the hand felt in the ticks that are booked, shape (axes,).
@@ -50,8 +50,8 @@ class PassivityControl(NewestCoupling[Power]):
         self._horizon = max(1.0, HORIZON_S / tick_s)  # ticks
         self._soft_n = SOFT_NPS * tick_s
         self._lent = LENT_J / axes
-        self._in = [RunningSum() for _ in range(axes)]
-        self._left = [RunningSum() for _ in range(axes)]  # W
+        self._in = [CompensatedSum() for _ in range(axes)]
+        self._left = [CompensatedSum() for _ in range(axes)]  # W
         self._reserve = [RESERVE_J] * axes
         self._received: Sequence[float] = (0.0,) * axes  # S
         self._taken: Sequence[float] = (0.0,) * axes  # what the server says has come out there
@@ -65,7 +65,7 @@ class PassivityControl(NewestCoupling[Power]):
         self._frame = 0
         self._loop: float | None = None
         self.applied_n: Sequence[float] = (0.0,) * axes
-        self._made_j, self._used_j = RunningSum(), RunningSum()  # up to the last frame that ended
+        self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
         self._rounding = rounding_share(rates.ticks_per_frame)
         self._slack_j = 0.0  # what rounding alone can put W out by
@@ -126,8 +126,8 @@ class PassivityControl(NewestCoupling[Power]):
         left = self._left[axis].value
         reserve = self._reserve[axis]
         if left < reserve:
-            owed = max(0.0, -left)
-            kept = min(energy_j, owed + min(reserve - left - owed, KEPT_SHARE * max(0.0, energy_j - owed)))
+            deficit = max(0.0, -left)
+            kept = min(energy_j, deficit + min(reserve - left - deficit, KEPT_SHARE * max(0.0, energy_j - deficit)))
             self._left[axis].add(kept)
             energy_j -= kept
         self._in[axis].add(energy_j)

@@ -16,11 +16,11 @@ SPARE_NS = 2_000_000_000
 W = TypeVar("W")
 
 
-class Dialler(Generic[W]):
-    """`way` is in use; `newer` has been dialled since the server fell silent, None if nothing has."""
+class PathMigration(Generic[W]):
+    """`path` is in use; `newer` has been dialled since the server fell silent, None if nothing has."""
 
-    def __init__(self, way: W) -> None:
-        self.way = way
+    def __init__(self, path: W) -> None:
+        self.path = path
         self.newer: W | None = None
         self.dials = 0  # in all
         self._tries = 0  # in this silence
@@ -29,14 +29,14 @@ class Dialler(Generic[W]):
         self._heard_ns: int | None = None
 
     @property
-    def ways(self) -> tuple[W, ...]:
+    def paths(self) -> tuple[W, ...]:
         """Where to listen."""
-        return (self.way,) if self.newer is None else (self.way, self.newer)
+        return (self.path,) if self.newer is None else (self.path, self.newer)
 
     @property
     def asking(self) -> W:
         """The way for hellos."""
-        return self.way if self.newer is None else self.newer
+        return self.path if self.newer is None else self.newer
 
     def due(self, now_ns: int, resuming: bool, ready: bool, refused: bool) -> bool:
         """Whether to dial now. ready, refused: of the newest way, whether messages can be sent, and whether nobody listens."""
@@ -54,20 +54,20 @@ class Dialler(Generic[W]):
         wait_ns = AGAIN_NS[-1] if ready else AGAIN_NS[min(self._tries, len(AGAIN_NS)) - 1]
         return now_ns - self._since_ns >= wait_ns
 
-    def dialled(self, way: W | None, now_ns: int) -> W | None:
+    def dialled(self, path: W | None, now_ns: int) -> W | None:
         """A new way is there, or None could be opened. Returns the one to be closed for it."""
         self.dials += 1
         self._tries += 1
         self._since_ns, self._open = now_ns, False
-        if way is None:
+        if path is None:
             return None
-        before, self.newer = self.newer, way
+        before, self.newer = self.newer, path
         return before
 
-    def adopt(self, way: W) -> list[W]:
+    def adopt(self, path: W) -> list[W]:
         """A welcome came by this way. Returns the ways to be closed."""
-        others = [each for each in self.ways if each is not way]
-        self.way, self.newer = way, None
+        others = [each for each in self.paths if each is not path]
+        self.path, self.newer = path, None
         return others
 
     def spare(self, now_ns: int, resuming: bool) -> W | None:

@@ -14,7 +14,7 @@ from cogrip.client.core import ClientCore
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
-from cogrip.protocol.recording.noted import Noted
+from cogrip.protocol.recording.noted import ObservedQueue
 from cogrip.protocol.recording.records import Command, Datagram, Event, Ledger, Tick
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import Held, Nowhere, Sink, encode, topics
@@ -40,7 +40,7 @@ class RecordedClient(ClientCore):
         self._now_ns = 0
         self._sample: Sample | None = None
         self._state = ""
-        self.session.outbox = Noted(self._sent)
+        self.session.outbox = ObservedQueue(self._sent)
 
     def record(self, sink: Sink) -> None:
         """Give what was noted so far to `sink`, and all that follows."""

@@ -22,7 +22,7 @@ ARMING_S = 1.0
 MOST_GAP_TICKS = 3  # a reply that is missed now and then is no reason
 
 
-class Handle:
+class SupervisedDevice:
     """One device in one core's hand. Only `open` raises, and only DeviceError.
 
     clock   [ns], by which a call that blocks is found; in virtual time none does

@@ -7,14 +7,14 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.latest_state_coupling import NewestCoupling
+from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import RunningSum
+from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Frame, Stamp, State
 from cogrip.protocol.settings import SeatSettings
 
 
-class VirtualCoupling(NewestCoupling[State]):
+class VirtualCoupling(LatestStateCoupling[State]):
     """A spring and a damper at the device rate, to where the object was last said to be."""
 
     def __init__(self, seat: SeatSettings) -> None:
@@ -22,7 +22,7 @@ class VirtualCoupling(NewestCoupling[State]):
         super().__init__(axes)
         self._stiffness = seat.coupling.stiffness_npm
         self._damping = seat.coupling.damping_nspm
-        self._given_j = RunningSum()
+        self._given_j = CompensatedSum()
         self._rendered_npm = self._stiffness
         self._rendered_nspm = self._damping
         self._stretch: list[float] | None = None  # hand to object at the tick that is held now [m]
@@ -31,7 +31,7 @@ class VirtualCoupling(NewestCoupling[State]):
         self._last_force: Sequence[float] = (0.0,) * axes
         self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
         self.made_j = self.used_j = 0.0
-        self._port_j = RunningSum()
+        self._port_j = CompensatedSum()
         self.down_margin_j: float | None = None
         self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
 

@@ -28,7 +28,7 @@ from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import RunningSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
@@ -64,7 +64,7 @@ class WaveCoupling:
             axes, playout.frames, rates.frame_s, playout.tank_mj * 1e-3, playout.concealment
         )  # fmt: skip
         self._share = 1.0  # s of this frame
-        self._forgone = [0.0] * axes  # sum of e over the ticks of this frame
+        self._written_off = [0.0] * axes  # sum of e over the ticks of this frame
         self._zero = (0.0,) * axes
         self._late: deque[Held] = deque(maxlen=0)  # of the last L ticks, oldest first
         self.gain = 1.0  # of the ramp that the force goes through
@@ -77,7 +77,7 @@ class WaveCoupling:
         self._withheld = [0.0] * axes  # sum of what frames lacked the energy for
         self._ratio = 1.0  # of the impedance that is rendered to that of the port
         self._tick_s = rates.tick_s
-        self._given = RunningSum()  # energy that the line gave, less what it took, up to the last frame that ended
+        self._given = CompensatedSum()  # energy that the line gave, less what it took, up to the last frame that ended
         self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
         self.local_n: Sequence[float] = self._zero  # the part of the law that follows the hand's own motion
@@ -85,7 +85,7 @@ class WaveCoupling:
         self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
         self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
-        self._made_j, self._used_j = RunningSum(), RunningSum()  # up to the last frame that ended
+        self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
         self._rounding = rounding_share(rates.ticks_per_frame)
         self.down_margin_j: float | None = 0.0
@@ -147,7 +147,7 @@ class WaveCoupling:
             root *= share
             kept = hold * (self._root - root)
             for axis in range(len(wave)):
-                self._forgone[axis] += kept * velocity[axis]
+                self._written_off[axis] += kept * velocity[axis]
         for axis, v in enumerate(wave):
             u = root * velocity[axis] - v
             if hold != 1.0:
@@ -224,9 +224,9 @@ class WaveCoupling:
         """The returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
         self._frame += 1
         receiver = self._receiver
-        if any(self._forgone):
-            receiver.forgo([e / self._ticks_per_frame for e in self._forgone])
-            self._forgone = [0.0] * len(self._forgone)
+        if any(self._written_off):
+            receiver.write_off([e / self._ticks_per_frame for e in self._written_off])
+            self._written_off = [0.0] * len(self._written_off)
         self.returning = wave = receiver.take()
         most = self._most_wave
         self.implausible = max(wave) > most or min(wave) < -most
@@ -304,9 +304,9 @@ class WaveCoupling:
         return self._receiver.newest
 
     @property
-    def owed(self) -> list[float]:
+    def deficit(self) -> list[float]:
         """Of the returning waves, shape (axes,) [sqrt(W)]: sent and not played."""
-        return self._receiver.owed
+        return self._receiver.deficit
 
     def lost(self) -> int:
         """Frames from the server that were lost so far."""

@@ -40,7 +40,7 @@ class Channel(Protocol):
         ...
 
 
-class PlainChannel:
+class UnencryptedChannel:
     """Datagrams are messages."""
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ Outages = Annotated[tuple[tuple[OutageStart, Length], ...], msgspec.Meta(max_len
 TracePath = Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
 LEAST_KBPS = 1.0
 
-Way = Literal["up", "down"]
+Direction = Literal["up", "down"]
 
 
 def check_cap(path: str, rate_kbps: float | None) -> None:
@@ -92,33 +92,35 @@ class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults
     up: LinkDirection = LinkDirection()
     down: LinkDirection = LinkDirection()
 
-    def direction(self, way: Way) -> LinkProfile:
+    def direction(self, direction: Direction) -> LinkProfile:
         """What holds on that way. Raises SettingsError where its values do not fit together."""
-        values = {} if self.profile is None else PROFILES[self.profile].way(way)
+        values = {} if self.profile is None else PROFILES[self.profile].direction(direction)
         for name in LinkProfile.__struct_fields__:
-            value = self._own(way, name)
+            value = self._own(direction, name)
             if value is not None:
                 values[name] = value
-        check_outages(f"link.{way}.", values.get("outage_s", 0.0), values.get("outage_every_s", 0.0))
+        check_outages(f"link.{direction}.", values.get("outage_s", 0.0), values.get("outage_every_s", 0.0))
         return LinkProfile(**values)
 
-    def script(self, way: Way) -> Outages:
+    def script(self, direction: Direction) -> Outages:
         """The outages by script on that way: (start_s, length_s) of each. No welcome carries them."""
-        found: Outages = self._own(way, "outages") or ()
+        found: Outages = self._own(direction, "outages") or ()
         return found
 
-    def trace_of(self, way: Way) -> str:
+    def trace_of(self, direction: Direction) -> str:
         """The file of recorded delays on that way, "" for none. It is opened where the settings were written, by no welcome."""
-        return self._own(way, "trace") or ""
+        return self._own(direction, "trace") or ""
 
     @property
     def kept_back(self) -> tuple[str, ...]:
         """Keys in use that no welcome carries: a live session does not emulate them."""
         return tuple(
-            f"link.{key}" for key in ("outages", "trace") if any(self._own(way, key) for way in ("up", "down"))
+            f"link.{key}"
+            for key in ("outages", "trace")
+            if any(self._own(direction, key) for direction in ("up", "down"))
         )
 
-    def _own(self, way: Way, name: str) -> Any:
+    def _own(self, direction: Direction, name: str) -> Any:
         """A value of that way, else of both; None where neither says any."""
-        value = getattr(self.up if way == "up" else self.down, name)
+        value = getattr(self.up if direction == "up" else self.down, name)
         return getattr(self, name) if value is None else value

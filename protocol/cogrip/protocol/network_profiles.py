@@ -20,9 +20,9 @@ class Profile(NamedTuple):
     up: Mapping[str, float] = {}
     down: Mapping[str, float] = {}
 
-    def way(self, way: Literal["up", "down"]) -> dict[str, float]:
+    def direction(self, direction: Literal["up", "down"]) -> dict[str, float]:
         """The values of one direction."""
-        return {**self.both, **(self.up if way == "up" else self.down)}
+        return {**self.both, **(self.up if direction == "up" else self.down)}
 
 
 PROFILES: dict[ProfileName, Profile] = {

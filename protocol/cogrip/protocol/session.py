@@ -108,7 +108,7 @@ class ClientSession:
         self.clock = Clock()
         self.welcome: Welcome | None = None
         self.farewell: Farewell | None = None
-        self.last_heard_ns = self.fresh_ns = 0
+        self.last_received_ns = self.fresh_ns = 0
         self._begun = False  # frames of this session were taken in
         self.away_ns = 0
         self.resumed = self.renewed = 0
@@ -176,7 +176,7 @@ class ClientSession:
             return None
         if self._step("heard"):
             self._back(now_ns)
-        self.last_heard_ns = now_ns
+        self.last_received_ns = now_ns
         if isinstance(message, Farewell):
             self._hear_farewell(message)
             return None
@@ -228,10 +228,10 @@ class ClientSession:
                 self._begun, self.fresh_ns = False, now_ns
             self.welcome = message
             self.hello = messages.padded(_resuming(self._asked, message))
-            self.last_heard_ns = now_ns
+            self.last_received_ns = now_ns
 
     def _back(self, now_ns: int, renewed: bool = False) -> None:
-        self.away_ns = now_ns - self.last_heard_ns
+        self.away_ns = now_ns - self.last_received_ns
         if renewed:
             self.renewed += 1
             self.clock = Clock()
@@ -249,7 +249,7 @@ class ClientSession:
             else:
                 self._repeat(self.hello, HELLO_EVERY_NS, now_ns)
         elif self.state in ("seated", "resuming"):
-            self._miss(now_ns - self.last_heard_ns, now_ns)
+            self._miss(now_ns - self.last_received_ns, now_ns)
         elif self.state == "leaving":
             if now_ns - self._since_ns >= LEAVE_GIVE_UP_NS:
                 self._step("silence")

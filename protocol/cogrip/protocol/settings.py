@@ -251,7 +251,8 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
         frames = sum(
-            one_way(way.delay_ms, expected_frames(settings.playout, way, rates), rates).frames for way in (up, down)
+            one_way(direction.delay_ms, expected_frames(settings.playout, direction, rates), rates).frames
+            for direction in (up, down)
         )
         compliance = _compliance(coupling, rates, frames * rates.frame_s)
         try:
@@ -308,8 +309,12 @@ def _check_fit(settings: Settings) -> None:
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
-    for section, way in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
-        check_cap(f"{section}.rate_kbps", way.rate_kbps)
+    for section, direction in (
+        ("link", settings.link),
+        ("link.up", settings.link.up),
+        ("link.down", settings.link.down),
+    ):
+        check_cap(f"{section}.rate_kbps", direction.rate_kbps)
     for profile in (settings.link.direction("up"), settings.link.direction("down")):
         least = 1.0 / (1.0 - profile.loss)
         if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:

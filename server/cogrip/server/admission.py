@@ -24,7 +24,7 @@ class Denied(msgspec.Struct, frozen=True, tag="denied"):
     reason: str
 
 
-class Doorkeeper(Protocol):
+class Authenticator(Protocol):
     """Asked once for each hello that is new, then told when a place was really given."""
 
     def admit(self, hello: Hello) -> Grant | Denied: ...
@@ -34,7 +34,7 @@ class Doorkeeper(Protocol):
         ...
 
 
-class OpenDoor:
+class AdmitAll:
     """Lets everyone in, as what they ask for: loopback, laboratory, or a server that was told to be open."""
 
     def admit(self, hello: Hello) -> Grant | Denied:

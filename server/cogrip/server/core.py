@@ -11,12 +11,12 @@ from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Frame, Heartbeat, Hello, Leave, Power, State, Waves
 from cogrip.protocol.session import nonce_of, refusal, version_mismatch
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
+from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.checkpoint import RoomCheckpoint
-from cogrip.server.events import Happening
+from cogrip.server.events import ServerEvent
 from cogrip.server.observers import Observer
 from cogrip.server.room import Room, Seat
-from cogrip.server.seat_assignment import find_again, find_observer, find_seat, find_view
+from cogrip.server.seat_assignment import find_again, find_observer, find_observer_slot, find_seat
 from cogrip.server.seat_limits import record_of
 
 FAREWELL_EVERY_NS = 50_000_000  # to one who has not heard it
@@ -37,21 +37,21 @@ class ServerCore:
         rooms: Sequence[Settings],
         software: str,
         new_session: Callable[[], int],
-        doorkeeper: Doorkeeper | None = None,
+        authenticator: Authenticator | None = None,
         new_ticket: Callable[[], str] = str,
         mark: Callable[[str], str] = str,
     ) -> None:
         self.rooms = [Room(settings) for settings in rooms]
         self._software = software
         self._new_session = new_session
-        self._door = doorkeeper or OpenDoor()
+        self._authenticator = authenticator or AdmitAll()
         self._new_ticket = new_ticket
         self._mark = mark
         self._seated: dict[Address, tuple[Room, int]] = {}
         self._observing: dict[Address, tuple[Room, int]] = {}
         self._tickets: dict[int, str] = {}  # by session, for a welcome that has to be said again
         self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.events: deque[Happening] = deque()
+        self.events: deque[ServerEvent] = deque()
         self.dropped: dict[str, int] = {}
 
     def drop(self, reason: str, count: int = 1) -> None:
@@ -123,29 +123,29 @@ class ServerCore:
         if not isinstance(message, Heartbeat) and (seat.port is None or not seat.port.receive(message)):
             self.drop("unfit")  # it keeps no seat: whoever can bring nothing in is as silent
             return
-        seat.last_heard_ns = now_ns
+        seat.last_received_ns = now_ns
 
     def _hear_observer(self, place: tuple[Room, int], message: messages.AnyMessage, now_ns: int) -> None:
         """An observer may say that it is there, and goodbye. Whoever sends more is shown out."""
         room, number = place
-        observer = room.gallery.observers[number]
+        observer = room.observer_slots.observers[number]
         if isinstance(message, FROM_SEATS) and message.session != observer.session:
             self.drop("other session")
         elif isinstance(message, Heartbeat):
-            observer.last_heard_ns = now_ns
+            observer.last_received_ns = now_ns
             observer.clock.read(message.stamp, now_ns)
         elif isinstance(message, Leave):
-            self._show_out(room, number, "goodbye", "left", f"left: {messages.shown(message.reason)}")
+            self._remove_observer(room, number, "goodbye", "left", f"left: {messages.shown(message.reason)}")
         elif isinstance(message, Frame):
             self.drop("observer's waves")
             reason = "an observer may not send waves: they were not applied; join with a player's link"
-            self._show_out(room, number, reason, "kicked", f"was shown out: {reason}")
+            self._remove_observer(room, number, reason, "kicked", f"was shown out: {reason}")
         else:
             self.drop("unexpected")
 
-    def _show_out(self, room: Room, number: int, reason: str, event: str, words: str) -> None:
-        observer = room.gallery.observers[number]
-        room.gallery.leave(number)
+    def _remove_observer(self, room: Room, number: int, reason: str, event: str, words: str) -> None:
+        observer = room.observer_slots.observers[number]
+        room.observer_slots.leave(number)
         self._observing.pop(observer.address, None)
         self._tickets.pop(observer.session, None)
         self._tell(event, room, observer, words)
@@ -157,39 +157,39 @@ class ServerCore:
         for number in room.silent(now_ns):
             seat = room.seats[number]
             self._unlink(room, number)
-            room.rise(number, "silence")
+            room.leave_seat(number, "silence")
             self.drop("seat timed out")
             self._tell("lost", room, seat, "has been silent for too long and lost the seat")
-        for number in room.gallery.silent(now_ns):
-            observer = room.gallery.observers[number]
+        for number in room.observer_slots.silent(now_ns):
+            observer = room.observer_slots.observers[number]
             self._observing.pop(observer.address, None)
             self._tickets.pop(observer.session, None)
-            room.gallery.leave(number)
+            room.observer_slots.leave(number)
             self._tell("lost", room, observer, "has been silent for too long")
         self.outbox.extend(room.tick(now_ns, frames))
         for seat in room.seats:
-            follower = seat.follower
-            if follower is None:
+            adapter = seat.adapter
+            if adapter is None:
                 continue
-            if follower.told:
-                self._tell("stiffness", room, seat, f"is told: {follower.told}")
-                follower.told = ""
-            if follower.withheld:
-                self.drop("stiffness word", follower.withheld)
-                follower.withheld = 0
+            if adapter.told:
+                self._tell("stiffness", room, seat, f"is told: {adapter.told}")
+                adapter.told = ""
+            if adapter.withheld:
+                self.drop("stiffness word", adapter.withheld)
+                adapter.withheld = 0
 
     def stop(self, reason: str) -> None:
         """Tell everyone goodbye; their accounts may still come (`awaits_accounts`)."""
         for room in self.rooms:
             for number in range(len(room.seats)):
                 self._end_seat(room, number, "stop", reason)
-            for number in list(room.gallery.observers):
-                self._show_out(room, number, reason, "left", "was told that the server stops")
+            for number in list(room.observer_slots.observers):
+                self._remove_observer(room, number, reason, "left", "was told that the server stops")
 
-    def present(self) -> list[tuple[Room, Seat | Observer]]:
+    def roster(self) -> list[tuple[Room, Seat | Observer]]:
         """Everybody who sits or looks on."""
         seated = [(room, seat) for room in self.rooms for seat in room.seats if seat.state == "seated"]
-        return [*seated, *((room, each) for room in self.rooms for each in room.gallery.observers.values())]
+        return [*seated, *((room, each) for room in self.rooms for each in room.observer_slots.observers.values())]
 
     def kick(self, user: str, room: str = "", reason: str = "") -> int:
         """End the seats (or observers) of that name. Returns how many there were."""
@@ -217,28 +217,28 @@ class ServerCore:
                     self._tell("kicked", room, seat, f"was {reason}")
                 elif seat.state == "free" and seat.ticket and chosen(room, seat):
                     seat.ticket, seat.reserved_until_ns = "", None
-            for number, observer in list(room.gallery.observers.items()):
+            for number, observer in list(room.observer_slots.observers.items()):
                 if chosen(room, observer):
                     count += 1
-                    self._show_out(room, number, reason, "kicked", f"was {reason}")
+                    self._remove_observer(room, number, reason, "kicked", f"was {reason}")
         return count
 
     def _end_seat(self, room: Room, number: int, event: str, reason: str) -> None:
         seat = room.seats[number]
-        account = room.rise(number, event)
+        account = room.leave_seat(number, event)
         if account is not None:
             self._tickets.pop(seat.session, None)
             seat.farewell = messages.encode(Farewell(seat.session, messages.clipped(reason), account, room.account()))
             self.outbox.append((seat.address, seat.farewell))
 
-    def disown(self, address: Address) -> None:
+    def unbind_address(self, address: Address) -> None:
         """Somebody else speaks from this address now (a new seal): who sat here keeps the seat, and has to come back to it."""
         place = self._seated.pop(address, None)
         if place is not None:
             place[0].seats[place[1]].address = None
         looked = self._observing.pop(address, None)
         if looked is not None:
-            looked[0].gallery.observers[looked[1]].address = None
+            looked[0].observer_slots.observers[looked[1]].address = None
 
     @property
     def awaits_accounts(self) -> bool:
@@ -258,13 +258,13 @@ class ServerCore:
         words = (
             f"{room.name}: restored: the object is at ({place}) mm, seats are kept for {', '.join(kept) or 'nobody'}"
         )
-        self.events.append(Happening("restored", words, room.name))
+        self.events.append(ServerEvent("restored", words, room.name))
 
     def _refuse(self, nonce: int, address: Address, denied: Denied) -> None:
         self.drop(f"refused: {denied.code}")
         where = place_text(address)
         words = f"refused {where}: {denied.reason} [{denied.code}]"
-        self.events.append(Happening("refused", words, address=where, code=denied.code))
+        self.events.append(ServerEvent("refused", words, address=where, code=denied.code))
         self.outbox.append((address, refusal(nonce, denied.code, denied.reason)))
 
     def _greet(self, hello: Hello, size: int, address: Address, now_ns: int) -> None:
@@ -276,13 +276,13 @@ class ServerCore:
         if hello.version != PROTOCOL_VERSION:
             self._refuse(hello.nonce, address, Denied(*version_mismatch(hello.version)))
             return
-        if hello.ticket and self._come_back(hello, address, now_ns):
+        if hello.ticket and self._resume(hello, address, now_ns):
             return
-        grant = self._door.admit(hello)
+        grant = self._authenticator.admit(hello)
         if isinstance(grant, Denied):
             self._refuse(hello.nonce, address, grant)
         elif grant.role == "observer" or hello.role == "observer":
-            self._give_view(hello, grant, address, now_ns)
+            self._give_observer_slot(hello, grant, address, now_ns)
         else:
             self._give_seat(hello, grant, address, now_ns)
 
@@ -299,11 +299,11 @@ class ServerCore:
                 self._welcome(room, seat)
                 return True
             self._seated.pop(address)
-            room.rise(number, "silence")
+            room.leave_seat(number, "silence")
         looked = self._observing.get(address)
         if looked is not None:
             room, number = looked
-            observer = room.gallery.observers[number]
+            observer = room.observer_slots.observers[number]
             if not observer.hellos.take(0, now_ns):
                 self.drop("hello budget")
                 return True
@@ -312,10 +312,10 @@ class ServerCore:
                 return True
             self._observing.pop(address)
             self._tickets.pop(observer.session, None)
-            room.gallery.leave(number)
+            room.observer_slots.leave(number)
         return False
 
-    def _come_back(self, hello: Hello, address: Address, now_ns: int) -> bool:
+    def _resume(self, hello: Hello, address: Address, now_ns: int) -> bool:
         """To the seat that the ticket opens. False where it opens none."""
         mark = self._mark(hello.ticket)
         found = find_again(self.rooms, mark)
@@ -324,12 +324,12 @@ class ServerCore:
             if looked is None:
                 return False
             room, number = looked
-            observer = room.gallery.observers[number]
+            observer = room.observer_slots.observers[number]
             if not observer.hellos.take(0, now_ns):
                 self.drop("hello budget")
                 return True
             self._observing.pop(observer.address, None)
-            observer.address, observer.last_heard_ns, observer.nonce = address, now_ns, hello.nonce
+            observer.address, observer.last_received_ns, observer.nonce = address, now_ns, hello.nonce
             observer.clock = Clock()
             self._observing[address] = room, number
             self._tell("resumed", room, observer, f"goes on from {place_text(address)}", address)
@@ -352,7 +352,7 @@ class ServerCore:
             seat.nonce = hello.nonce
         else:
             self._tickets.pop(seat.session, None)
-            room.sit(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
+            room.take_seat(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
         self._tickets[seat.session] = hello.ticket
         self._seated[address] = (room, number)
         self._tell("resumed", room, seat, f"goes on from {place_text(address)}", address)
@@ -373,11 +373,11 @@ class ServerCore:
         seat = room.seats[number]
         self._unlink(room, number)  # whoever sat here before
         self._tickets.pop(seat.session, None)
-        room.sit(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
+        room.take_seat(number, self._new_session(), hello.nonce, address, now_ns, record_of(hello))
         self._seated[address] = (room, number)
         seat.ticket = self._ticket(seat.session)
         seat.token = grant.token
-        self._door.admitted(grant)
+        self._authenticator.admitted(grant)
         self._tell(
             "joined", room, seat, f"joined from {place_text(address)} with {messages.shown(hello.device)}", address
         )
@@ -387,17 +387,17 @@ class ServerCore:
         """How many seats are held by this token now."""
         return sum(seat.state == "seated" and seat.token == token for room in self.rooms for seat in room.seats)
 
-    def _give_view(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
-        room = find_view(self.rooms, hello, grant)
+    def _give_observer_slot(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
+        room = find_observer_slot(self.rooms, hello, grant)
         if isinstance(room, Denied):
             self._refuse(hello.nonce, address, room)
             return
-        number = room.gallery.enter(self._new_session(), hello.nonce, address, now_ns)
-        observer = room.gallery.observers[number]
+        number = room.observer_slots.enter(self._new_session(), hello.nonce, address, now_ns)
+        observer = room.observer_slots.observers[number]
         self._observing[address] = (room, number)
         observer.ticket = self._ticket(observer.session)
         observer.token = grant.token
-        self._door.admitted(grant)
+        self._authenticator.admitted(grant)
         self._tell("observes", room, observer, f"looks on from {place_text(address)}", address)
         self._welcome_observer(room, observer)
 
@@ -423,7 +423,7 @@ class ServerCore:
 
     def _bid_farewell(self, room: Room, number: int, leave: Leave, now_ns: int) -> None:
         seat = room.seats[number]
-        account = room.rise(number, "leave")
+        account = room.leave_seat(number, "leave")
         if seat.account is None:
             seat.account = leave.account
         if account is None:
@@ -446,5 +446,5 @@ class ServerCore:
     def _tell(self, event: str, room: Room, who: Seat | Observer, words: str, address: Address = None) -> None:
         where = place_text(address) if address is not None else ""
         self.events.append(
-            Happening(event, f"{room.name}: {who.name} {words}", room.name, who.name, where, token=who.token)
+            ServerEvent(event, f"{room.name}: {who.name} {words}", room.name, who.name, where, token=who.token)
         )

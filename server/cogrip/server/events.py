@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Happening(msgspec.Struct, frozen=True, omit_defaults=True):
+class ServerEvent(msgspec.Struct, frozen=True, omit_defaults=True):
     """`event` is one of EVENTS; `text` is the whole of it for people; the fields are the same for programs."""
 
     event: str

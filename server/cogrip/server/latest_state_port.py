@@ -13,7 +13,7 @@ M = TypeVar("M", State, Power)
 Row = tuple[float, ...]
 
 
-class NewestPort(Generic[M]):
+class LatestStatePort(Generic[M]):
     """Takes in states that a hand can have, and keeps the newest."""
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:

@@ -28,8 +28,8 @@ from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
-from cogrip.server.admission import Doorkeeper, OpenDoor
-from cogrip.server.events import OF_STRANGERS, Happening
+from cogrip.server.admission import AdmitAll, Authenticator
+from cogrip.server.events import OF_STRANGERS, ServerEvent
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer, server_topics
 
@@ -43,7 +43,7 @@ class ServerChannel(Channel, Protocol):
     """`renewed`: addresses where somebody else speaks now, under a new seal; `events`: what people should hear of."""
 
     renewed: deque[Address]
-    events: deque[Happening]
+    events: deque[ServerEvent]
 
 
 Chore = Callable[[int], None]
@@ -68,13 +68,13 @@ class LiveServer:
     host: str
     port: int
     stop: Stop
-    say: Callable[[Happening], None]
+    say: Callable[[ServerEvent], None]
     open_channel: Callable[[RecordedServer], ServerChannel]
     record_at: Path | None = None
     seconds: float | None = None
-    doorkeeper: Doorkeeper = field(default_factory=OpenDoor)
+    authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
-    events: deque[Happening] = field(default_factory=deque)  # of chores, to be said as those of the core are
+    events: deque[ServerEvent] = field(default_factory=deque)  # of chores, to be said as those of the core are
     core: RecordedServer = field(init=False)
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
@@ -101,7 +101,7 @@ class LiveServer:
         self._socket.setblocking(False)
         host, port = self._socket.getsockname()[:2]
         self.core = RecordedServer(
-            self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.doorkeeper,
+            self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator,
             lambda: secrets.token_urlsafe(16), mark,
         )  # fmt: skip
         try:
@@ -134,7 +134,7 @@ class LiveServer:
             with self._socket:
                 self._loop(pacers)
                 self._farewell()
-            self.core.close_books()
+            self.core.close_ledger()
         finally:
             release(measures)
             self.core.record(Nowhere())
@@ -151,7 +151,7 @@ class LiveServer:
             "server", WHO, self.core.start, first.rates.network_hz, first.seed, epoch_ns, False, versions_here(),
             server_topics([room.name for room in self.rooms]),
         )  # fmt: skip
-        recorder = open_recorder(self.record_at, header, lambda text: self.say(Happening("trouble", text)))
+        recorder = open_recorder(self.record_at, header, lambda text: self.say(ServerEvent("trouble", text)))
         self.core.record(recorder or Nowhere())
         return recorder
 
@@ -217,16 +217,16 @@ class LiveServer:
         now_ns = time.monotonic_ns()
         for events in (self.channel.events, self.core.events, self.events):
             while events:
-                happening = events.popleft()
-                kind = happening.event
+                event = events.popleft()
+                kind = event.event
                 if kind in OF_STRANGERS and not self._voices.take(OF_STRANGERS.index(kind), now_ns):
                     self._unsaid[kind] = self._unsaid.get(kind, 0) + 1
                     continue
-                self.say(happening)
+                self.say(event)
         for kind in list(self._unsaid):
             if self._voices.take(OF_STRANGERS.index(kind), now_ns):
                 self.say(
-                    Happening(kind, f"{self._unsaid.pop(kind)} more of this kind ({kind}) were not said one by one")
+                    ServerEvent(kind, f"{self._unsaid.pop(kind)} more of this kind ({kind}) were not said one by one")
                 )
 
     def _farewell(self) -> None:
@@ -260,7 +260,7 @@ class LiveServer:
                 continue
             carried = unseal(datagram, address, now_ns)
             while renewed:
-                self.core.disown(renewed.popleft())
+                self.core.unbind_address(renewed.popleft())
             for message in carried:
                 take(message, address, now_ns)
         else:

@@ -20,14 +20,14 @@ class Observer:
         self.session = session
         self.nonce = nonce
         self.address = address
-        self.last_heard_ns = self.since_ns = now_ns
+        self.last_received_ns = self.since_ns = now_ns
         self.clock = Clock()
         self.ticket = ""  # its mark
         self.token = ""
         self.hellos = Buckets(1, HELLOS)
 
 
-class Gallery:
+class ObserverSlots:
     """The observers of one room, by their numbers."""
 
     def __init__(self, places: int, network_hz: int) -> None:
@@ -49,7 +49,7 @@ class Gallery:
         del self.observers[number]
 
     def silent(self, now_ns: int) -> list[int]:
-        return [number for number, each in self.observers.items() if now_ns - each.last_heard_ns > LOST_NS]
+        return [number for number, each in self.observers.items() if now_ns - each.last_received_ns > LOST_NS]
 
     def views(self, step: int, world: World, seated: list[int], now_ns: int) -> list[tuple[Address, bytes]]:
         """What goes out after `step`; nothing between two views, or where nobody looks on."""

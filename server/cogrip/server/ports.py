@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import RunningSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.latest_state_port import NewestPort, Row
+from cogrip.server.latest_state_port import LatestStatePort, Row
 from cogrip.server.power_port import PowerPort
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
@@ -29,7 +29,7 @@ class WavePort:
         self._axes = axes
         self._port_j: float | None = None
         self._brought_j = 0.0  # energy of the forward waves where they were made, as last heard of
-        self._made_j = RunningSum()
+        self._made_j = CompensatedSum()
         self._rounding = rounding_share(seat.rates.ticks_per_frame)
         self.origin: Row | None = None  # the hand before its first frame [m]
         self.hand: Row | None = None  # the hand after its newest frame [m]
@@ -95,9 +95,9 @@ class WavePort:
         return self._limiter.fullness
 
     @property
-    def owed(self) -> list[float]:
+    def deficit(self) -> list[float]:
         """Of the forward waves, shape (axes,) [sqrt(W)]: sent and not played."""
-        return self._receiver.owed
+        return self._receiver.deficit
 
     @property
     def limited(self) -> dict[str, int]:
@@ -133,7 +133,7 @@ class WavePort:
         return self._receiver.count()
 
 
-class StatePort(NewestPort[State]):
+class StatePort(LatestStatePort[State]):
     """Virtual coupling: the newest device state in, the object's state out."""
 
     power_left = 1.0  # there is no such bucket

@@ -10,15 +10,15 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
 """
 
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import RunningSum
+from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.latest_state_port import NewestPort, Row
+from cogrip.server.latest_state_port import LatestStatePort, Row
 from cogrip.server.seat_limits import EnergyLimiter, SeatLimits
 
 
-class PowerPort(NewestPort[Power]):
+class PowerPort(LatestStatePort[Power]):
     """Where the proxy is to go and what that may take, to the world; force and energy, back to the client."""
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
@@ -28,8 +28,8 @@ class PowerPort(NewestPort[Power]):
         self._energy = EnergyLimiter(frame_s, limits, power_left)
         self._lent = LENT_J / axes
         self._received = self._pace = self._still = (0.0,) * axes
-        self._in = [RunningSum() for _ in range(axes)]
-        self._out = [RunningSum() for _ in range(axes)]
+        self._in = [CompensatedSum() for _ in range(axes)]
+        self._out = [CompensatedSum() for _ in range(axes)]
         self._force = (0.0,) * axes
         self.up_margin_j: float | None = 0.0
         self.up_reserve = EnergyReserve(seat.rates.network_hz)  # W, the least of all axes
@@ -116,7 +116,7 @@ class PowerPort(NewestPort[Power]):
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Power:
         axes = self._axes
-        entered, taken = [tuple([energy.value for energy in way]) for way in (self._in, self._out)]
+        entered, taken = [tuple([energy.value for energy in direction]) for direction in (self._in, self._out)]
         return Power(
             session, self._number, object_state[:axes], object_state[axes:], self._force, entered, taken, port_j,
             self._receiver.heard, stamp,

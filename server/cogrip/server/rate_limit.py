@@ -48,7 +48,7 @@ def limits_for(network_hz: int) -> Limits:
     return LIMITS._replace(peer=Budget(4 * network_hz, 4 * network_hz))
 
 
-class Gate:
+class RateLimiter:
     """Each question takes from a budget and is answered by "", or by the name under which the datagram is dropped.
 
     Contacts and handshakes have a budget for each class of addresses. An attacker who has some hundreds of addresses and is

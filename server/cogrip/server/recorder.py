@@ -12,16 +12,16 @@ import msgspec
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.noted import Noted
+from cogrip.protocol.recording.noted import ObservedQueue
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
 from cogrip.protocol.recording.sink import Held, Nowhere, Sink, encode, topics
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Denied, Doorkeeper, Grant, OpenDoor
+from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.core import ServerCore
-from cogrip.server.events import Happening
+from cogrip.server.events import ServerEvent
 from cogrip.server.room import Room
 
 WHO = "server"
@@ -51,13 +51,13 @@ class RecordedServer(ServerCore):
         rooms: Sequence[Settings],
         software: str,
         new_session: Callable[[], int],
-        doorkeeper: Doorkeeper | None = None,
+        authenticator: Authenticator | None = None,
         new_ticket: Callable[[], str] = str,
         mark: Callable[[str], str] = str,
     ) -> None:
-        door = NotedDoor(doorkeeper or OpenDoor(), self._granted)
+        authenticator = RecordedAuthenticator(authenticator or AdmitAll(), self._granted)
         super().__init__(
-            rooms, software, lambda: self._session(new_session), door, lambda: self._new(new_ticket), mark
+            rooms, software, lambda: self._session(new_session), authenticator, lambda: self._new(new_ticket), mark
         )  # fmt: skip
         self.start = start_text(rooms, software)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}  # late [us], work [us], skipped
@@ -68,8 +68,8 @@ class RecordedServer(ServerCore):
         self._now_ns = 0
         self._rested: dict[str, int] = {}
         self._number = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
-        self.outbox = Noted(self._sent)
-        self.events = Noted(self._told)
+        self.outbox = ObservedQueue(self._sent)
+        self.events = ObservedQueue(self._told)
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
@@ -125,8 +125,8 @@ class RecordedServer(ServerCore):
         if self._notes:
             self._put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._mark), self._text(entry[0])))
 
-    def _told(self, happening: Happening) -> None:
-        self._put(EVENT, Event(happening.text))
+    def _told(self, event: ServerEvent) -> None:
+        self._put(EVENT, Event(event.text))
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
         if self._rested:
@@ -157,10 +157,10 @@ class RecordedServer(ServerCore):
         self._put(COMMAND, Command("revoke", json.dumps(gone)))
         return super().revoke(gone)
 
-    def disown(self, address: Address) -> None:
+    def unbind_address(self, address: Address) -> None:
         self.note_rest()
         self._put(COMMAND, Command("disown", address_text(address)))
-        super().disown(address)
+        super().unbind_address(address)
 
     def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
         self._now_ns = now_ns
@@ -187,7 +187,7 @@ class RecordedServer(ServerCore):
             frames, late_us, work_us, skipped,
         ))  # fmt: skip
 
-    def close_books(self) -> None:
+    def close_ledger(self) -> None:
         """Note what every room and seat knows at the end."""
         self.note_rest()
         self._put(COMMAND, Command("close_books"))
@@ -200,20 +200,20 @@ class RecordedServer(ServerCore):
             self._put(ACCOUNT, Ledger(msgspec.json.encode(books).decode()))
 
 
-class NotedDoor:
+class RecordedAuthenticator:
     """A doorkeeper whose every answer is noted."""
 
-    def __init__(self, door: Doorkeeper, note: Callable[[Grant | Denied], None]) -> None:
-        self._door = door
+    def __init__(self, authenticator: Authenticator, note: Callable[[Grant | Denied], None]) -> None:
+        self._authenticator = authenticator
         self._note = note
 
     def admit(self, hello: Hello) -> Grant | Denied:
-        answer = self._door.admit(hello)
+        answer = self._authenticator.admit(hello)
         self._note(answer)
         return answer
 
     def admitted(self, grant: Grant) -> None:
-        self._door.admitted(grant)
+        self._authenticator.admitted(grant)
 
 
 def _seat(room: Room, number: int) -> SeatStep:

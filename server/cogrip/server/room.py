@@ -15,11 +15,11 @@ from cogrip.protocol.messages import Heartbeat
 from cogrip.protocol.session import LOST_NS, QUIET_NS, SEAT
 from cogrip.protocol.settings import SeatSettings, Settings, digest, seat_settings
 from cogrip.server.checkpoint import VERSION, CheckpointError, RoomCheckpoint, SeatCheckpoint
-from cogrip.server.observers import Gallery
+from cogrip.server.observers import ObserverSlots
 from cogrip.server.ports import PORTS, Port, WavePort
 from cogrip.server.rate_limit import HELLOS, Buckets
 from cogrip.server.seat_limits import BURST_S, Record, SeatLimits, limits_of
-from cogrip.server.stiffness_adaptation import StiffnessFollower
+from cogrip.server.stiffness_adaptation import StiffnessAdapter
 from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.world import Row
 
@@ -27,7 +27,7 @@ MOST_EARLIER = 8  # sittings before the last one that a seat still knows of
 RESERVED_NS = 5_000_000_000  # a restored seat is kept so long for whoever had it
 
 
-class Sitting(NamedTuple):
+class SeatSession(NamedTuple):
     """What both ends knew of a sitting that is over; None where the client did not say."""
 
     client: ClientAccount | None
@@ -48,17 +48,17 @@ class Seat:
         self.session = 0
         self.address: Address = None
         self.nonce = 0
-        self.last_heard_ns = self.since_ns = 0
+        self.last_received_ns = self.since_ns = 0
         self.clock = Clock()
         self.rtt_ns: int | None = None  # the last round trip that was measured
         self.port: Port | None = None
-        self.follower: StiffnessFollower | None = None
+        self.adapter: StiffnessAdapter | None = None
         self.on_object = False
         self.line_margin_j = 0.0
         self.line_reserve = EnergyReserve(settings.rates.network_hz)
         self.account: ClientAccount | None = None  # what the client said when it left
         self.last: SeatAccount | None = None  # what we knew when it left
-        self.earlier: list[Sitting] = []  # those before, oldest first
+        self.earlier: list[SeatSession] = []  # those before, oldest first
         self.ticket = ""  # mark of the ticket that opens this seat again, "" none
         self.token = ""  # public id of the token it was taken with
         self.record: Record | None = None  # of the device it was taken with
@@ -74,12 +74,12 @@ class Seat:
         """Whose seat it is."""
         return self.settings.user
 
-    def close_sitting(self) -> None:
+    def close_seat_session(self) -> None:
         """Somebody sits down anew: keep what was known of the sitting before. Of too many, the most passive one is let go."""
         if self.last is not None:
-            self.earlier.append(Sitting(self.account, self.last))
+            self.earlier.append(SeatSession(self.account, self.last))
         if len(self.earlier) > MOST_EARLIER:
-            self.earlier.remove(max(self.earlier, key=Sitting.least_margin))
+            self.earlier.remove(max(self.earlier, key=SeatSession.least_margin))
         self.account = self.last = None
 
     def step(self, event: str) -> bool:
@@ -100,34 +100,36 @@ class Room:
         self.seats = [Seat(seat_settings(settings, number)) for number in range(len(settings.users))]
         self.world = make_world([seat.settings for seat in self.seats])
         self._idle = (0.0,) * (self.world.axes * self.world.inputs_per_axis)
-        self.gallery = Gallery(settings.admission.observers, settings.rates.network_hz)
+        self.observer_slots = ObserverSlots(settings.admission.observers, settings.rates.network_hz)
         self.steps = 0
         self.ticks: Callable[[], TickCount] = lambda: TickCount(due=self.steps, run=self.steps)  # the loop sets its own
         self.travel_m = 0.0
         self.diverged = ""
         self.put_back = 0  # times that the object was, from out of everybody's reach
 
-    def sit(self, number: int, session: int, nonce: int, address: Address, now_ns: int, record: Record) -> SeatSettings:
+    def take_seat(
+        self, number: int, session: int, nonce: int, address: Address, now_ns: int, record: Record
+    ) -> SeatSettings:
         """Give a free seat away."""
         seat = self.seats[number]
         seat.step("hello")
-        rested_s = max(0, now_ns - seat.last_heard_ns) * 1e-9  # whoever sits down anew finds no fuller bucket
+        rested_s = max(0, now_ns - seat.last_received_ns) * 1e-9  # whoever sits down anew finds no fuller bucket
         power_left = min(1.0, seat.power_left + rested_s / BURST_S)
         seat.farewell = b""
-        seat.session, seat.nonce, seat.address, seat.last_heard_ns = session, nonce, address, now_ns
+        seat.session, seat.nonce, seat.address, seat.last_received_ns = session, nonce, address, now_ns
         seat.since_ns = now_ns
         seat.clock, seat.rtt_ns = Clock(), None
         seat.record, seat.reserved_until_ns = record, None
         seat.port = PORTS[seat.settings.coupling.kind](seat.settings, self.limits(number), power_left)
-        seat.follower = None
+        seat.adapter = None
         if isinstance(seat.port, WavePort) and seat.port.loops is not None and self.world.can_follow:
-            seat.follower = StiffnessFollower(seat.settings, seat.port.loops)
+            seat.adapter = StiffnessAdapter(seat.settings, seat.port.loops)
             self.world.aim(number, seat.settings.rendered_npm)
         seat.on_object = False
         seat.line_margin_j = 0.0
         seat.line_reserve = EnergyReserve(self.settings.rates.network_hz)
-        seat.close_sitting()
-        self.world.open_books(number)
+        seat.close_seat_session()
+        self.world.start_ledger(number)
         return seat.settings
 
     def limits(self, number: int) -> SeatLimits:
@@ -147,9 +149,9 @@ class Room:
         """A person goes on from another address."""
         seat = self.seats[number]
         seat.step("resume")
-        seat.address, seat.last_heard_ns, seat.clock = address, now_ns, Clock()
+        seat.address, seat.last_received_ns, seat.clock = address, now_ns, Clock()
 
-    def rise(self, number: int, event: str) -> SeatAccount | None:
+    def leave_seat(self, number: int, event: str) -> SeatAccount | None:
         """A person leaves (`leave`, `silence`, `kick` or `stop`). Only who fell silent may come back by the ticket."""
         seat = self.seats[number]
         if not seat.step(event):
@@ -161,7 +163,7 @@ class Room:
         seat.limited = self.limited(number)
         if seat.port is not None:
             seat.power_left = seat.port.power_left
-        seat.port = seat.follower = None
+        seat.port = seat.adapter = None
         if event != "silence":
             seat.ticket = ""
         return seat.last
@@ -176,7 +178,7 @@ class Room:
         seat = self.seats[number]
         if seat.state == "free":
             return max(0, (seat.reserved_until_ns or 0) - now_ns)
-        silent_ns = now_ns - seat.last_heard_ns
+        silent_ns = now_ns - seat.last_received_ns
         return max(1, LOST_NS - silent_ns) if silent_ns >= QUIET_NS else 0
 
     def checkpoint(self) -> RoomCheckpoint:
@@ -206,14 +208,14 @@ class Room:
     @property
     def deserted(self) -> bool:
         """Whether nobody sits here, or looks on."""
-        return not self.gallery.observers and not any(seat.port for seat in self.seats)
+        return not self.observer_slots.observers and not any(seat.port for seat in self.seats)
 
     def silent(self, now_ns: int) -> list[int]:
         """Seats that have not been heard for LOST_NS."""
         return [
             number
             for number, seat in enumerate(self.seats)
-            if seat.state == "seated" and now_ns - seat.last_heard_ns > LOST_NS
+            if seat.state == "seated" and now_ns - seat.last_received_ns > LOST_NS
         ]
 
     def tick(self, now_ns: int, frames: int = 1) -> list[tuple[Address, bytes]]:
@@ -258,9 +260,9 @@ class Room:
                 seat.line_margin_j = min(seat.line_margin_j, reserve_j)
             message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
             out.append((seat.address, messages.encode(message)))
-        if self.gallery.observers:
+        if self.observer_slots.observers:
             holding = [number for number, seat in enumerate(seats) if seat.on_object]
-            out += self.gallery.views(self.steps, world, holding, now_ns)
+            out += self.observer_slots.views(self.steps, world, holding, now_ns)
         return out
 
     def _put_back(self) -> list[Row]:
@@ -291,8 +293,8 @@ class Room:
                 seat.on_object = True
                 missed = 1  # nothing was missed of a line that has just begun
             rows.append(seat.port.take(missed) if seat.port and seat.on_object else self._idle)
-            if seat.follower is not None and seat.on_object:
-                aim = seat.follower.heed()
+            if seat.adapter is not None and seat.on_object:
+                aim = seat.adapter.heed()
                 if aim is not None:
                     world.aim(number, aim)
         return rows

@@ -16,7 +16,7 @@ MOST_PRESENT = 100  # that an answer has room for
 Number = float | None
 
 
-class Present(msgspec.Struct, frozen=True, omit_defaults=True):
+class RosterEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     """One person. Ways and round trip are the newest; what is not known is None."""
 
     name: str
@@ -32,23 +32,23 @@ class Present(msgspec.Struct, frozen=True, omit_defaults=True):
     holds: bool = False  # the object
 
 
-def people_of(rooms: "Iterable[Room]", now_ns: int) -> list[Present]:
+def people_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
     """Room by room, the seats first."""
     people = []
     for room in rooms:
         for number, seat in enumerate(room.seats):
             if seat.state == "seated":
                 people.append(
-                    Present(
+                    RosterEntry(
                         seat.name, room.name, _place(seat.address), _since_s(seat.since_ns, now_ns), number,
                         seat.record.device if seat.record else "", _ms(seat.rtt_ns), _ms(seat.clock.back_ns),
                         _ms(seat.clock.there_ns), seat.port.lost if seat.port else None, seat.on_object,
                     )
                 )  # fmt: skip
-        for observer in room.gallery.observers.values():
+        for observer in room.observer_slots.observers.values():
             clock = observer.clock
             people.append(
-                Present(
+                RosterEntry(
                     observer.name, room.name, _place(observer.address), _since_s(observer.since_ns, now_ns),
                     rtt_ms=_rtt_ms(clock), up_ms=_ms(clock.back_ns), down_ms=_ms(clock.there_ns),
                 )

@@ -25,7 +25,7 @@ def find_observer(rooms: Sequence[Room], mark: str) -> tuple[Room, int] | None:
     if not mark:
         return None
     for room in rooms:
-        for number, each in room.gallery.observers.items():
+        for number, each in room.observer_slots.observers.items():
             if each.ticket == mark:
                 return room, number
     return None
@@ -83,15 +83,15 @@ def _none_free(name: str, left_ns: Sequence[int]) -> Denied:
     return Denied("full", words)
 
 
-def find_view(rooms: Sequence[Room], hello: Hello, grant: Grant) -> Room | Denied:
+def find_observer_slot(rooms: Sequence[Room], hello: Hello, grant: Grant) -> Room | Denied:
     """The first room with a place to look on from."""
     among = _rooms(rooms, hello, grant)
     if isinstance(among, Denied):
         return among
     for room in among:
-        if not room.gallery.full:
+        if not room.observer_slots.full:
             return room
-    places = sum(room.gallery.places for room in among)
+    places = sum(room.observer_slots.places for room in among)
     return Denied("full", f"all {places} places for observers are taken (admission.observers)")
 
 

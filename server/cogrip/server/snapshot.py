@@ -140,7 +140,7 @@ class SnapshotMaker:
         diverged = room.diverged if room.world.left_workspace else ""  # it may have been put down where it belongs
         return RoomSnapshot(
             name, sum([seat.seated for seat in seats]), tuple(seats), tuple(room.world.position.tolist()), room.travel_m,
-            ticks.run, ticks.skipped, late, work, len(room.gallery.observers), up_j, line_j, diverged,
+            ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j, diverged,
         )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ WORDS, WORD_EVERY_S = 4, 60
 ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
 
 
-class StiffnessFollower:
+class StiffnessAdapter:
     """`heed` once a frame. `told` is what people should hear of, `withheld` how many changes they do not hear of at
     once: taken by setting them back."""
 

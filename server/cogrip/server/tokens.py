@@ -27,7 +27,7 @@ NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
 DeviceOrAny = Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES, pattern=r"^[ -~]*\Z")]
 Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]  # it is printed on terminals
 UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # to the end of the year 9999
-Noted = Annotated[
+ObservedQueue = Annotated[
     int, msgspec.Meta(ge=-62_135_596_800, le=253_402_300_799)
 ]  # by a clock that may be wrong: years 1 to 9999
 TokenState = Literal["good", "used", "expired", "revoked"]
@@ -53,9 +53,9 @@ class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     once: bool
     start: bool  # derived from the server's key, and printed when it starts
     expires: UnixSeconds | None
-    created: Noted
-    used: Noted | None  # of a one-time token
-    revoked: Noted | None
+    created: ObservedQueue
+    used: ObservedQueue | None  # of a one-time token
+    revoked: ObservedQueue | None
     note: Note
 
     def state(self, now_s: float) -> TokenState:

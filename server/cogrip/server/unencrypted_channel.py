@@ -3,10 +3,10 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cogrip.protocol.channel import Address, PlainChannel
+from cogrip.protocol.channel import Address, UnencryptedChannel
 from cogrip.protocol.messages import HELLO_BYTES, MAGIC
-from cogrip.server.events import Happening
-from cogrip.server.rate_limit import Gate
+from cogrip.server.events import ServerEvent
+from cogrip.server.rate_limit import RateLimiter
 
 HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()  # its tag, and the magic as MessagePack text
 
@@ -20,24 +20,24 @@ def looks_like_hello(datagram: bytes) -> bool:
     return bool(header) and datagram.startswith(HELLO_BEGINS, header)
 
 
-class PlainListener(PlainChannel):
+class UnencryptedListener(UnencryptedChannel):
     """`Channel` of a plain server. known: whether someone sits at an address, as the core says."""
 
-    def __init__(self, gate: Gate, known: Callable[[Address], bool]) -> None:
+    def __init__(self, rate_limiter: RateLimiter, known: Callable[[Address], bool]) -> None:
         super().__init__()
         self.renewed: deque[Address] = deque()  # nobody can tell here
-        self.events: deque[Happening] = deque()
-        self._gate = gate
+        self.events: deque[ServerEvent] = deque()
+        self._rate_limiter = rate_limiter
         self._known = known
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
-        gate = self._gate
-        reason = gate.size(datagram)
+        rate_limiter = self._rate_limiter
+        reason = rate_limiter.size(datagram)
         if not reason:
             if self._known(address):
-                reason = gate.peer(address, now_ns)
+                reason = rate_limiter.peer(address, now_ns)
             elif looks_like_hello(datagram):
-                reason = gate.contact(address, now_ns)
+                reason = rate_limiter.contact(address, now_ns)
             else:
                 reason = "stranger"
         if reason:

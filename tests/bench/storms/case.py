@@ -33,7 +33,7 @@ RESTLESS_N = 1.0  # swing of a force long after the push
 class Job:
     """scheme: of a loose cube (`room.loose`), "" for a storm of ours; overrides: settings by their path."""
 
-    cell: int
+    case: int
     network: str
     people: int
     stiffness_npm: float
@@ -49,18 +49,18 @@ class Job:
         return settled(table, self.overrides)
 
 
-def run_cells(jobs: list[Job]) -> list[Result]:
+def run_cases(jobs: list[Job]) -> list[Result]:
     """What a worker does."""
-    return [run_cell(job) for job in jobs]
+    return [run_case(job) for job in jobs]
 
 
-def run_cell(job: Job) -> Result:
+def run_case(job: Job) -> Result:
     """Run one session. Whatever goes wrong in it is its result: the others go on."""
     try:
         measures = _loose(job) if job.scheme else _storm(job)
     except Exception as error:  # noqa: BLE001 (kept with the cell, counted and shown)
-        return Result(job.cell, {}, f"{type(error).__name__}: {error}")
-    return Result(job.cell, {name: finite(value) for name, value in measures.items()})
+        return Result(job.case, {}, f"{type(error).__name__}: {error}")
+    return Result(job.case, {name: finite(value) for name, value in measures.items()})
 
 
 def rest_from_s(seconds: float) -> float:

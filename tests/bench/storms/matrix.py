@@ -132,7 +132,7 @@ class LooseRow:
 def rows(pairs: Iterable[tuple[Job, Result]]) -> tuple[list[Row], list[LooseRow]]:
     """Storms, then loose cubes, in the order of their first cells."""
     groups: dict[tuple[str, str, int, float], list[tuple[Job, Result]]] = {}
-    for job, result in sorted(pairs, key=lambda pair: pair[0].cell):
+    for job, result in sorted(pairs, key=lambda pair: pair[0].case):
         groups.setdefault((job.scheme, job.network, job.people, job.stiffness_npm), []).append((job, result))
     storms, cubes = [], []
     for (scheme, network, people, K), group in groups.items():

@@ -68,11 +68,11 @@ def _user(number: int, kind: str, axes: int, device: str, random: Random) -> dic
     if kind == "faces":
         direction[0] = abs(direction[0]) if left else -abs(direction[0])
     size = math.hypot(*direction)
-    way = f"direction={','.join(f'{each / size:.3f}' for each in direction)}"
+    direction = f"direction={','.join(f'{each / size:.3f}' for each in direction)}"
     amplitude = f"amplitude_m={random.uniform(0.01, 0.04):.4f}"
     stroke = f"stroke_s={random.uniform(0.4, 1.2):.3f}&delay_s={random.uniform(0.0, 0.5):.3f}"
     hand = random.choice((
         f"reach&{amplitude}&{stroke}", f"sine&{amplitude}&frequency_hz={random.uniform(0.4, 2.0):.3f}",
         f"tremor&{amplitude}&{stroke}&seed={random.randrange(2**31)}",
     ))  # fmt: skip
-    return {"name": f"p{number}", "device": device, "hand": f"{hand}&{way}", "side": "left" if left else "right"}
+    return {"name": f"p{number}", "device": device, "hand": f"{hand}&{direction}", "side": "left" if left else "right"}

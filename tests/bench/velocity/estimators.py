@@ -46,12 +46,12 @@ class AdaptiveWindow:
         slope, low, high = 0.0, float("-inf"), float("inf")
         for tick, old in samples:
             span_s = (newest - tick) * tick_s
-            way = at - old[axis]
-            candidate = way / span_s
+            direction = at - old[axis]
+            candidate = direction / span_s
             if not low <= candidate <= high:
                 break
             slope = candidate
-            low, high = max(low, (way - band) / span_s), min(high, (way + band) / span_s)
+            low, high = max(low, (direction - band) / span_s), min(high, (direction + band) / span_s)
         return slope
 
     def reset(self) -> None:

@@ -13,7 +13,7 @@ from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.messages import shown
 from cogrip.server.io.control import MOST_WORD, Who, ask
 from cogrip.server.io.state_folder import StateError
-from cogrip.server.roster import Present
+from cogrip.server.roster import RosterEntry
 
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
 _SHORT = {"name": 16}
@@ -43,7 +43,7 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
     if not answer.ok:
         raise Problem(f"who: {answer.text}")
     if json is not None:
-        people = [{name: getattr(each, name) for name in Present.__struct_fields__} for each in answer.people]
+        people = [{name: getattr(each, name) for name in RosterEntry.__struct_fields__} for each in answer.people]
         write_json({"folder": str(folder.path), "people": people, "said": answer.text}, json)
         return 0
     console = make_console(soft_wrap=True)
@@ -55,7 +55,7 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
     return 0
 
 
-def _tables(people: Sequence[Present]) -> Fitted:
+def _tables(people: Sequence[RosterEntry]) -> Fitted:
     """A row a person; where that is too wide, where they come from stands in tables of its own, beside the names."""
     rows = [dict(zip(_HEADINGS, _cells(each), strict=True)) for each in people]
     whose = _HEADINGS[:2]
@@ -73,12 +73,12 @@ def _tables(people: Sequence[Present]) -> Fitted:
     )
 
 
-def _cells(each: Present) -> tuple[str, ...]:
+def _cells(each: RosterEntry) -> tuple[str, ...]:
     """As _HEADINGS. Names and devices are what strangers say of themselves."""
     seat = "looks on" if each.seat is None else f"{each.seat}" if each.holds else f"{each.seat} (comes)"
-    ways = ["-" if value is None else f"{value:.1f}" for value in (each.rtt_ms, each.up_ms, each.down_ms)]
+    directions = ["-" if value is None else f"{value:.1f}" for value in (each.rtt_ms, each.up_ms, each.down_ms)]
     return (
-        shown(each.name), shown(each.room), seat, shown(each.address), _ago(each.since_s), *ways,
+        shown(each.name), shown(each.room), seat, shown(each.address), _ago(each.since_s), *directions,
         "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-",
     )  # fmt: skip
 

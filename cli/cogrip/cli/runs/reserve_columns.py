@@ -27,9 +27,9 @@ def reserves_now(tick: Tick, seat: SeatStep | None) -> str:
     )
 
 
-def least_of_line(sitting: dict[str, Any], summary: Summary) -> str:
+def least_of_line(seat_session: dict[str, Any], summary: Summary) -> str:
     """Least reserve of a whole line after the first second; of a run that was not passive, a margin that is below 0."""
-    alone = [{**sitting, "earlier": None}]
+    alone = [{**seat_session, "earlier": None}]
     worst, least = worst_margin(alone), least_reserve(alone, "line_reserve_j")
     if worst and worst[0] < -ROUNDING_J and summary.get("passive") is False:
         return energy(worst[0])

@@ -49,7 +49,9 @@ class _Row(NamedTuple):
 
 def terminal_summary(summary: Summary) -> Group:
     """What to print of `summary.json`. Whatever is null stands as a dash."""
-    rows = [_person(sitting, which, summary) for user in people(summary) for which, sitting in _sittings(user)]
+    rows = [
+        _person(seat_session, which, summary) for user in people(summary) for which, seat_session in _sittings(user)
+    ]
     rows.append(_object(summary))
     title = Text(shown(str(summary.get("name") or "run")), style="bold")
 
@@ -97,8 +99,8 @@ def _table(headings: Sequence[str], cells: list[list[Text]], rows: list[_Row], *
 def _sittings(user: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
     """Every sitting of a person with its number, oldest first; 0 where there was only one."""
     before = earlier(user)
-    for which, sitting in enumerate((*before, user), 1):
-        yield which if before else 0, {**sitting, "name": name_of(user)}
+    for which, seat_session in enumerate((*before, user), 1):
+        yield which if before else 0, {**seat_session, "name": name_of(user)}
 
 
 def _person(user: dict[str, Any], which: int, summary: Summary) -> _Row:
@@ -115,7 +117,11 @@ def _person(user: dict[str, Any], which: int, summary: Summary) -> _Row:
         ],
         [
             _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
-            _cell("/".join(map(_short, (*(dig(user, "delay", way, "p50") for way in ("up_ms", "down_ms")), rtt)))),
+            _cell(
+                "/".join(
+                    map(_short, (*(dig(user, "delay", direction, "p50") for direction in ("up_ms", "down_ms")), rtt))
+                )
+            ),
             *_loop(user.get("ticks")),
         ],
         Text(shown(str(state)) if state else _DASH, style=_STATES.get(str(state), "")),

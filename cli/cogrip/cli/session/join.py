@@ -23,7 +23,7 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.flag_errors import above_zero
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.client.io.paths import Calls, JoinError, RefusedError, Server, find
+from cogrip.client.io.paths import JoinError, Paths, RefusedError, Server, find
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.arm.driver import ArmDevice
@@ -31,7 +31,7 @@ from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.registry import axes_of, make, record_of
 from cogrip.devices.replayed.device import ReplayedDevice
-from cogrip.protocol.channel import Channel, PlainChannel
+from cogrip.protocol.channel import Channel, UnencryptedChannel
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, is_link, is_secret, parse_link, split_place, unwrapped
 from cogrip.protocol.line.delays import expected_frames, one_way
@@ -220,10 +220,10 @@ class Place:
     @property
     def channel(self) -> Callable[[], Channel]:
         if not self.fingerprint:
-            return PlainChannel
-        from cogrip.protocol.io.dtls_client import SealedCall  # OpenSSL takes a while
+            return UnencryptedChannel
+        from cogrip.protocol.io.dtls_client import DtlsClient  # OpenSSL takes a while
 
-        return lambda: SealedCall(self.fingerprint)
+        return lambda: DtlsClient(self.fingerprint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +297,7 @@ def _place(server: str, room: str, insecure: bool) -> Place:
     return Place(host, DEFAULT_PORT if port is None else port, room)
 
 
-def _calls(place: Place, insecure: bool) -> Calls:
+def _calls(place: Place, insecure: bool) -> Paths:
     """Raises Problem where the server's name is not known, or it would be spoken to in the open."""
     try:
         found: Server = find(place.host, place.port)
@@ -308,7 +308,7 @@ def _calls(place: Place, insecure: bool) -> Calls:
             f"{place.host} is not this machine, and without a seal everyone on the way could read the session and move your "
             "hand: use the join link that the server printed (cogrip://...); --insecure does without it"
         )
-    return Calls(found, place.channel)
+    return Paths(found, place.channel)
 
 
 def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool, report: bool) -> int:
@@ -340,8 +340,8 @@ def _judge(
     Returns why it is refused, "" if it is not.
     """
     frames = sum(
-        one_way(way.delay_ms, expected_frames(seat.playout, way, seat.rates), seat.rates).frames
-        for way in (seat.up, seat.down)
+        one_way(direction.delay_ms, expected_frames(seat.playout, direction, seat.rates), seat.rates).frames
+        for direction in (seat.up, seat.down)
     )
     refused: tuple[str, ...] = ()
     if frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:

@@ -51,7 +51,7 @@ class LiveTable:
             network.append(
                 [
                     "" if tick.rtt_ms is None else f"{tick.rtt_ms:.1f}",
-                    " ".join(f"{way:.1f}" for way in (tick.up_ms, tick.down_ms) if way is not None),
+                    " ".join(f"{direction:.1f}" for direction in (tick.up_ms, tick.down_ms) if direction is not None),
                     f"{tick.lost + (seat.lost if seat else 0)}",
                     f"{tick.skipped}",
                 ]

@@ -16,7 +16,7 @@ from cogrip.cli.terminal.tables import Fitted, shortened
 from cogrip.protocol.recording.records import SeatStep, Step
 from cogrip.server.io.control import ControlError, Who, ask
 from cogrip.server.io.state_folder import StateFolder
-from cogrip.server.roster import Present
+from cogrip.server.roster import RosterEntry
 
 ASK_EVERY_S, ASK_LIMIT_S = 1.0, 0.5
 _TINTS = {"fault": "red", "degraded": "yellow", "free": "dim"}
@@ -60,9 +60,11 @@ class JoinTable:
             return Group(title, Text("nothing is recorded yet", style="dim"))
         hand = components(tick.position_m, 1e3, "+6.1f", AXES) or ["-"]
         force = components(tick.force_n, 1.0, "+5.2f", AXES) or ["-"]
-        ways = " ".join("-" if way is None else f"{way:.1f}" for way in (tick.up_ms, tick.down_ms))
+        directions = " ".join(
+            "-" if direction is None else f"{direction:.1f}" for direction in (tick.up_ms, tick.down_ms)
+        )
         network = [
-            _number(tick.rtt_ms, ".1f"), ways, f"{tick.lost}", f"{tick.skipped}", _number(tick.playout_frames, "d"),
+            _number(tick.rtt_ms, ".1f"), directions, f"{tick.lost}", f"{tick.skipped}", _number(tick.playout_frames, "d"),
         ]  # fmt: skip
         reserve = reserves_now(tick, None)
         state = Text(tick.state, style=_TINTS.get(tick.state, "green"))
@@ -82,7 +84,7 @@ class ServeTable:
         self._run = FollowedRun(Path(view.folder))
         self._state = StateFolder(Path(view.state)) if view.state else None
         self._asked_s = -ASK_EVERY_S
-        self._here: dict[tuple[str, int], Present] = {}
+        self._here: dict[tuple[str, int], RosterEntry] = {}
         self._observers = 0
 
     def table(self, width: int, height: int) -> RenderableType:
@@ -131,7 +133,7 @@ class ServeTable:
 class _Seat(msgspec.Struct, frozen=True):
     name: str
     state: str
-    here: Present | None
+    here: RosterEntry | None
     held: SeatStep | None
 
     def cells(self) -> tuple[str, str, str, str]:

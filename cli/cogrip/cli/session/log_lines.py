@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import Literal, TextIO
 
 from cogrip.protocol.messages import shown
-from cogrip.server.events import Happening
+from cogrip.server.events import ServerEvent
 
 WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")  # events; the others are good
 FIELDS = ("room", "user", "address", "code", "token")
@@ -41,7 +41,7 @@ class LogLines:
         self._gone = False
         self._descriptor = _descriptor(self._stream)
 
-    def say(self, what: Happening | str) -> None:
+    def say(self, what: ServerEvent | str) -> None:
         """One line, at once."""
         self.put(self._format(what, self._clock()))
 
@@ -89,15 +89,15 @@ def _descriptor(stream: TextIO) -> int | None:
         return None
 
 
-def _as_text(what: Happening | str, at: datetime) -> str:
+def _as_text(what: ServerEvent | str, at: datetime) -> str:
     """The words. What strangers name themselves may not move the cursor, or look like a line of ours."""
     return f"{shown((what if isinstance(what, str) else what.text)[:LONGEST_TEXT])}\n"
 
 
-def _as_json(what: Happening | str, at: datetime) -> str:
+def _as_json(what: ServerEvent | str, at: datetime) -> str:
     """One object: time, level, event, text, and the fields that are set. ASCII."""
     if isinstance(what, str):
-        what = Happening(NOTICE, what)
+        what = ServerEvent(NOTICE, what)
         warns = what.text.startswith("warning:")
     else:
         warns = what.event in WARNINGS

@@ -8,7 +8,7 @@ from rich.live import Live
 from rich.table import Table
 
 from cogrip.cli.terminal.problem import Problem
-from cogrip.client.io.paths import Calls, JoinError
+from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
 from cogrip.protocol.io.stop import Stop
@@ -18,7 +18,7 @@ TABLE_EVERY_NS = 100_000_000
 LINE_EVERY_NS = 1_000_000_000
 
 
-def look_on(session: ClientSession, calls: Calls, stop: Stop, seconds: float | None, console: Console) -> int:
+def look_on(session: ClientSession, calls: Paths, stop: Stop, seconds: float | None, console: Console) -> int:
     """Show the room until it ends, at a terminal as a table, elsewhere as a line a second. Exit code 0 if all went well.
 
     Raises Problem where no place is to be had.

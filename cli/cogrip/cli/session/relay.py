@@ -22,7 +22,7 @@ from cogrip.cli.terminal.tables import say as say_lines
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
-from cogrip.protocol.link_profile import Link, Way
+from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import ProfileName
 from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.delay_trace import TraceError, read_trace
@@ -32,7 +32,7 @@ from cogrip.sim.session.outage_script import ScriptError, read_script
 from cogrip.sim.session.relay import Relay
 
 RELAY_PORT = DEFAULT_PORT + 1
-WAYS: tuple[Way, Way] = ("up", "down")
+DIRECTIONS: tuple[Direction, Direction] = ("up", "down")
 PIPED_WIDTH = 300  # all columns in one table for a file
 MOST_FLOWS = 400  # `select` takes sockets up to number 1023
 NOTHING = "adds nothing"
@@ -93,7 +93,7 @@ def relay(
         Write the answer as JSON to this file (- for standard output).
     """
     link, seed = _link(config, overrides, profile, seed, {"up": up_trace, "down": down_trace})
-    script: Mapping[Way, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
+    script: Mapping[Direction, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
     if outages is not None:
         try:
             script = read_script(outages)
@@ -101,8 +101,8 @@ def relay(
             raise BadInput(f"--outages {error}") from None
     _check(flows, idle_s, seconds)
 
-    def make_link(number: int, way: Way, origin_ns: int) -> LinkEmulator:
-        return configured_link(link, way, f"{seed}/{number}/{way}", script[way], origin_ns)
+    def make_link(number: int, direction: Direction, origin_ns: int) -> LinkEmulator:
+        return configured_link(link, direction, f"{seed}/{number}/{direction}", script[direction], origin_ns)
 
     console = make_console(soft_wrap=True, stderr=json == "-")
     if not has_width(console):
@@ -159,7 +159,7 @@ def _link(
     overrides: Sequence[str],
     profile: str | None,
     seed: int | None,
-    traces: Mapping[Way, Path | None],
+    traces: Mapping[Direction, Path | None],
 ) -> tuple[Link, int]:
     """[link] and seed of a settings file, if there is one, with what the flags say. Raises BadInput."""
     for text in overrides:
@@ -170,14 +170,14 @@ def _link(
             "--profile and a settings file exclude each other; add --set link.profile=NAME if both are meant"
         )
     flags = []
-    for way, path in traces.items():
+    for direction, path in traces.items():
         if path is None:
             continue
         try:
             read_trace(path)
         except TraceError as error:
-            raise BadInput(f"--{way}-trace {error}") from None
-        flags.append(f"link.{way}.trace={_quoted(str(path))}")
+            raise BadInput(f"--{direction}-trace {error}") from None
+        flags.append(f"link.{direction}.trace={_quoted(str(path))}")
     if profile is not None:
         flags.insert(0, f"link.profile={profile}")
     if seed is not None:
@@ -212,20 +212,23 @@ def _check(flows: int, idle_s: float, seconds: float | None) -> None:
 
 
 def _described(link: Link) -> dict[str, Any]:
-    return {way: {**msgspec.structs.asdict(link.direction(way)), "trace": link.trace_of(way)} for way in WAYS}
+    return {
+        direction: {**msgspec.structs.asdict(link.direction(direction)), "trace": link.trace_of(direction)}
+        for direction in DIRECTIONS
+    }
 
 
-def _tell_network(link: Link, script: Mapping[Way, Sequence[Any]], say: Callable[[str], None]) -> None:
-    words = {way: _words(link, way, len(script[way])) for way in WAYS}
-    for way in WAYS:
-        say(f"{way}: {words[way]}")
+def _tell_network(link: Link, script: Mapping[Direction, Sequence[Any]], say: Callable[[str], None]) -> None:
+    words = {direction: _words(link, direction, len(script[direction])) for direction in DIRECTIONS}
+    for direction in DIRECTIONS:
+        say(f"{direction}: {words[direction]}")
     if set(words.values()) == {NOTHING}:
         say("no network is emulated: give --profile NAME, --set link.KEY=VALUE or a settings file")
 
 
-def _words(link: Link, way: Way, scripted: int) -> str:
+def _words(link: Link, direction: Direction, scripted: int) -> str:
     """What a way does to datagrams, in few words."""
-    profile = link.direction(way)
+    profile = link.direction(direction)
     words = [f"{profile.delay_ms:g} ms"] if profile.delay_ms else []
     if profile.jitter_ms:
         words.append(f"jitter {profile.jitter_ms:g} ms")
@@ -237,21 +240,21 @@ def _words(link: Link, way: Way, scripted: int) -> str:
         words.append(f"{profile.rate_kbps:g} kbit/s")
     if profile.outage_s:
         words.append(f"outage of {profile.outage_s:g} s every {profile.outage_every_s:g} s")
-    if scripted := scripted + len(link.script(way)):
+    if scripted := scripted + len(link.script(direction)):
         words.append(f"{scripted} outage{'s' if scripted > 1 else ''} by script")
-    if trace := link.trace_of(way):
+    if trace := link.trace_of(direction):
         words.append(f"trace {trace}")
     return ", ".join(words) or NOTHING
 
 
 def _status(live: LiveRelay, width: int) -> str:
     """One line that is written over, shorter on a narrow terminal: a table would take as long as several datagrams."""
-    totals = {way: live.relay.totals(way) for way in WAYS}
+    totals = {direction: live.relay.totals(direction) for direction in DIRECTIONS}
     begin = f"{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: "
     line = begin
     forms = ("{sent} in, {delivered} out, {lost} lost, {outage} in outages", "{sent} in, {delivered} out", "{sent} in")
     for form in forms:
-        line = begin + "; ".join(f"{way} {form.format(**total)}" for way, total in totals.items())
+        line = begin + "; ".join(f"{direction} {form.format(**total)}" for direction, total in totals.items())
         if len(line) < width:  # a line that fills the last column would begin another
             break
     return f"\r{line[: width - 1]}\x1b[K"
@@ -268,14 +271,14 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
             {
                 "number": flow.number,
                 "address": place_text(flow.address),
-                **{lane.way: lane.counters() for lane in flow.lanes},
+                **{lane.direction: lane.counters() for lane in flow.lanes},
             }
             for flow in core.flows.values()
         ],
-        "totals": {way: core.totals(way) for way in WAYS},
+        "totals": {direction: core.totals(direction) for direction in DIRECTIONS},
         "late_us": {
-            way: {name: value if late.count else None for name, value in late.summary_us((50, 99, 99.9)).items()}
-            for way, late in core.late.items()
+            direction: {name: value if late.count else None for name, value in late.summary_us((50, 99, 99.9)).items()}
+            for direction, late in core.late.items()
         },
         "flows_begun": core.begun,
         "flows_expired": core.expired,
@@ -289,11 +292,14 @@ def _table(live: LiveRelay) -> Fitted:
     core = live.relay
     flows = [(f"{flow.number}", place_text(flow.address)) for flow in core.flows.values()]
     rows = [
-        ({"flow": f"{flow.number}", "client": place_text(flow.address), "way": lane.way}, lane.counters())
+        ({"flow": f"{flow.number}", "client": place_text(flow.address), "way": lane.direction}, lane.counters())
         for flow in core.flows.values()
         for lane in flow.lanes
     ]
-    rows += [({"flow": "all", "client": f"{core.begun} flows", "way": way}, core.totals(way)) for way in WAYS]
+    rows += [
+        ({"flow": "all", "client": f"{core.begun} flows", "way": direction}, core.totals(direction))
+        for direction in DIRECTIONS
+    ]
     shown = ["sent", *OUTCOMES, *(name for name in TROUBLES if any(counters[name] for _, counters in rows))]
     first, second = shown[:5], shown[5:]
 
@@ -323,12 +329,13 @@ def _table(live: LiveRelay) -> Fitted:
 
 def _print_rest(live: LiveRelay, console: Console) -> None:
     core = live.relay
-    for way, late in core.late.items():
+    for direction, late in core.late.items():
         if late.count:
             us = late.summary_us((50, 99))
             say_lines(
                 console,
-                f"{way}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), at most {us['max']:.0f} us",
+                f"{direction}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), "
+                f"at most {us['max']:.0f} us",
             )
     counts = {"of strangers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
     if words := ", ".join(f"{name} {count}" for name, count in counts.items() if count):

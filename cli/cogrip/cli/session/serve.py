@@ -29,9 +29,9 @@ from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, check_h
 from cogrip.protocol.settings import Settings, for_strangers, not_passive
 from cogrip.protocol.version import VERSION
 from cogrip.server.core import ServerCore
-from cogrip.server.events import Happening
-from cogrip.server.io.authenticator import TokenDoor
-from cogrip.server.io.housekeeping import Keeper
+from cogrip.server.events import ServerEvent
+from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, open_metrics
 from cogrip.server.io.state_folder import (
     BusyError,
@@ -45,13 +45,13 @@ from cogrip.server.io.state_folder import (
 )
 from cogrip.server.io.token_file import TokenFile
 from cogrip.server.loop import HostError, LiveServer, ServeError, ServerChannel
-from cogrip.server.rate_limit import Gate, limits_for
-from cogrip.server.unencrypted_channel import PlainListener
+from cogrip.server.rate_limit import RateLimiter, limits_for
+from cogrip.server.unencrypted_channel import UnencryptedListener
 from cogrip.sim.runs.folder import SERVER_RECORDING, write_settings
 from cogrip.sim.runs.summary import of_room
 from cogrip.sim.runs.verdict import came, succeeded
 
-Say = Callable[[Happening | str], None]
+Say = Callable[[ServerEvent | str], None]
 WILDCARDS = ("0.0.0.0", "::", "")
 
 
@@ -132,12 +132,12 @@ def serve(
     stop = Stop()
     with ExitStack() as stack:
         folder = _state_folder(state, port, sealed, say, stack)
-        door = _door(folder, say) if sealed and folder else None
+        authenticator = _authenticator(folder, say) if sealed and folder else None
         server = LiveServer(
             rooms, host, port, stop, say, lambda core: _channel(core, folder if sealed else None), seconds=seconds
         )
-        if door is not None:
-            server.doorkeeper = door
+        if authenticator is not None:
+            server.authenticator = authenticator
         bound = _listen(server)
         run_folder = into or live_run_folder(runs, names[0] if len(names) == 1 else "rooms", say)
         folders: dict[str, Path] = {}
@@ -147,7 +147,9 @@ def serve(
             _write_settings(rooms, folders, run_folder, say)
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
-            keeper = Keeper(server, say, folder=folder, door=door, metrics=feed, software=VERSION, fresh=fresh)
+            housekeeping = Housekeeping(
+                server, say, folder=folder, authenticator=authenticator, metrics=feed, software=VERSION, fresh=fresh
+            )
         except (MetricsError, StateError) as error:
             server.close()
             raise Problem(str(error)) from None
@@ -157,7 +159,7 @@ def serve(
                 _tell_commands(folder, public, bound, rooms, sealed, links, say)
             if feed is not None:
                 say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
-            keeper.begin()
+            housekeeping.begin()
             how = "sealed" if sealed else "plain"
             say(f"listening on {place_text(bound)}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
             screen = stack.enter_context(LiveScreen(say))
@@ -167,9 +169,9 @@ def serve(
                 server.run()
             finally:
                 screen.close()
-                keeper.end(said_goodbye=bool(stop.reason))
+                housekeeping.end(said_goodbye=bool(stop.reason))
             say(stop.reason)
-            losses = {**server.drops(), **server.losses(), **keeper.counts()}
+            losses = {**server.drops(), **server.losses(), **housekeeping.counts()}
             return _conclude(server, folders, losses, lines, alone=into is None, report=report)
 
 
@@ -307,23 +309,25 @@ def _state_folder(state: Path | None, port: int, sealed: bool, say: Say, stack: 
     return folder
 
 
-def _door(folder: StateFolder, say: Say) -> TokenDoor:
+def _authenticator(folder: StateFolder, say: Say) -> TokenAuthenticator:
     try:
-        return TokenDoor(TokenFile(folder), say)
+        return TokenAuthenticator(TokenFile(folder), say)
     except StateError as error:
         raise BadInput(str(error)) from None
 
 
 def _channel(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
     """Sealed where there is a folder for the key. Raises ServeError."""
-    gate = Gate(secrets.token_bytes(16), limits_for(max(room.settings.rates.network_hz for room in core.rooms)))
+    rate_limiter = RateLimiter(
+        secrets.token_bytes(16), limits_for(max(room.settings.rates.network_hz for room in core.rooms))
+    )
     if folder is None:
-        return PlainListener(gate, core.listens_to)
+        return UnencryptedListener(rate_limiter, core.listens_to)
     from cogrip.protocol.io.certificate import CertificateError  # OpenSSL takes a while
-    from cogrip.server.io.dtls_channel import SealedListener
+    from cogrip.server.io.dtls_channel import DtlsListener
 
     try:
-        return SealedListener(folder.path, gate, core.knows)
+        return DtlsListener(folder.path, rate_limiter, core.knows)
     except CertificateError as error:  # it will be as bad the next time: a person has to see to it
         raise BadInput(str(error)) from None
 

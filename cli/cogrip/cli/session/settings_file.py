@@ -121,7 +121,7 @@ def _overrides(texts: Sequence[str]) -> dict[str, Any]:
 def _place_traces(table: dict[str, Any], folder: Path) -> None:
     """A trace's path in a settings file counts from that file; whoever reads the settings later may be elsewhere."""
     link = table.get("link")
-    sections = [link, *(link.get(way) for way in ("up", "down"))] if isinstance(link, dict) else []
+    sections = [link, *(link.get(direction) for direction in ("up", "down"))] if isinstance(link, dict) else []
     for section in sections:
         if isinstance(section, dict) and isinstance(section.get("trace"), str) and section["trace"]:
             section["trace"] = str((folder / section["trace"]).absolute())
@@ -129,7 +129,7 @@ def _place_traces(table: dict[str, Any], folder: Path) -> None:
 
 def _try_traces(settings: Settings, where: str) -> None:
     """Raises BadInput for a trace that cannot be read, before anything is started."""
-    traces = {settings.link.trace_of(way) for way in ("up", "down")} - {""}
+    traces = {settings.link.trace_of(direction) for direction in ("up", "down")} - {""}
     if traces:
         from cogrip.sim.session.delay_trace import TraceError, read_trace
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.session.settings_file import load, with_people
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, Devices, Overrides, Question
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Devices, Overrides, Query
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput
@@ -58,7 +58,7 @@ def advise_command(
         change = _change(settings, advice, checked)
     except (ModelError, DeviceError) as error:
         raise BadInput(f"{config}: {error}") from None
-    Question.tell_rounding(session)
+    Query.tell_rounding(session)
     if json:
         write_json(_record(advice, session, change, checked), json)
         return 0
@@ -68,7 +68,9 @@ def advise_command(
     for number, person in enumerate(session.people):
         budgets.setdefault(budget(session, number), []).append(person.name)
     for stages, alike in budgets.items():
-        told = ", ".join(f"{stage.way} {stage.name} {1e3 * stage.delay_s:.1f}" for stage in stages if stage.delay_s)
+        told = ", ".join(
+            f"{stage.direction} {stage.name} {1e3 * stage.delay_s:.1f}" for stage in stages if stage.delay_s
+        )
         rows.append(("", "delay", f"{', '.join(alike)}: {1e3 * total_s(stages):.1f} ms round: {told}"))
     rows.append(
         (
@@ -201,7 +203,9 @@ def _record(advice: Advice, session: LinearSession, change: Change | None, check
                 "advised_damping_nspm": user.advised_damping_nspm,
                 "largest_impedance_nspm": user.largest_impedance_nspm,
                 "impedance_bound": user.impedance_bound,
-                "delay_ms": {f"{stage.way} {stage.name}": 1e3 * stage.delay_s for stage in budget(session, number)},
+                "delay_ms": {
+                    f"{stage.direction} {stage.name}": 1e3 * stage.delay_s for stage in budget(session, number)
+                },
             }
             for number, user in enumerate(advice.users)
         ],

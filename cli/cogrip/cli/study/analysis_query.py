@@ -34,7 +34,7 @@ Overrides = Annotated[
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Question:
+class Query:
     """Which linear session a settings file stands for."""
 
     scheme: Annotated[
@@ -85,4 +85,4 @@ class Question:
             say(console, f"note: {note}")
 
 
-AS_IT_STANDS = Question()
+AS_IT_STANDS = Query()

@@ -20,7 +20,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import has_width
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
-from cogrip.sim.experiments.methods.case import run_cells
+from cogrip.sim.experiments.methods.case import run_cases
 from cogrip.sim.experiments.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose, session_settings
 from cogrip.sim.experiments.methods.query import COMPARISON, Comparison, prepare, run_comparison
 from cogrip.sim.experiments.methods.table import ours_failed
@@ -83,10 +83,10 @@ def compare_methods(
     check_compared(_sessions(asked), allow_unstable)
     folder = _folder(out or new_run_folder(runs, f"compare-{asked.base['name']}"), asked)
     if folder.finished:
-        console.print(f"{len(folder.finished)} of {asked.cells} sessions are finished already, in {folder.path}")
+        console.print(f"{len(folder.finished)} of {asked.cases} sessions are finished already, in {folder.path}")
     stop = Stop()
-    these = LocalWorkers(workers or processors(), stop, run_cells, asked.at_once)
-    with on_signals(stop), _Shown(console, asked.cells) as progress, these:
+    these = LocalWorkers(workers or processors(), stop, run_cases, asked.at_once)
+    with on_signals(stop), _Shown(console, asked.cases) as progress, these:
         run_comparison(asked, folder, these, progress)
     return _tell(asked, folder, stop, json, console)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Question
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Query
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
@@ -19,7 +19,7 @@ def feel(
     /,
     *,
     user: int = 0,
-    question: Question = AS_IT_STANDS,
+    query: Query = AS_IT_STANDS,
     delay_frames: float | None = None,
     out: Path | None = None,
     overrides: Overrides = (),
@@ -40,7 +40,7 @@ def feel(
     out
         Folder for feel.png, .svg and .csv: rendered and ideal impedance over frequency.
     """
-    session = question.model(config, overrides, delay_frames).session
+    session = query.model(config, overrides, delay_frames).session
     if not 0 <= user < len(session.people):
         raise BadInput(f"--user {user}: users are numbered 0 to {len(session.people) - 1}")
     if json:
@@ -73,7 +73,7 @@ def _tell(session: LinearSession, user: int) -> None:
     for column in ("way", "stage", "ms", ""):
         delays.add_column(column)
     for stage in stages:
-        delays.add_row(stage.way, stage.name, f"{1e3 * stage.delay_s:.2f}", stage.why)
+        delays.add_row(stage.direction, stage.name, f"{1e3 * stage.delay_s:.2f}", stage.why)
     console.print(delays)
 
 
@@ -94,6 +94,6 @@ def _record(session: LinearSession, user: int) -> dict[str, object]:
     return {
         "user": session.people[user].name,
         "conditions": found,
-        "delay_ms": {f"{stage.way} {stage.name}": 1e3 * stage.delay_s for stage in stages},
+        "delay_ms": {f"{stage.direction} {stage.name}": 1e3 * stage.delay_s for stage in stages},
         "delay_total_ms": 1e3 * total_s(stages),
     }

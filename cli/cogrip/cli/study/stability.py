@@ -4,7 +4,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Question
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Query
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
@@ -25,7 +25,7 @@ def radius(
     config: Path,
     /,
     *,
-    question: Question = AS_IT_STANDS,
+    query: Query = AS_IT_STANDS,
     delay_frames: float | None = None,
     overrides: Overrides = (),
     json: Json = None,
@@ -42,7 +42,7 @@ def radius(
     delay_frames
         Delay each way in network frames, in place of the file's link and playout.
     """
-    found = verdict(question.model(config, overrides, delay_frames))
+    found = verdict(query.model(config, overrides, delay_frames))
     if json:
         answer = {
             "scheme": found.scheme,
@@ -57,7 +57,7 @@ def radius(
     say(console, f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
     say(console, f"spectral radius {found.spectral_radius:.6g}; without structural eigenvalues {found.decaying:.6g}")
     say(console, f"{found.states} states; structural eigenvalues at 1: {', '.join(found.structural) or 'none'}")
-    say(console, f"({question.conditions})")
+    say(console, f"({query.conditions})")
     return 0
 
 
@@ -66,7 +66,7 @@ def limit(
     config: Path,
     /,
     *,
-    question: Question = AS_IT_STANDS,
+    query: Query = AS_IT_STANDS,
     delay_frames: float | None = None,
     overrides: Overrides = (),
     json: Json = None,
@@ -82,7 +82,7 @@ def limit(
     delay_frames
         Delay each way in network frames, in place of the file's link and playout.
     """
-    model = question.model(config, overrides, delay_frames)
+    model = query.model(config, overrides, delay_frames)
     try:
         found = largest_stable(model)
     except ValueError as error:
@@ -104,7 +104,7 @@ def limit(
         text += ", and again at some stiffness beyond"
     console = make_console()
     say(console, f"{_SCHEMES[model.session.scheme]}: {text}")
-    say(console, f"({question.conditions})")
+    say(console, f"({query.conditions})")
     return 0
 
 
@@ -114,7 +114,7 @@ def region(
     /,
     *,
     out: Path,
-    question: Question = AS_IT_STANDS,
+    query: Query = AS_IT_STANDS,
     delays_frames: str = "0,1,2,4",
     to_npm: str = "",
     grid: int = 0,
@@ -142,33 +142,33 @@ def region(
     from cogrip.sim.analysis.figures.region import extent, frames, region_page, region_record
     from cogrip.sim.analysis.region import regions
 
-    settings = question.settings(config, overrides)
+    settings = query.settings(config, overrides)
     delays = _numbers(delays_frames, "--delays-frames")
     box = _sides(to_npm) if to_npm else None
     try:
         found, box = regions(
-            settings, delays, to_npm=box, grid_cells=grid, hands=question.hands, estimated=question.estimated
+            settings, delays, to_npm=box, grid_cells=grid, hands=query.hands, estimated=query.estimated
         )
     except (ModelError, DeviceError) as error:
         raise BadInput(str(error)) from None
-    question.tell_rounding(*(each.session for each in found))
+    query.tell_rounding(*(each.session for each in found))
     try:
         paths = save_page(
             out,
-            region_page(found, box, question.conditions, question.estimated),
-            region_record(found, box, settings, question.hands, question.estimated),
+            region_page(found, box, query.conditions, query.estimated),
+            region_record(found, box, settings, query.hands, query.estimated),
         )
     except FilesInTheWayError as error:
         raise BadInput(f"--out: {error}") from None
     except OSError as error:
         raise Problem(f"--out {out}: cannot be written: {error}") from None
     console = make_console()
-    say(console, f"({question.conditions})")
+    say(console, f"({query.conditions})")
     for each in found:
-        doubt = "" if each.outline.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
-        say(console, f"{frames(each.delay_frames)} each way: {extent(each.outline)}{doubt}")
+        doubt = "" if each.boundary.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
+        say(console, f"{frames(each.delay_frames)} each way: {extent(each.boundary)}{doubt}")
     say(console, "written: " + ", ".join(str(path) for path in paths))
-    return 0 if all(each.outline.verified for each in found) else 1
+    return 0 if all(each.boundary.verified for each in found) else 1
 
 
 def _numbers(text: str, flag: str) -> list[float]:

@@ -71,12 +71,12 @@ def sweep(
     workers = _workers(cluster, address, jobs, stop)
     folder = _folder(out or Path("sweeps") / f"{asked.grid.base['name']}-{asked.digest}", asked)
     if folder.finished:
-        console.print(f"{len(folder.finished)} of {asked.grid.cells} cells are finished already, in {folder.path}")
+        console.print(f"{len(folder.finished)} of {asked.grid.cases} cells are finished already, in {folder.path}")
     with on_signals(stop), Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
         console=console, transient=True,
     ) as bar:  # fmt: skip
-        task = bar.add_task("cells", total=asked.grid.cells)
+        task = bar.add_task("cells", total=asked.grid.cases)
         report = _run(asked, folder, workers, lambda finished: bar.update(task, completed=finished))
     pictures = _draw(asked, folder, console)
     return _tell(report, folder.path, pictures, stop, json, console)
@@ -144,7 +144,7 @@ def _tell(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: 
     failed = sum(report.failed.values())
     if json:
         answer = {
-            "cells": report.cells,
+            "cells": report.cases,
             "computed": report.computed,
             "kept": report.kept,
             "failed": failed,
@@ -153,7 +153,7 @@ def _tell(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: 
         }
         write_json(answer, json)
     console.print(
-        f"{report.computed} cells run, {report.kept} kept from before, of {report.cells}; table: {report.table}"
+        f"{report.computed} cells run, {report.kept} kept from before, of {report.cases}; table: {report.table}"
     )
     for picture in pictures:
         console.print(f"picture: {picture}")

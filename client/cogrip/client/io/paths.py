@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any, Protocol
 
-from cogrip.client.path_migration import Dialler
+from cogrip.client.path_migration import PathMigration
 from cogrip.protocol.channel import PEER, Channel
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
@@ -54,7 +54,7 @@ def find(host: str, port: int) -> Server:
     return Server(host, port, found[0], found[4])
 
 
-class Call:
+class NetworkPath:
     """One way."""
 
     def __init__(self, server: Server, channel: Channel) -> None:
@@ -85,14 +85,14 @@ class Core(Protocol):
 
 
 @dataclass(slots=True)
-class Calls:
+class Paths:
     """`open` the first way, then `send`, `drain` and `poll` on every tick; none of them waits for anything."""
 
     server: Server
     make_channel: Callable[[], Channel]
     counts: dict[str, int] = field(default_factory=dict)
     failed: str = ""  # why the newest way cannot be used, "" while it can
-    _dialler: Dialler[Call] = field(init=False)
+    _migration: PathMigration[NetworkPath] = field(init=False)
     _opened: bool = False
     _asked: bytes = b""  # a hello that waits for its way to open
 
@@ -101,11 +101,11 @@ class Calls:
         call = self._dial()
         if call is None:
             raise JoinError(f"{self.server.host}:{self.server.port}: {self.failed}; check the network of this machine")
-        self._dialler = Dialler(call)
+        self._migration = PathMigration(call)
         self._opened = True
 
-    def _dial(self) -> Call | None:
-        call = Call(self.server, self.make_channel())
+    def _dial(self) -> NetworkPath | None:
+        call = NetworkPath(self.server, self.make_channel())
         try:
             call.socket.connect(self.server.address)
         except OSError as error:  # there is no network just now
@@ -118,25 +118,25 @@ class Calls:
     @property
     def ready(self) -> bool:
         """Whether messages can be sent by the way in use."""
-        return self._dialler.way.channel.ready(PEER)
+        return self._migration.path.channel.ready(PEER)
 
     @property
     def dials(self) -> int:
         """How often another way was dialled."""
-        return self._dialler.dials
+        return self._migration.dials
 
     def counted(self) -> dict[str, int]:
         """What went wrong on sockets and channels so far, by name."""
         counts = dict(self.counts)
-        for call in self._dialler.ways:
+        for call in self._migration.paths:
             _add(counts, call.channel.dropped)
         return counts
 
     def send(self, message: bytes, hello: bool = False) -> None:
         """By the way in use; a hello by the newest way, as soon as it is open."""
-        call = self._dialler.way
+        call = self._migration.path
         if hello:
-            call = self._dialler.asking
+            call = self._migration.asking
             if not call.channel.ready(PEER):
                 self._asked = message
                 return
@@ -148,8 +148,8 @@ class Calls:
 
         At most MOST_DATAGRAMS by each way: what is beyond them waits in the socket for the next drain.
         """
-        for call in self._dialler.ways:
-            if call not in self._dialler.ways:
+        for call in self._migration.paths:
+            if call not in self._migration.paths:
                 continue  # it was closed just now
             receive, channel = call.socket.recv, call.channel
             for _ in range(MOST_DATAGRAMS):
@@ -167,8 +167,8 @@ class Calls:
                     _add(self.counts, {TOO_MANY: len(messages) - MOST_MESSAGES})
                     messages = messages[:MOST_MESSAGES]
                 for message in messages:
-                    if self._dialler.newer is not None and answers(message):
-                        self._close(*self._dialler.adopt(call))
+                    if self._migration.newer is not None and answers(message):
+                        self._close(*self._migration.adopt(call))
                         self.failed = ""
                     take(message, now_ns)
             else:
@@ -178,33 +178,33 @@ class Calls:
 
     def poll(self, now_ns: int, resuming: bool) -> None:
         """Handshakes go on; another way is dialled where one is needed."""
-        dialler = self._dialler
-        for call in dialler.ways:
+        migration = self._migration
+        for call in migration.paths:
             call.channel.poll(now_ns)
             if call.channel.outbox:
                 self._put(call)
-        newest = dialler.asking
+        newest = migration.asking
         ready = newest.channel.ready(PEER)
-        if dialler.due(now_ns, resuming, ready, newest.refused):
+        if migration.due(now_ns, resuming, ready, newest.refused):
             self.failed = newest.channel.failed or self.failed
             fresh = self._dial()
-            self._close(dialler.dialled(fresh, now_ns))
+            self._close(migration.dialled(fresh, now_ns))
             if fresh is not None:
                 fresh.channel.poll(now_ns)
                 self._put(fresh)
         elif self._asked and ready:
             message, self._asked = self._asked, b""
             self.send(message, hello=True)
-        if dialler.newer is not None:
-            self._close(dialler.spare(now_ns, resuming))
+        if migration.newer is not None:
+            self._close(migration.spare(now_ns, resuming))
 
     def close(self) -> None:
         """Tell the other end, where there is a way to, and let go."""
         if self._opened:
             self._opened = False
-            self._close(*self._dialler.ways)
+            self._close(*self._migration.paths)
 
-    def _close(self, *calls: Call | None) -> None:
+    def _close(self, *calls: NetworkPath | None) -> None:
         for call in calls:
             if call is None:
                 continue
@@ -213,7 +213,7 @@ class Calls:
             _add(self.counts, call.channel.dropped)
             call.socket.close()
 
-    def _put(self, call: Call) -> None:
+    def _put(self, call: NetworkPath) -> None:
         trouble = call.put()
         if trouble is not None:
             call.refused = call.refused or isinstance(trouble, ConnectionRefusedError)
@@ -229,7 +229,7 @@ class Calls:
         begun_ns = time.monotonic_ns()
         while session.state in ("idle", "calling"):
             now_ns = time.monotonic_ns()
-            failed = self._dialler.way.channel.failed
+            failed = self._migration.path.channel.failed
             if failed or stop.reason:
                 raise JoinError(self._placed(failed or f"{stop.reason} before a seat was had"))
             if not called and self.ready:

@@ -47,7 +47,7 @@ HANDS: dict[str, HandKind] = {
     "sine": HandKind(hands.SineSettings, hands.make_sine),
     "tremor": HandKind(hands.TremorSettings, hands.make_tremor),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.make_recorded, takes="FILE"),
-    "recording": HandKind(hands.ImpedanceSettings, relived_hand.make_relived, takes="RUN"),
+    "recording": HandKind(hands.ImpedanceSettings, relived_hand.make_reconstructed, takes="RUN"),
 }
 
 

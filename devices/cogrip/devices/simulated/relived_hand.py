@@ -19,7 +19,7 @@ from cogrip.devices.simulated.hands import ImpedanceSettings, Vector
 SMOOTH_S = 0.03
 
 
-class RelivedHand:
+class ReconstructedHand:
     """See `Hand`. Before the recording and after it the hand rests."""
 
     def __init__(self, settings: ImpedanceSettings, axes: int, run: str) -> None:
@@ -70,6 +70,6 @@ def _acceleration(position_m: Array, rate_hz: int) -> Array:
     return smooth
 
 
-def make_relived(settings: ImpedanceSettings, axes: int, run: str) -> RelivedHand:
+def make_reconstructed(settings: ImpedanceSettings, axes: int, run: str) -> ReconstructedHand:
     """The hand of a recorded person; the recording is read when the device is opened."""
-    return RelivedHand(settings, axes, run)
+    return ReconstructedHand(settings, axes, run)

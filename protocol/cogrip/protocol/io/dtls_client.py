@@ -19,7 +19,7 @@ NO_ANSWER_CURE = (
 )
 
 
-class SealedCall:
+class DtlsClient:
     """`Channel` of a client. fingerprint: of the server's certificate, 64 lower-case hex digits."""
 
     def __init__(self, fingerprint: str) -> None:

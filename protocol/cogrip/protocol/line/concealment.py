@@ -21,8 +21,8 @@ from typing import Literal, Protocol
 Concealed = Literal["zero", "repaid", "tank", "elastic"]
 Row = Sequence[float]
 
-REPAY_SHARE = 1.0 / 16.0  # of the debt, in one frame
-REPAY_LIMIT = 0.02  # sqrt(W) in one frame
+COMPENSATION_FRACTION = 1.0 / 16.0  # of the debt, in one frame
+COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
 FADE = 0.85  # of the last wave, from frame to frame, in a gap, of `tank`
 RESERVE = 8.0  # frames like the last one that repayment leaves in the bank for the next gap
 
@@ -52,8 +52,8 @@ class Concealment(Protocol):
         silent: no newer frame than the missing one is known.
         """
 
-    def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
-        """p: to add to the row, which stands for a missing frame in a `gap`. (w + p)^2 - w^2 is kept within `bank`."""
+    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
+        """p: to add to the row, which stands for a missing frame in a `gap`. (w + p)^2 - w^2 is kept within `reserve`."""
 
 
 class Zero:
@@ -67,28 +67,28 @@ class Zero:
     def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
         return self._zero
 
-    def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
+    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
         return self._zero
 
 
-class Repaid(Zero):
+class Compensated(Zero):
     """Theory 3.5."""
 
-    def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
-        return [max(-REPAY_LIMIT, min(REPAY_LIMIT, REPAY_SHARE * owed)) for owed in debt]
+    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
+        return [max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * short)) for short in deficit]
 
 
-class Tank(Repaid):
+class Tank(Compensated):
     """The last wave fades out through a gap."""
 
     def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
         return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, room, strict=True)]
 
-    def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
+    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
         out = []
-        for value, owed, held, wave in zip(row, debt, bank, last, strict=True):
+        for value, short, held, wave in zip(row, deficit, reserve, last, strict=True):
             spare = max(0.0, held - RESERVE * wave * wave)
-            pay = max(-REPAY_LIMIT, min(REPAY_LIMIT, REPAY_SHARE * owed))
+            pay = max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * short))
             reach = sqrt(value * value + spare)
             out.append(max(-value - reach, min(reach - value, pay)))
         return out
@@ -102,7 +102,7 @@ class Elastic:
         self.quality = 1.0
         self.least_share = LEAST_SHARE
         self._fade = LINGER**frames
-        self._stock = STOCK / frames
+        self._reserve = STOCK / frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
         self._paying = min(1.0, PAYING * frames)
         self._gaining = min(1.0, GAINING * frames)
@@ -134,29 +134,31 @@ class Elastic:
             if self.quality > WHOLE:
                 self.quality = 1.0
 
-    def pay(self, row: Row, debt: Row, bank: Row, last: Row, gap: bool) -> list[float]:
+    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
         smoothing, added = self._smoothing, self._added
         braking = 0.5 * smoothing
         join = self._apart and not gap
         self._apart = gap
         for axis, value in enumerate(row):
-            owed, have = debt[axis], bank[axis]
+            short, have = deficit[axis], reserve[axis]
             square = value * value
             self._top[axis] = top = max(square, self._top[axis] * self._keeping)
-            stock = self._stock * top
-            low = self._low[axis] = have < (stock if self._low[axis] else 0.5 * stock)
-            if gap:  # what its end takes for played in it (`LineReceiver.forgo`) is not asked back before it is over
+            least = self._reserve * top
+            low = self._low[axis] = have < (least if self._low[axis] else 0.5 * least)
+            if (
+                gap
+            ):  # what its end takes for played in it (`LineReceiver.write_off`) is not asked back before it is over
                 target = 0.0
             elif low:
                 target = -SKIM * value
             else:
-                target = max(-FASTEST, min(FASTEST, self._paying * owed))
-                reach = sqrt(square + braking * max(0.0, have - stock))  # so that p can go back as slowly as it came
+                target = max(-FASTEST, min(FASTEST, self._paying * short))
+                reach = sqrt(square + braking * max(0.0, have - least))  # so that p can go back as slowly as it came
                 target = max(-value - reach, min(reach - value, target))
-            if owed * value < 0.0 and not gap:  # it takes energy out of this wave: as fast as that can be
-                most = min(abs(value), self._gaining * abs(owed))
+            if short * value < 0.0 and not gap:  # it takes energy out of this wave: as fast as that can be
+                most = min(abs(value), self._gaining * abs(short))
                 if most > abs(target):
-                    target = most if owed > 0.0 else -most
+                    target = most if short > 0.0 else -most
             pay = last[axis] - value if join else added[axis]
             pay += smoothing * (target - pay)
             reach = sqrt(square + have)
@@ -169,7 +171,7 @@ class Elastic:
 
 CONCEALMENTS: dict[str, Callable[[int, float], Concealment]] = {
     "zero": Zero,
-    "repaid": Repaid,
+    "repaid": Compensated,
     "tank": Tank,
     "elastic": Elastic,
 }

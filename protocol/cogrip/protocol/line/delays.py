@@ -17,7 +17,7 @@ from cogrip.protocol.rates import Rates
 _WHOLE = 1e-6  # of a tick: what is nearer to a whole number than this is one, written with rounded milliseconds
 
 
-class OneWay(NamedTuple):
+class OneWayDelay(NamedTuple):
     """One way through a line, stage by stage, in device ticks; the sum is a whole number of frames."""
 
     link_ticks: float  # as configured
@@ -32,7 +32,7 @@ class OneWay(NamedTuple):
         return self.tick_wait_ticks == 0.0
 
 
-def one_way(delay_ms: float, playout_frames: int, rates: Rates) -> OneWay:
+def one_way(delay_ms: float, playout_frames: int, rates: Rates) -> OneWayDelay:
     """The stages of a link of `delay_ms` with `playout_frames` of playout."""
     exact = delay_ms * 1e-3 * rates.device_hz
     near = round(exact)
@@ -40,7 +40,9 @@ def one_way(delay_ms: float, playout_frames: int, rates: Rates) -> OneWay:
     ticks = ceil(link)
     M = rates.ticks_per_frame
     border = -(-ticks // M)
-    return OneWay(link, ticks - link, float(border * M - ticks), float(playout_frames * M), border + playout_frames)
+    return OneWayDelay(
+        link, ticks - link, float(border * M - ticks), float(playout_frames * M), border + playout_frames
+    )
 
 
 class Waiting(Protocol):
@@ -52,7 +54,7 @@ class Waiting(Protocol):
     def redundancy(self) -> int: ...
 
 
-class Way(Protocol):
+class Direction(Protocol):
     """One direction of a link, as far as it decides on delays."""
 
     @property
@@ -74,7 +76,7 @@ _SLICES = 8  # of that range
 _NEVER = 1e-9  # share of late frames that is none
 
 
-def expected_frames(playout: Waiting, way: Way, rates: Rates) -> int:
+def expected_frames(playout: Waiting, direction: Direction, rates: Rates) -> int:
     """Frames that the playout holds on this link beyond its delay: as set, or as "auto" comes to hold in the end.
 
     What queues before a bottleneck and what outages do is left out.
@@ -82,14 +84,14 @@ def expected_frames(playout: Waiting, way: Way, rates: Rates) -> int:
     if playout.frames != "auto":
         return playout.frames
     frame_ms = 1e3 / rates.network_hz
-    quickest = one_way(way.delay_ms, 0, rates).frames
-    if not (way.jitter_ms or way.loss or way.reorder):
+    quickest = one_way(direction.delay_ms, 0, rates).frames
+    if not (direction.jitter_ms or direction.loss or direction.reorder):
         return 0
     weight = weight_frames(rates.frame_s)
-    never = _late(playout.redundancy, None, way, frame_ms, playout.redundancy)
+    never = _late(playout.redundancy, None, direction, frame_ms, playout.redundancy)
     best, least = 0, float("inf")
     for depth in range(DEEPEST + 1):
-        late = _late(quickest + depth, quickest, way, frame_ms, playout.redundancy) - never
+        late = _late(quickest + depth, quickest, direction, frame_ms, playout.redundancy) - never
         found = cost(depth, late, 1.0 - never - late, weight)
         if found < least:
             best, least = depth, found
@@ -98,33 +100,33 @@ def expected_frames(playout: Waiting, way: Way, rates: Rates) -> int:
     return best
 
 
-def _late(frames: int, quickest: int | None, way: Way, frame_ms: float, redundancy: int) -> float:
+def _late(frames: int, quickest: int | None, direction: Direction, frame_ms: float, redundancy: int) -> float:
     """Chance that a frame is not there so many frames after it was sent; quickest None: that it never comes.
 
     Datagram j after the frame's own brings it in time if it is not lost and its delay is at most (frames - j) T_n.
     """
-    loss = way.loss
-    if way.burst_frames > 1.0:
-        enter, stay = loss / (way.burst_frames * (1.0 - loss)), 1.0 - 1.0 / way.burst_frames
+    loss = direction.loss
+    if direction.burst_frames > 1.0:
+        enter, stay = loss / (direction.burst_frames * (1.0 - loss)), 1.0 - 1.0 / direction.burst_frames
     else:
         enter = stay = loss
     good, bad = 1.0 - loss, loss  # not there so far, and the chain's state
     for sent in range(redundancy if quickest is None else min(redundancy, frames - quickest + 1)):
-        slack_ms = (frames - sent) * frame_ms - way.delay_ms
-        good *= 0.0 if quickest is None else _under_way(slack_ms, way)
+        slack_ms = (frames - sent) * frame_ms - direction.delay_ms
+        good *= 0.0 if quickest is None else _under_way(slack_ms, direction)
         good, bad = good * (1.0 - enter) + bad * (1.0 - stay), good * enter + bad * stay
     return good + bad
 
 
-def _under_way(slack_ms: float, way: Way) -> float:
+def _under_way(slack_ms: float, direction: Direction) -> float:
     """Chance that a datagram that is not lost needs more than the link's delay and this, its copy too where it has one."""
-    late = _exceeds(slack_ms, way.jitter_ms)
-    copy = 1.0 - way.duplicate + way.duplicate * late
-    if way.reorder:
+    late = _exceeds(slack_ms, direction.jitter_ms)
+    copy = 1.0 - direction.duplicate + direction.duplicate * late
+    if direction.reorder:
         low, high = HELD_MS
         step = (high - low) / _SLICES
-        held = sum(_exceeds(slack_ms - low - (k + 0.5) * step, way.jitter_ms) for k in range(_SLICES)) / _SLICES
-        late = (1.0 - way.reorder) * late + way.reorder * held
+        held = sum(_exceeds(slack_ms - low - (k + 0.5) * step, direction.jitter_ms) for k in range(_SLICES)) / _SLICES
+        late = (1.0 - direction.reorder) * late + direction.reorder * held
     return late * copy
 
 

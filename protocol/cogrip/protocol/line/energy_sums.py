@@ -12,7 +12,7 @@ from collections.abc import Sequence
 Row = tuple[float, ...]
 
 UNIT = 2.0**-53  # u: an operation is off by at most so much of its result
-BANK_SHARE = (
+RESERVE_FRACTION = (
     2.0**-48
 )  # of the squares sent: rounding cannot make a bank look fuller by as much (32 u, of which 22 are needed)
 BOUND_SHARE = 2.0**-50  # of what a bound on a wave is computed from: a root, its square, four sums of that size (8 u)
@@ -26,7 +26,7 @@ def rounding_share(ticks_per_frame: int) -> float:
     return (2.0 * ticks_per_frame + 32.0) * UNIT
 
 
-class RunningSum:
+class CompensatedSum:
     """Sum of any number of terms."""
 
     __slots__ = ("_excess", "value")

@@ -52,7 +52,7 @@ def cost(frames: float, late: float, on_time: float, weight: float) -> float:
     return frames + weight * late / on_time if on_time > 0.0 else inf
 
 
-class FixedPlayout:
+class FixedJitterBuffer:
     """D frames behind the newest one; follows drifting clocks by one frame a window."""
 
     learns = False
@@ -108,7 +108,7 @@ class FixedPlayout:
         return float(self.frames), self.frames, self.frames
 
 
-class AdaptivePlayout:
+class AdaptiveJitterBuffer:
     """Follows how late frames come: deeper in gaps, where waiting costs no frame; shallower where that is sure to pay."""
 
     learns = True
@@ -270,9 +270,9 @@ class AdaptivePlayout:
 
 
 Frames = int | Literal["auto"]
-Playout = FixedPlayout | AdaptivePlayout
+Playout = FixedJitterBuffer | AdaptiveJitterBuffer
 
 
-def make_playout(frames: Frames, frame_s: float) -> Playout:
+def make_jitter_buffer(frames: Frames, frame_s: float) -> Playout:
     """The playout of [playout] frames."""
-    return AdaptivePlayout(frame_s) if frames == "auto" else FixedPlayout(frames)
+    return AdaptiveJitterBuffer(frame_s) if frames == "auto" else FixedJitterBuffer(frames)

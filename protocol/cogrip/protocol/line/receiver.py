@@ -17,8 +17,8 @@ from math import sqrt
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.concealment import CONCEALMENTS, Concealed
-from cogrip.protocol.line.energy_sums import BANK_SHARE, BOUND_SHARE, RunningSum, WaveSums
-from cogrip.protocol.line.jitter_buffer import PLAY, REPEAT, Frames, make_playout
+from cogrip.protocol.line.energy_sums import BOUND_SHARE, RESERVE_FRACTION, CompensatedSum, WaveSums
+from cogrip.protocol.line.jitter_buffer import PLAY, REPEAT, Frames, make_jitter_buffer
 from cogrip.protocol.line.sender import Frame
 
 FURTHEST_JUMP = 1 << 14  # frames, at which a line that is heard of for the first time may already be
@@ -36,7 +36,7 @@ class LineReceiver:
     ) -> None:
         self._axes = axes
         self._zero = (0.0,) * axes
-        self._playout = make_playout(delay_frames, frame_s)
+        self._playout = make_jitter_buffer(delay_frames, frame_s)
         self._learns = self._playout.learns
         self._half_frame_s = 0.5 * frame_s
         self._tank = tank_j / self._half_frame_s / axes  # per axis, in W like the squares
@@ -61,7 +61,7 @@ class LineReceiver:
         self._lost = list(self._zero)  # integral of what was lost before `_settled` (less fades)
         self._lost_square = list(self._zero)
         self._settled_fades = self._no_fades
-        self._repaid = WaveSums(axes)  # its squares: what repayment has added to the squares played
+        self._compensated = WaveSums(axes)  # its squares: what repayment has added to the squares played
         self._last = self._zero
         self._concealment = CONCEALMENTS[concealment](axes, frame_s)
         self._disturbed = False  # something is or may be owed: a clean line never asks the concealment
@@ -70,7 +70,7 @@ class LineReceiver:
         self._fresh = False
         self._sent = self._received = self._applied = self._late = self._duplicate = 0
         self._concealed = self._run = self._longest = 0
-        self._played_j = RunningSum()
+        self._played_j = CompensatedSum()
         self.mark: Mark | None = None  # of the frame just taken, where a datagram ended with it
         self.gap = False  # whether the frame just taken was not there
         self.played = False  # whether it was
@@ -268,12 +268,12 @@ class LineReceiver:
         lost = [a - b for a, b in zip(square, squares, strict=True)]
         self._disturbed = self._disturbed or any(self._lost) or any(lost)
         if self._disturbed:  # what may be rounding alone lends nothing; on a clean line both ends have added up alike
-            lost = [less - BANK_SHARE * sent for less, sent in zip(lost, square, strict=True)]
+            lost = [less - RESERVE_FRACTION * sent for less, sent in zip(lost, square, strict=True)]
         self._lost_square = lost
 
     def _allowance(self, axis: int, fades: Frame) -> float:
         """Squares that may still be played beyond the frames themselves; the tank is in it."""
-        fade, spent, tank = fades[axis], self._repaid.squares[axis], self._tank
+        fade, spent, tank = fades[axis], self._compensated.squares[axis], self._tank
         rounding = BOUND_SHARE * (tank + fade + abs(spent))
         return self._lost_square[axis] - spent + tank - (fade - self._settled_fades[axis]) - rounding
 
@@ -281,17 +281,17 @@ class LineReceiver:
         """What is owed, and the squares that may pay for it; the tank is not for that."""
         assert self._cursor is not None
         fades = self._history[self._cursor % HISTORY][2]
-        debt, bank = [], []
-        repaid = self._repaid
-        for axis, spent in enumerate(repaid.squares):
-            debt.append(self._lost[axis] - repaid.total[axis])
-            bank.append(max(0.0, min(self._lost_square[axis] - spent, self._allowance(axis, fades))))
-        return debt, bank
+        deficit, reserve = [], []
+        compensated = self._compensated
+        for axis, spent in enumerate(compensated.squares):
+            deficit.append(self._lost[axis] - compensated.total[axis])
+            reserve.append(max(0.0, min(self._lost_square[axis] - spent, self._allowance(axis, fades))))
+        return deficit, reserve
 
     @property
-    def owed(self) -> list[float]:
+    def deficit(self) -> list[float]:
         """Sum of the waves sent less sum of those played, shape (axes,) [sqrt(W)], as far as that is known."""
-        return [lost - repaid for lost, repaid in zip(self._lost, self._repaid.total, strict=True)]
+        return [lost - compensated for lost, compensated in zip(self._lost, self._compensated.total, strict=True)]
 
     def _fill(self, fades: Frame, late: Frame | None, silent: bool) -> tuple[Frame, Frame]:
         """In place of a frame that is not there: what the concealment says, as far as bank and tank lend it."""
@@ -299,7 +299,7 @@ class LineReceiver:
         filled = self._concealment.fill(self._last, room, late, silent)
         frame = [max(-most, min(most, x)) for x, most in zip(filled, room, strict=True)]
         books, excess = [], []
-        for axis, x in enumerate(frame):  # as `RunningSum` adds
+        for axis, x in enumerate(frame):  # as `CompensatedSum` adds
             term = x * x - fades[self._axes + axis]
             book = fades[axis] + term
             excess.append((book - fades[axis]) - term)
@@ -310,13 +310,13 @@ class LineReceiver:
         """A take that no frame belongs to: filled as well, but what it plays is owed by the sender."""
         fades = self._history[number % HISTORY][2] if number >= 0 else self._no_fades
         frame, _ = self._fill(fades, late, self._newest < number)
-        self._repaid.add(frame)
+        self._compensated.add(frame)
         return self._play(frame)
 
     def _play(self, frame: Frame) -> Frame:
         """Add this tick's repayment to a frame and count the energy."""
         if self._disturbed:
-            frame = self._repay(frame)
+            frame = self._compensate(frame)
         square = 0.0
         for value in frame:
             square += value * value
@@ -324,18 +324,18 @@ class LineReceiver:
         self._last = frame
         return frame
 
-    def _repay(self, frame: Frame) -> Frame:
-        debt, bank = self._books()
-        out, repaid, spent = [], [], []
-        for axis, pay in enumerate(self._concealment.pay(frame, debt, bank, self._last, self.gap)):
+    def _compensate(self, frame: Frame) -> Frame:
+        deficit, reserve = self._books()
+        out, compensated, spent = [], [], []
+        for axis, pay in enumerate(self._concealment.pay(frame, deficit, reserve, self._last, self.gap)):
             value = frame[axis]
-            reach = sqrt(value * value + bank[axis])  # (value + p)^2 - value^2 <= bank
+            reach = sqrt(value * value + reserve[axis])  # (value + p)^2 - value^2 <= bank
             paid = max(-reach, min(reach, value + pay))
-            repaid.append(paid - value)
+            compensated.append(paid - value)
             before, after = value * value, paid * paid
             spent.append(after - before + BOUND_SHARE * (after + before))
             out.append(paid)
-        self._repaid.book(repaid, spent)
+        self._compensated.book(compensated, spent)
         return tuple(out)
 
     @property
@@ -344,10 +344,10 @@ class LineReceiver:
         concealment = self._concealment
         return concealment.least_share + (1.0 - concealment.least_share) * concealment.quality
 
-    def forgo(self, row: Sequence[float]) -> None:
+    def write_off(self, row: Sequence[float]) -> None:
         """The end has taken `row` [sqrt(W)] for played in the frame before, at no energy: so much less is owed."""
         self._disturbed = True
-        self._repaid.book(row, self._zero)
+        self._compensated.book(row, self._zero)
 
     def _pass_over(self) -> None:
         """The loop was not there when this frame was due: it is late, if it had come at all."""

@@ -7,7 +7,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-class Noted(deque[T]):
+class ObservedQueue(deque[T]):
     """`note` is called with each entry, in order, before it stands in the queue."""
 
     def __init__(self, note: Callable[[T], None]) -> None:

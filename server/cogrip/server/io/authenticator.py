@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 from cogrip.protocol.messages import Hello
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.events import Happening
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import Stamp, TokenFile
 from cogrip.server.tokens import TokenBook, UnknownTokenError
@@ -37,14 +37,14 @@ class Mark(NamedTuple):
             return book
 
 
-class TokenDoor:
-    """A `Doorkeeper` by tokens. Make it with a file that can be read: raises StateError.
+class TokenAuthenticator:
+    """A `Authenticator` by tokens. Make it with a file that can be read: raises StateError.
 
     say: is told of troubles and reloads, in the thread that calls. Call `close` at the end.
     """
 
     def __init__(
-        self, file: TokenFile, say: Callable[[Happening], None], wall_s: Callable[[], float] = time.time
+        self, file: TokenFile, say: Callable[[ServerEvent], None], wall_s: Callable[[], float] = time.time
     ) -> None:
         self._file = file
         self._say = say
@@ -58,12 +58,12 @@ class TokenDoor:
         self._writer = _Writer(file)
 
     def admit(self, hello: Hello) -> Grant | Denied:
-        """See `Doorkeeper`. A book that cannot be read is said once, and the last good one holds on."""
+        """See `Authenticator`. A book that cannot be read is said once, and the last good one holds on."""
         self._look()
         return self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
 
     def admitted(self, grant: Grant) -> None:
-        """See `Doorkeeper`."""
+        """See `Authenticator`."""
         self._mark(Mark("use", grant.token, self._wall_s()))
 
     def revoke(self, ident: str) -> None:
@@ -88,7 +88,7 @@ class TokenDoor:
         if good:
             now_s = self._wall_s()
             usable = sum(token.state(now_s) == "good" for token in self._book.tokens)
-            self._say(Happening("reloaded", f"tokens were read again: {usable} of {len(self._book.tokens)} are good"))
+            self._say(ServerEvent("reloaded", f"tokens were read again: {usable} of {len(self._book.tokens)} are good"))
         return good
 
     def close(self) -> None:
@@ -134,7 +134,7 @@ class TokenDoor:
     def _tell(self, text: str) -> None:
         if text != self._trouble:
             self._trouble = text
-            self._say(Happening("trouble", text))
+            self._say(ServerEvent("trouble", text))
 
 
 class _Writer:

@@ -14,7 +14,7 @@ from typing import Annotated
 import msgspec
 
 from cogrip.server.io.state_folder import FILE_MODE, StateError, StateFolder
-from cogrip.server.roster import Present
+from cogrip.server.roster import RosterEntry
 
 MOST_REQUEST_BYTES = 4096
 MOST_ANSWER_BYTES = 65536
@@ -67,7 +67,7 @@ class Who(Order, frozen=True, tag="who"):
 class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     ok: bool
     text: str
-    people: tuple[Present, ...] = ()
+    people: tuple[RosterEntry, ...] = ()
 
 
 AnyOrder = Kick | Reload | Status | Who
@@ -125,7 +125,7 @@ class Control:
                 requests.append(Request(order, number))
         return requests
 
-    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[Present] = ()) -> None:
+    def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
         """Tell whoever asked; where they have gone, it is counted."""
         caller = self._callers.get(request.caller)
         if caller is None:

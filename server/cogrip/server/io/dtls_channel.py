@@ -29,9 +29,9 @@ from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
-from cogrip.server.events import Happening
+from cogrip.server.events import ServerEvent
 from cogrip.server.io.free_memory import trim
-from cogrip.server.rate_limit import Buckets, Budget, Gate, network_of
+from cogrip.server.rate_limit import Buckets, Budget, RateLimiter, network_of
 from cogrip.server.unencrypted_channel import looks_like_hello
 
 MOST_OPEN = 1024
@@ -53,29 +53,31 @@ UNFINISHED = "records came where the end of the handshake must"
 SEALED = "this server speaks under a seal only: join by a link that it prints at its start, or `cogrip token new` makes"
 
 
-class SealedListener:
+class DtlsListener:
     """`Channel` of a sealed server. seated: whether someone sits at an address, as the core says.
 
     `events` holds what people should hear of; `renewed` the addresses where a new association has taken the place of an old
     one: who speaks there now has yet to show the right to what the old one had.
     """
 
-    def __init__(self, folder: Path, gate: Gate, seated: Callable[[Address], bool], *, most: int = MOST_OPEN) -> None:
+    def __init__(
+        self, folder: Path, rate_limiter: RateLimiter, seated: Callable[[Address], bool], *, most: int = MOST_OPEN
+    ) -> None:
         """Raises CertificateError where the key or the certificate in `folder` cannot be used."""
         identity = load(folder)
         self.fingerprint = identity.fingerprint
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.dropped: dict[str, int] = {}
         self.failed = ""
-        self.events: deque[Happening] = deque(maxlen=MOST_TOLD)
+        self.events: deque[ServerEvent] = deque(maxlen=MOST_TOLD)
         self.renewed: deque[Address] = deque(maxlen=most)
-        self._gate = gate
+        self._rate_limiter = rate_limiter
         self._seated = seated
         self._most = most
         self._secret = secrets.token_bytes(32)
         self._cookies = (b"", b"")  # that the address in question may have: the one to send, the one before it
         self._context = server_context(identity, lambda _: self._cookies[0], lambda _, cookie: self._fits(cookie))
-        self._door = Association(self._context, server=True)
+        self._authenticator = Association(self._context, server=True)
         self._voice = Buckets(1, TOLD)
         self._half: dict[Address, _Peer] = {}
         self._open: dict[Address, _Peer] = {}
@@ -104,7 +106,7 @@ class SealedListener:
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         peer = self._open.get(address)
         if peer is not None and peer.seated and _of_session(datagram):  # nearly all; the same as below, in fewer steps
-            reason = self._gate.peer(address, now_ns)
+            reason = self._rate_limiter.peer(address, now_ns)
             if not reason:
                 return self._hear(peer, datagram, address, now_ns)
             self._drop(reason)
@@ -112,7 +114,7 @@ class SealedListener:
         return self._sort(datagram, address, now_ns)
 
     def _sort(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
-        reason = self._gate.size(datagram)
+        reason = self._rate_limiter.size(datagram)
         if reason:
             self._drop(reason)
             return ()
@@ -125,7 +127,9 @@ class SealedListener:
         if peer is None and half is None:
             self._drop("stranger")
             return ()
-        reason = self._gate.peer(address, now_ns) or ("no record" if len(datagram) < RECORD_HEADER_BYTES else "")
+        reason = self._rate_limiter.peer(address, now_ns) or (
+            "no record" if len(datagram) < RECORD_HEADER_BYTES else ""
+        )
         if reason:
             self._drop(reason)
             return ()
@@ -159,7 +163,7 @@ class SealedListener:
     def _some(self, heard: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
         """Of what came in one datagram: senders put one message in each, and the budget is one of messages."""
         for place in range(1, len(heard)):
-            if place == MOST_RECORDS or self._gate.peer(address, now_ns):
+            if place == MOST_RECORDS or self._rate_limiter.peer(address, now_ns):
                 self._drop("too many records")
                 return heard[:place]
         return heard
@@ -181,7 +185,7 @@ class SealedListener:
         if seated != peer.seated:
             peer.seated = seated
             peer.had_seat = True
-            self._gate.seated(address, now_ns)
+            self._rate_limiter.seated(address, now_ns)
             if seated:
                 peer.asked, peer.may_ask = 0, MOST_LEFT
                 self._unseated.pop(address, None)
@@ -228,7 +232,7 @@ class SealedListener:
         if not looks_like_hello(datagram):
             self._drop("stranger")
             return ()
-        reason = self._gate.contact(address, now_ns)
+        reason = self._rate_limiter.contact(address, now_ns)
         self._drop(reason or "refused: sealed")
         if not reason:
             answer = refusal(nonce_of(datagram), "sealed", SEALED)
@@ -250,7 +254,7 @@ class SealedListener:
         if fits and peer is not None and peer.nonce == nonce:
             self._drop("hello again")
             return
-        reason = (self._gate.handshake if fits else self._gate.contact)(address, now_ns)
+        reason = (self._rate_limiter.handshake if fits else self._rate_limiter.contact)(address, now_ns)
         if not reason and fits and peer is None and len(self._open) >= self._most:
             reason = "too many associations"
         if reason:
@@ -261,8 +265,8 @@ class SealedListener:
         passed = passes.passed(datagram)
         if not passed:
             return
-        heard = self._door.listen(passed)
-        answers = self._door.take()
+        heard = self._authenticator.listen(passed)
+        answers = self._authenticator.take()
         if sum(map(len, answers)) > len(datagram):
             self._drop("answer too long")
             return
@@ -270,12 +274,12 @@ class SealedListener:
         if not heard:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(_Peer(self._door, nonce, address, now_ns, passes), address)
+        self._admit(_Peer(self._authenticator, nonce, address, now_ns, passes), address)
 
     def _admit(self, peer: "_Peer", address: Address) -> None:
-        self._door = Association(self._context, server=True)
+        self._authenticator = Association(self._context, server=True)
         self._begun += 1
-        peer.had_seat = self._gate.was_seated(address, peer.since_ns)
+        peer.had_seat = self._rate_limiter.was_seated(address, peer.since_ns)
         peer.association.accept()
         self._take(peer, address)
         if peer.association.failed:
@@ -362,7 +366,7 @@ class SealedListener:
 
     def _tell(self, text: str, address: Address, code: str, now_ns: int) -> None:
         if self._voice.take(0, now_ns):
-            self.events.append(Happening("refused", text, address=place_text(address), code=code))
+            self.events.append(ServerEvent("refused", text, address=place_text(address), code=code))
 
     def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
         """What this address may have been sent lately."""

@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from cogrip.server.checkpoint import CheckpointError, decode, encode
-from cogrip.server.events import Happening
+from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
-from cogrip.server.io.authenticator import TokenDoor
+from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.checkpoint_file import CheckpointWriter
 from cogrip.server.io.control import Control, Kick, Reload, Request, Who
 from cogrip.server.io.metrics_feed import MetricsFeed
@@ -15,17 +15,17 @@ from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.loop import LiveServer
 from cogrip.server.room import Room
-from cogrip.server.roster import MOST_PRESENT, Present, people_of
+from cogrip.server.roster import MOST_PRESENT, RosterEntry, people_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # checkpoints and metrics
 LOOK_EVERY_NS = 50_000_000  # for orders
 TURNS = EVERY_NS // LOOK_EVERY_NS
 
-Say = Callable[[Happening], None]
+Say = Callable[[ServerEvent], None]
 
 
-class Keeper:
+class Housekeeping:
     """Looks after one live server that listens; `begin` before it runs, `end` after. Each part may be missing."""
 
     def __init__(
@@ -34,7 +34,7 @@ class Keeper:
         say: Say,
         *,
         folder: StateFolder | None = None,
-        door: TokenDoor | None = None,
+        authenticator: TokenAuthenticator | None = None,
         metrics: MetricsFeed | None = None,
         software: str = "",
         fresh: bool = False,
@@ -44,7 +44,7 @@ class Keeper:
         self._server = server
         self._say = say
         self._folder = folder
-        self._door = door
+        self._authenticator = authenticator
         self._metrics = metrics
         self._notifier = ServiceNotifier()
         self._control = Control(folder) if folder else None
@@ -61,7 +61,7 @@ class Keeper:
         self._turn = 0
 
     def _trouble(self, text: str) -> None:
-        self._say(Happening("trouble", text))
+        self._say(ServerEvent("trouble", text))
 
     def begin(self) -> None:
         """Go on from the checkpoints of a server that did not end as it should; say that all is ready."""
@@ -71,7 +71,9 @@ class Keeper:
                 data = checkpoint_file.read(writer.path)
                 if data is not None and self._fresh:
                     self._say(
-                        Happening("notice", f"{room}: begins at its start (--fresh): a checkpoint is left aside", room)
+                        ServerEvent(
+                            "notice", f"{room}: begins at its start (--fresh): a checkpoint is left aside", room
+                        )
                     )
                     checkpoint_file.remove(writer.path)
                 elif data is not None:
@@ -144,8 +146,8 @@ class Keeper:
             if said_goodbye:
                 with suppress(OSError):
                     checkpoint_file.remove(writer.path)
-        if self._door is not None:
-            self._door.close()
+        if self._authenticator is not None:
+            self._authenticator.close()
         if self._metrics is not None:
             self._metrics.close()
         self._notifier.close()
@@ -167,21 +169,21 @@ class Keeper:
                     now.add(what := (seat.session, reason))
                     if what not in self._told_limited:
                         words = f"{room.name}: {seat.name} brings in more than the seat may: {reason}"
-                        events.append(Happening("limited", words, room.name, seat.name, token=seat.token))
+                        events.append(ServerEvent("limited", words, room.name, seat.name, token=seat.token))
         self._told_limited = now
 
     def _reload(self) -> tuple[str, bool]:
-        if self._door is None:
+        if self._authenticator is None:
             text = "nothing to read again: this server takes no tokens"
-            self._say(Happening("reloaded", text))
+            self._say(ServerEvent("reloaded", text))
             return text, True
-        good = self._door.reload()
+        good = self._authenticator.reload()
         ended = self._end_revoked()
         words = f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"
         return words, good
 
     def _end_revoked(self) -> int:
-        revoked = self._door.revoked() if self._door is not None else set()
+        revoked = self._authenticator.revoked() if self._authenticator is not None else set()
         return self._server.core.revoke(revoked) if revoked else 0
 
     def _obey(self, request: Request) -> None:
@@ -202,20 +204,20 @@ class Keeper:
     def _kick(self, order: Kick) -> tuple[str, bool]:
         core = self._server.core
         tokens = {
-            who.token for room, who in core.present() if who.name == order.user and order.room in ("", room.name)
+            who.token for room, who in core.roster() if who.name == order.user and order.room in ("", room.name)
         } - {""}
         if not core.kick(order.user, order.room, order.reason):
-            here = ", ".join(who.name for _, who in core.present())
+            here = ", ".join(who.name for _, who in core.roster())
             return f"nobody here is {order.user!r}; there is: {here or 'nobody'}", False
-        if order.revoke and self._door is not None:
+        if order.revoke and self._authenticator is not None:
             for token in tokens:
-                self._door.revoke(token)
+                self._authenticator.revoke(token)
         revoked = ""
         if order.revoke:
             revoked = f"; revoked: {', '.join(sorted(tokens))}" if tokens else "; there was no token to revoke"
         return f"{order.user} was shown out{revoked}", True
 
-    def _who(self, order: Who) -> tuple[str, bool, list[Present]]:
+    def _who(self, order: Who) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]
         if not rooms:
             return f"there is no room {order.room!r} here", False, []

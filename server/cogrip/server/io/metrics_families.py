@@ -73,8 +73,12 @@ def families(snapshot: Snapshot) -> Iterator[Metric]:
     yield GaugeMetricFamily("cogrip_uptime_seconds", "Since the rooms began.", value=snapshot.uptime_s)
     reasons = [([reason], count) for reason, count in snapshot.dropped.items()]
     yield _counter("dropped", "What went no further, by reason.", ["reason"], reasons)
-    ways = [([way], count) for way, count in (("in", snapshot.received), ("out", snapshot.sent)) if count is not None]
-    yield _counter("datagrams", "Datagrams at the socket.", ["direction"], ways)
+    directions = [
+        ([direction], count)
+        for direction, count in (("in", snapshot.received), ("out", snapshot.sent))
+        if count is not None
+    ]
+    yield _counter("datagrams", "Datagrams at the socket.", ["direction"], directions)
 
     rooms = [([room.room], room) for room in snapshot.rooms]
     yield from _table(GaugeMetricFamily, ROOM_GAUGES, ["room"], rooms)

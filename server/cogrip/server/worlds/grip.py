@@ -39,11 +39,11 @@ class GripWorld(World):
         self.stiffness[user] = 0.0
         self.damping[user] = self.target_damping[user]
         self._ledger[user] = 0.0
-        self.present[user] = True
+        self.roster[user] = True
         self._growing = True
 
     def leave(self, user: int) -> None:
-        self.present[user] = False
+        self.roster[user] = False
         self.stretch[user] = self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:
@@ -96,7 +96,7 @@ class GripWorld(World):
             self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), self.target_stiffness[:, 0] - self.stiffness[:, 0]
         )
         affordable = np.divide(2.0 * self._ledger, square, out=np.full_like(square, np.inf), where=square > 0.0)
-        step = np.where(self.present, np.minimum(wanted, affordable), 0.0)
+        step = np.where(self.roster, np.minimum(wanted, affordable), 0.0)
         self._ledger -= 0.5 * step * square
         self.stiffness[:, 0] += step
-        self._growing = bool(np.any(self.present & (self.stiffness[:, 0] != self.target_stiffness[:, 0])))
+        self._growing = bool(np.any(self.roster & (self.stiffness[:, 0] != self.target_stiffness[:, 0])))

@@ -87,7 +87,7 @@ class CoupledWorld(LaggedWorld):
     def step(self, inputs: Array) -> Array:
         axes = self.axes
         hands = inputs[:, :axes] - self.offset
-        self.hand = np.where(self.present[:, None], hands, self.hand)
+        self.hand = np.where(self.roster[:, None], hands, self.hand)
         self.force = self.contact(inputs[:, axes:])
         # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
         seen = self.position + self.offset

@@ -99,7 +99,7 @@ class PowerWorld(HandWorld):
         for axis in range(axes):
             touching = axis == 0 or not self.one_sided
             proxies = []
-            for number in np.flatnonzero(self.present).tolist():
+            for number in np.flatnonzero(self.roster).tolist():
                 stretch = hands[number][axis] - place[axis]
                 aim, pace, energy, filled = rows[number][axis::axes]
                 drift = (aim - offsets[number][axis] - hands[number][axis]) / period - pace

@@ -75,7 +75,7 @@ class PushWorld(HandWorld):
     def _follow(self, taken_j: Array, squares: Array) -> None:
         """Move K towards its target; dK d^2 / 2 is paid, or put by where it is lowered. Shapes (n,)."""
         self._ledger += np.maximum(taken_j, 0.0)
-        change = np.where(self.present & self.follows, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
+        change = np.where(self.roster & self.follows, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
         if change.any():
             most = np.full_like(squares, np.inf)
             pressed = squares > 0.0

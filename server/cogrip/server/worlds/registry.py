@@ -7,7 +7,7 @@ from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
 from cogrip.server.worlds.power import PowerWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.small_room import MOST, FewGripWorld
+from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 from cogrip.server.worlds.world import World
 
 _PASSIVE: dict[str, type[World]] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
@@ -23,5 +23,5 @@ def make_world(seats: Sequence[SeatSettings]) -> World:
     if first.coupling.server_step == "paper":
         return PaperWorld(seats)
     if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:
-        return FewGripWorld(seats)
+        return SmallGripWorld(seats)
     return _PASSIVE[first.object.kind](seats)

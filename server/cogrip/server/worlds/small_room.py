@@ -30,7 +30,7 @@ class Port(NamedTuple):
     beta: float
 
 
-class FewGripWorld(GripWorld):
+class SmallGripWorld(GripWorld):
     """State is in lists; what `GripWorld` has as arrays is made of them when asked for, to be read or set as a whole."""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
@@ -55,12 +55,12 @@ class FewGripWorld(GripWorld):
         self._stretch[user] = [0.0] * self.axes
         self._K[user], self._B[user] = 0.0, float(self.target_damping[user, 0])
         self._paid_j[user] = 0.0
-        self.present[user] = True
+        self.roster[user] = True
         self._growing = True
         self._ports = []
 
     def leave(self, user: int) -> None:
-        self.present[user] = False
+        self.roster[user] = False
         self._stretch[user], self._force[user] = [0.0] * self.axes, [0.0] * self.axes
         self._K[user] = self._B[user] = 0.0
         self._ports = []
@@ -105,7 +105,7 @@ class FewGripWorld(GripWorld):
                 springs += now * now - was * was
             work = (0.5 * period) * squares
             came += work
-            before = self._work[number]  # as `RunningSum` adds
+            before = self._work[number]  # as `CompensatedSum` adds
             work -= self._excess_j[number]
             self._work[number] = total = before + work
             self._excess_j[number] = (total - before) - work
@@ -132,7 +132,7 @@ class FewGripWorld(GripWorld):
         """As `_grow`: move K towards its target, paid from what the user's own damper has taken."""
         self._growing = False
         for user, (e, target) in enumerate(zip(self._stretch, self.target_stiffness[:, 0].tolist(), strict=True)):
-            if not self.present[user]:
+            if not self.roster[user]:
                 continue
             square = sum([value * value for value in e])
             step = min(target * (self.frame_s / RAMP_S), target - self._K[user])
@@ -162,7 +162,7 @@ class FewGripWorld(GripWorld):
     def worked(self) -> Sequence[float]:
         return self._work
 
-    def open_books(self, user: int) -> None:
+    def start_ledger(self, user: int) -> None:
         self._work[user] = self._excess_j[user] = 0.0
 
     @property

@@ -48,7 +48,7 @@ class World(ABC):
         )  # whose stiffness may change while they hold the object
         self.stiffness = np.zeros((len(seats), 1))
         self.damping = np.zeros((len(seats), 1))
-        self.present = np.zeros(len(seats), dtype=bool)
+        self.roster = np.zeros(len(seats), dtype=bool)
         self.position = np.zeros(axes)
         self.velocity = np.zeros(axes)
         self.offset = np.zeros((len(seats), axes))
@@ -83,12 +83,12 @@ class World(ABC):
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
         return answers
 
-    def open_books(self, user: int) -> None:
+    def start_ledger(self, user: int) -> None:
         """Somebody sits down: the user's work is counted from here."""
         self.port_work[user] = self._work_excess[user] = 0.0
 
     def _book(self, work: Array) -> None:
-        """Add what came out of each line in this step [J], shape (n,), as `RunningSum` does."""
+        """Add what came out of each line in this step [J], shape (n,), as `CompensatedSum` does."""
         term = work - self._work_excess
         total = self.port_work + term
         self._work_excess = (total - self.port_work) - term
@@ -148,12 +148,12 @@ class HandWorld(World):
             self.hand[user] = self.position
         self.offset[user] = position_m - self.hand[user]
         self.force[user] = 0.0
-        self.present[user] = True
+        self.roster[user] = True
         self.stiffness[user] = self.target_stiffness[user]  # costs nothing while nothing is stretched
         self.damping[user] = self.target_damping[user]
 
     def leave(self, user: int) -> None:
-        self.present[user] = False
+        self.roster[user] = False
         self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:

@@ -271,7 +271,7 @@ def feel_level(felt_npm: float, asked_npm: float) -> Level:
 
 
 def _felt_text(user: UserAdvice, seat: SeatSettings, limit: Limit) -> str:
-    gaps = any(way.jitter_ms or way.loss for way in (seat.up, seat.down))
+    gaps = any(direction.jitter_ms or direction.loss for direction in (seat.up, seat.down))
     where = " at rest, calculated without the link's jitter and loss" if gaps else " at rest"
     text = f"{user.name}: {plain(user.asked_npm)} N/m will feel like {plain(user.felt_npm)} N/m{where}"
     if seat.coupling.compensate:

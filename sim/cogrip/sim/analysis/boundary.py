@@ -49,7 +49,7 @@ Spread = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, slots=True)
-class Outline:
+class Boundary:
     """Border points in the order of t, shape (P, 2) [N/m]; where `open` the region goes on beyond the box.
 
     inside, outside: spectral radius ASIDE before and behind each point; outside is nan where open.
@@ -76,7 +76,7 @@ class Outline:
         return inside and outside and self.unstable_probes == 0
 
 
-def trace(model: LiftedModel, box_npm: tuple[float, float], spread: Spread) -> Outline:
+def trace(model: LiftedModel, box_npm: tuple[float, float], spread: Spread) -> Boundary:
     """The outline of the region within a box [N/m]."""
     tracer = _Tracer(model, np.array(box_npm), spread)
     t = np.linspace(0.0, 1.0, _FIRST_RAYS)
@@ -98,7 +98,7 @@ def trace(model: LiftedModel, box_npm: tuple[float, float], spread: Spread) -> O
         starts = np.flatnonzero(added)
         doubtful = np.zeros(len(known.t) - 1, dtype=bool)
         doubtful[np.column_stack((starts - 1, starts)).ravel()] = halves
-    return tracer.outline(known)
+    return tracer.boundary(known)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,10 +245,10 @@ class _Tracer:
         """Points on the border, (..., 2), as shares of the box."""
         return np.minimum(s, 1.0)[:, None] * self._end(t) / self._box
 
-    def outline(self, rays: _Rays) -> Outline:
+    def boundary(self, rays: _Rays) -> Boundary:
         """What was traced, and what lies between it and the origin."""
         points = self._place(rays.t, rays.s) * self._box
         some = points[:: max(1, len(points) // 8)]
         probes = np.array(_PROBES)[:, None, None] * some
         radius, _ = self._critical(probes)
-        return Outline(points, np.isinf(rays.s), rays.inside, rays.outside, int((radius >= 1.0).sum()))
+        return Boundary(points, np.isinf(rays.s), rays.inside, rays.outside, int((radius >= 1.0).sum()))

@@ -32,17 +32,17 @@ def device_block(person: Person, rates: Rates) -> StateSpace:
         rates.device_hz,
     )
     L, T = person.latency_ticks, rates.tick_s
-    own, ways = _ways(person)
+    own, directions = _ways(person)
     n = own + 2 + L
     A, B, C, D = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((3, n)), np.zeros((3, 1))
     A[:2, :2] = [[1.0 - step.g * step.stiffness_npm, step.p], [-step.h * step.stiffness_npm, step.q]]
     B[:2, 0] = -step.g, -step.h
     w, driven = np.zeros(n), B[0] * rates.device_hz
     w[:2] = (A[0, :2] - (1.0, 0.0)) * rates.device_hz
-    _remember(A, B, ways, w, driven)
+    _remember(A, B, directions, w, driven)
     C[1], D[1] = (np.eye(n)[-1], 0.0) if L else (w, driven)
     C[2, 0] = 1.0
-    C[2, ways] = -T
+    C[2, directions] = -T
     if person.estimated:
         # error of the prediction at the next sample: T_c (w - y_est) - d, with d the error of the estimated position
         error, driven = T * C[1], T * D[1]
@@ -74,14 +74,14 @@ def _remember(A: Array, B: Array, states: slice, row: Array, driven: Array) -> N
 
 def gliding(person: Person) -> tuple[slice, ...]:
     """The states of a client that are v while everything moves on at v: y, its estimate, and what is remembered of them."""
-    own, ways = _ways(person)
-    return (slice(1, 2), slice(3, 4), ways) if person.estimated else (slice(1, 2 + own), ways)
+    own, directions = _ways(person)
+    return (slice(1, 2), slice(3, 4), directions) if person.estimated else (slice(1, 2 + own), directions)
 
 
 def kept_waves(person: Person) -> slice:
     """The states of a client of the wave scheme that are v of the last ticks, newest first."""
-    _, ways = _ways(person)
-    return slice(ways.stop, ways.stop + booked_late(person))
+    _, directions = _ways(person)
+    return slice(directions.stop, directions.stop + booked_late(person))
 
 
 def booked_late(person: Person) -> int:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import expm1
 
-from cogrip.protocol.line.delays import OneWay
+from cogrip.protocol.line.delays import OneWayDelay
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.linear_session import LinearSession, Person
 
@@ -23,7 +23,7 @@ from cogrip.sim.analysis.linear_session import LinearSession, Person
 class Stage:
     """way: "up", "server" or "down"."""
 
-    way: str
+    direction: str
     name: str
     delay_s: float
     why: str
@@ -79,11 +79,11 @@ def _decimator(person: Person, rates: Rates) -> Stage:
     return Stage("up", "decimator", 0.0, "no filter: the last wave of a frame")
 
 
-def _line(way: str, delay: OneWay, rates: Rates) -> tuple[Stage, ...]:
+def _line(direction: str, delay: OneWayDelay, rates: Rates) -> tuple[Stage, ...]:
     T = rates.tick_s
     return (
-        Stage(way, "link", delay.link_ticks * T, "as configured"),
-        Stage(way, "tick wait", delay.tick_wait_ticks * T, "to the receiver's next tick"),
-        Stage(way, "frame wait", delay.frame_wait_ticks * T, "to the next frame border"),
-        Stage(way, "playout", delay.playout_ticks * T, "frames kept in hand against jitter"),
+        Stage(direction, "link", delay.link_ticks * T, "as configured"),
+        Stage(direction, "tick wait", delay.tick_wait_ticks * T, "to the receiver's next tick"),
+        Stage(direction, "frame wait", delay.frame_wait_ticks * T, "to the next frame border"),
+        Stage(direction, "playout", delay.playout_ticks * T, "frames kept in hand against jitter"),
     )

@@ -15,7 +15,7 @@ from cogrip.devices.device import Capability, Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.devices.settings import parse_address
 from cogrip.devices.simulated.device import SimulatedDevice
-from cogrip.protocol.line.delays import OneWay, expected_frames, one_way
+from cogrip.protocol.line.delays import OneWayDelay, expected_frames, one_way
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Coupling, SeatSettings, Settings, User, seat_settings
 
@@ -53,8 +53,8 @@ class Person:
     decimator: str
     lowpass_rad_s: float
     encoder: str
-    up: OneWay
-    down: OneWay
+    up: OneWayDelay
+    down: OneWayDelay
     rates: Rates
     hand_stiffness_npm: float = 0.0
     hand_damping_nspm: float = 0.0
@@ -189,34 +189,38 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
     )
 
 
-def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWay, OneWay]:
+def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
     """Up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
-    ways = (seat.up.delay_ms, seat.down.delay_ms)
+    directions = (seat.up.delay_ms, seat.down.delay_ms)
     held = [
-        expected_frames(seat.playout, way, seat.rates) if seat.coupling.kind == "wave" else 0
-        for way in (seat.up, seat.down)
+        expected_frames(seat.playout, direction, seat.rates) if seat.coupling.kind == "wave" else 0
+        for direction in (seat.up, seat.down)
     ]
     if delay_frames is not None:
         if not 0.0 <= delay_frames <= MOST_FRAMES:
             raise ModelError(f"delay of {delay_frames:g} frames each way is out of 0 to {MOST_FRAMES}")
-        ways, held = (delay_frames * seat.rates.frame_s * 1e3,) * 2, [0, 0]
-    up, down = (one_way(delay_ms, playout, seat.rates) for delay_ms, playout in zip(ways, held, strict=True))
+        directions, held = (delay_frames * seat.rates.frame_s * 1e3,) * 2, [0, 0]
+    up, down = (one_way(delay_ms, playout, seat.rates) for delay_ms, playout in zip(directions, held, strict=True))
     return up, down
 
 
 def rounding_notes(session: LinearSession) -> tuple[str, ...]:
     """What was done about delays that are no whole number of ticks, or of frames; one sentence each, none twice."""
-    ways = [(way, person.rates) for person in session.people for way in (person.up, person.down)]
-    return tuple(_rounding(way, rates) for way, rates in dict.fromkeys(ways) if not way.whole or way.frame_wait_ticks)
+    directions = [(direction, person.rates) for person in session.people for direction in (person.up, person.down)]
+    return tuple(
+        _rounding(direction, rates)
+        for direction, rates in dict.fromkeys(directions)
+        if not direction.whole or direction.frame_wait_ticks
+    )
 
 
-def _rounding(way: OneWay, rates: Rates) -> str:
-    ticks = way.link_ticks + way.tick_wait_ticks
-    text = f"a delay of {way.link_ticks * rates.tick_s * 1e3:g} ms is {way.link_ticks:g} device ticks"
-    if not way.whole:
+def _rounding(direction: OneWayDelay, rates: Rates) -> str:
+    ticks = direction.link_ticks + direction.tick_wait_ticks
+    text = f"a delay of {direction.link_ticks * rates.tick_s * 1e3:g} ms is {direction.link_ticks:g} device ticks"
+    if not direction.whole:
         text += f", no whole number: taken as {ticks:g}, as a receiver sees it at its next tick"
-    if way.frame_wait_ticks:
-        border = ticks + way.frame_wait_ticks
+    if direction.frame_wait_ticks:
+        border = ticks + direction.frame_wait_ticks
         frames = border / rates.ticks_per_frame
         text += (
             f"; it is played at the next frame border, after {border:g} ticks or {frames:g} frame{'s' * (frames != 1)}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.boundary import Outline, trace
+from cogrip.sim.analysis.boundary import Boundary, trace
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear_session
 from cogrip.sim.analysis.stability import largest_stable, radius
@@ -25,7 +25,7 @@ class Region:
 
     delay_frames: float
     session: LinearSession
-    outline: Outline
+    boundary: Boundary
     grid: Array | None
 
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.sim.experiments.sweep.case import Job, Result, run_cells
+from cogrip.sim.experiments.sweep.case import Job, Result, run_cases
 from cogrip.sim.experiments.sweep.measures import needs_session
 
 _AT_ONCE = 16
@@ -72,7 +72,7 @@ class RayWorkers:
         ray = self._ray
         at_once = 1 if jobs and needs_session(jobs[0].columns) else _AT_ONCE
         todo = [list(jobs[start : start + at_once]) for start in range(0, len(jobs), at_once)]
-        task = ray.remote(run_cells).options(num_cpus=1, max_retries=_RETRIES)
+        task = ray.remote(run_cases).options(num_cpus=1, max_retries=_RETRIES)
         under_way: list[Any] = []
         while todo or under_way:
             room = _UNDER_WAY * max(1, int(ray.cluster_resources().get("CPU", 1)))

@@ -14,7 +14,7 @@ from typing import Any, Protocol, cast
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
-from cogrip.sim.experiments.sweep.case import Result, at_once, run_cells
+from cogrip.sim.experiments.sweep.case import Result, at_once, run_cases
 
 MOST_DEATHS = 3  # of a worker, before its cells are given up
 _LOOK_EVERY_S = 0.2
@@ -30,7 +30,7 @@ class Numbered(Protocol):
     """A job, by the number of its cell."""
 
     @property
-    def cell(self) -> int: ...
+    def case(self) -> int: ...
 
 
 class LocalWorkers:
@@ -40,7 +40,7 @@ class LocalWorkers:
         self,
         workers: int,
         stop: Stop | None = None,
-        task: Callable[[list[Any]], list[Result]] = run_cells,
+        task: Callable[[list[Any]], list[Result]] = run_cases,
         at_once: Callable[[Sequence[Any]], int] = at_once,
     ) -> None:
         """task: what a worker does with jobs, a sweep's if none is given; at_once: how many of them it gets together."""
@@ -85,7 +85,7 @@ class LocalWorkers:
                 under_way.clear()
                 if self.deaths > MOST_DEATHS:
                     for jobs_lost in (*lost, *todo):
-                        yield from (Result(job.cell, {}, "a worker process died again and again") for job in jobs_lost)
+                        yield from (Result(job.case, {}, "a worker process died again and again") for job in jobs_lost)
                     return
                 todo = lost + todo
 
@@ -115,14 +115,14 @@ class LocalWorkers:
             return
         mine = list((self._pool._processes or {}).values())
         # reaps them too: whoever comes second knows no exit code until it is through
-        keeper = cast(threading.Thread | None, self._pool._executor_manager_thread)
+        housekeeping = cast(threading.Thread | None, self._pool._executor_manager_thread)
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in mine:
             process.terminate()
         for process in mine:
             process.join()
-        if keeper is not None:
-            keeper.join(_KEEPER_S)
+        if housekeeping is not None:
+            housekeeping.join(_KEEPER_S)
         self._pool = None
 
 

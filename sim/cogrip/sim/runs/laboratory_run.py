@@ -57,7 +57,7 @@ def run_laboratory(
                 progress(lab.seconds, settings.seconds)
 
         laboratory.run(None, each_frame, lambda: bool(stop and stop.reason))
-        laboratory.close_books()
+        laboratory.close_ledger()
     summary = of_laboratory(laboratory)
     if folder:
         write_settings(folder, settings)

@@ -55,7 +55,7 @@ def summarise(
     `claimed` of each user, null elsewhere.
     """
     rows = [{**_user(user, claims), "earlier": [_user(before, claims) for before in user.earlier]} for user in users]
-    sittings = [sitting for user in users for sitting in (*user.earlier, user)]
+    sittings = [seat_session for user in users for seat_session in (*user.earlier, user)]
     said = not claims and any(each.client.diverged for each in sittings if each.client)
     diverged = said or bool(room and room.diverged)
     return {
@@ -169,7 +169,10 @@ def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
     """The sittings at a seat before the last."""
     seat = room.seats[number]
     asked_npm = seat.settings.coupling.stiffness_npm
-    return tuple(UserRecord(seat.name, sitting.client, sitting.seat, asked_npm=asked_npm) for sitting in seat.earlier)
+    return tuple(
+        UserRecord(seat.name, seat_session.client, seat_session.seat, asked_npm=asked_npm)
+        for seat_session in seat.earlier
+    )
 
 
 def _limited(room: Room) -> dict[str, int]:

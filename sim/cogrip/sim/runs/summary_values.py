@@ -62,7 +62,7 @@ def earlier(user: dict[str, Any]) -> list[dict[str, Any]]:
 
 def sittings(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Every sitting of everybody."""
-    return [sitting for user in users for sitting in (*earlier(user), user)]
+    return [seat_session for user in users for seat_session in (*earlier(user), user)]
 
 
 def name_of(user: dict[str, Any]) -> str:

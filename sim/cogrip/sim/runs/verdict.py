@@ -196,10 +196,10 @@ def _leak_of(users: list[Row], name: str) -> float | None:
 def _held(users: list[Row]) -> Iterator[Row]:
     """Every sitting of which somebody was heard: a seat that nobody took has nothing to tell."""
     for row in users:
-        for sitting in (*earlier(row), row):
-            empty = sitting.get("state") is None and not dig(sitting, "link", "received")
-            if sitting is not row or not (empty and dig(sitting, "energy", "up_margin_j") is None):
-                yield sitting
+        for seat_session in (*earlier(row), row):
+            empty = seat_session.get("state") is None and not dig(seat_session, "link", "received")
+            if seat_session is not row or not (empty and dig(seat_session, "energy", "up_margin_j") is None):
+                yield seat_session
 
 
 def _untold(row: Row) -> list[str]:
@@ -323,7 +323,7 @@ def _worst_reasons(held: list[Row]) -> Iterator[str]:
         if found:
             share, row = max(found, key=lambda each: each[0])
             others = f" (and more than {100.0 * bound:g} % with {len(found) - 1} more)" if len(found) > 1 else ""
-            yield words.format(share=_percent(share), name=name_of(row), way=_replaced(row)[1]) + others
+            yield words.format(share=_percent(share), name=name_of(row), direction=_replaced(row)[1]) + others
     for row in held:
         if row.get("state") in ("fault", "degraded"):
             yield f"{name_of(row)} ended without force"
@@ -356,21 +356,25 @@ def _value(row: Row, key: str) -> float | None:
 
 def _replaced(row: Row) -> tuple[float, str]:
     """Share of the frames of a direction that were not there in time, of the direction where it is larger."""
-    return max((_share(row, way, "concealed"), "from" if way == "up" else "to") for way in ("up", "down"))
+    return max(
+        (_share(row, direction, "concealed"), "from" if direction == "up" else "to") for direction in ("up", "down")
+    )
 
 
 def _scattered(row: Row) -> float:
     """Share of the replaced frames that were not one gap: a delay that grew once leaves one, and the line is as before."""
-    return max(_share(row, way, "concealed") - _share(row, way, "longest_gap") for way in ("up", "down"))
+    return max(
+        _share(row, direction, "concealed") - _share(row, direction, "longest_gap") for direction in ("up", "down")
+    )
 
 
 def _moved(row: Row) -> float:
-    return max(_share(row, way, "repeated") + _share(row, way, "skipped") for way in ("up", "down"))
+    return max(_share(row, direction, "repeated") + _share(row, direction, "skipped") for direction in ("up", "down"))
 
 
-def _share(row: Row, way: str, key: str) -> float:
+def _share(row: Row, direction: str, key: str) -> float:
     """Of the frames that were sent in a direction; 0 where that is not known, or nothing is played out."""
-    count, sent = dig(row, "playout", way, key), dig(row, "link", way, "sent")
+    count, sent = dig(row, "playout", direction, key), dig(row, "link", direction, "sent")
     return min(1.0, count / sent) if is_number(count) and is_number(sent) and sent > 0 else 0.0
 
 

@@ -66,18 +66,18 @@ def _late(summary: Summary) -> Iterator[tuple[Tone, str]]:
         return  # it follows the network, or nobody says
     found = []
     for user in sittings(people(summary)):
-        for way in ("up", "down"):
-            late, sent = dig(user, "link", way, "late"), dig(user, "link", way, "sent")
-            if not (dig(user, "playout", way) and is_number(late) and is_number(sent)):
+        for direction in ("up", "down"):
+            late, sent = dig(user, "link", direction, "late"), dig(user, "link", direction, "sent")
+            if not (dig(user, "playout", direction) and is_number(late) and is_number(sent)):
                 continue
             if late >= max(MANY_LATE, MUCH_LATE * sent):
-                found.append((late / max(late, sent), "from" if way == "up" else "to", name_of(user)))
+                found.append((late / max(late, sent), "from" if direction == "up" else "to", name_of(user)))
     if found:
-        part, way, name = max(found)
+        part, direction, name = max(found)
         others = f" (and 5 % or more in {len(found) - 1} of the other directions)" if len(found) > 1 else ""
         text = (
-            f"{100.0 * part:.0f} % of the frames {way} {name}{others} came too late for playout.frames = {frames} and were "
-            'not played: a larger number waits for more of them, "auto" follows the network.'
+            f"{100.0 * part:.0f} % of the frames {direction} {name}{others} came too late for playout.frames = {frames} "
+            'and were not played: a larger number waits for more of them, "auto" follows the network.'
         )
         yield "warn", text
 

@@ -3,14 +3,14 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from cogrip.protocol.link_profile import Link, Way
+from cogrip.protocol.link_profile import Direction, Link
 from cogrip.sim.session.delay_trace import read_trace
 from cogrip.sim.session.link import LinkEmulator
 
 
 def configured_link(
     link: Link,
-    way: Way,
+    direction: Direction,
     seed: str,
     outages: Iterable[tuple[float, float]] = (),
     origin_ns: int | None = None,
@@ -19,6 +19,6 @@ def configured_link(
 
     origin_ns: what outages and trace count from, else the first datagram.
     """
-    path = link.trace_of(way)
+    path = link.trace_of(direction)
     trace = read_trace(Path(path)) if path else None
-    return LinkEmulator(link.direction(way), seed, (*link.script(way), *outages), trace, origin_ns)
+    return LinkEmulator(link.direction(direction), seed, (*link.script(direction), *outages), trace, origin_ns)

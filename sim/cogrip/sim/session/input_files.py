@@ -17,7 +17,7 @@ UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
 
 def files_read(settings: Settings) -> dict[str, str]:
     """Each file by its path as the settings have it, with the SHA-256 of its content."""
-    paths = {settings.link.trace_of(way) for way in ("up", "down")} - {""}
+    paths = {settings.link.trace_of(direction) for direction in ("up", "down")} - {""}
     found = {path: _digest(Path(path)) for path in paths}
     for user in settings.users:
         found |= _recorded(address_of(user))

@@ -16,9 +16,9 @@ from fractions import Fraction
 from itertools import count
 
 from cogrip.client.device_port import BarePort
-from cogrip.client.path_migration import Dialler
+from cogrip.client.path_migration import PathMigration
 from cogrip.client.recorder import RecordedClient
-from cogrip.client.supervised_device import Handle
+from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Device
 from cogrip.devices.for_user import address_of, make_for
 from cogrip.protocol.accounts import TickCount
@@ -57,7 +57,7 @@ class Person:
         self.going = self.gone = False
         self.lost: set[str] = set()  # addresses that nothing comes or goes by any more
         self._address = f"person {number}" + (f" again {visit}" if visit else "")
-        self.dialler = Dialler(self._address)
+        self.migration = PathMigration(self._address)
         device = make_for(user, settings.object.axes)
         record = device.capability
         hello = make_hello(
@@ -68,14 +68,14 @@ class Person:
         self.core = RecordedClient(hello, device.capability)
         if bare:
             self.core.make_port = BarePort
-        self.handle = Handle(device, self.core, self.rates.device_hz)
+        self.handle = SupervisedDevice(device, self.core, self.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
 
     @property
     def address(self) -> str:
         """Where the server hears this person from."""
-        return self.dialler.way
+        return self.migration.path
 
     def ticks_at(self, tick: int) -> bool:
         """Whether this person's loop runs at a tick of the session, counted at their rate."""
@@ -84,9 +84,9 @@ class Person:
     def dial(self, now_ns: int, refused: bool) -> None:
         """Another address, where the live client would dial anew."""
         resuming = self.core.session.state == "resuming"
-        if self.dialler.due(now_ns, resuming, True, refused):
-            self.dialler.dialled(f"{self._address} dial {self.dialler.dials + 1}", now_ns)
-        self.dialler.spare(now_ns, resuming)
+        if self.migration.due(now_ns, resuming, True, refused):
+            self.migration.dialled(f"{self._address} dial {self.migration.dials + 1}", now_ns)
+        self.migration.spare(now_ns, resuming)
 
     @property
     def device(self) -> Device:
@@ -178,7 +178,7 @@ class Laboratory:
     def lose_address(self, number: int) -> None:
         """Nothing comes or goes by this person's present address any more."""
         person = self.people[number]
-        person.lost |= set(person.dialler.ways)
+        person.lost |= set(person.migration.paths)
 
     def kill(self) -> list[RoomCheckpoint]:
         """The server is gone, between two steps and without a word. Returns what its next checkpoint would have held."""
@@ -209,9 +209,9 @@ class Laboratory:
             next_ns = person.up.next_ns
             if next_ns is None or next_ns > now_ns:
                 continue
-            dialler, hello = person.dialler, person.core.session.hello
+            migration, hello = person.migration, person.core.session.hello
             for datagram in person.up.due(now_ns):
-                address = dialler.asking if datagram == hello else dialler.way
+                address = migration.asking if datagram == hello else migration.path
                 if self.alive and address not in person.lost:
                     self.server.receive(datagram, address, now_ns)
 
@@ -220,11 +220,11 @@ class Laboratory:
         while outbox:
             address, datagram = outbox.popleft()
             for person in self.people:
-                dialler = person.dialler
-                if address not in dialler.ways or address in person.lost:
+                migration = person.migration
+                if address not in migration.paths or address in person.lost:
                     continue
-                if dialler.newer is not None and person.core.session.answers(datagram):
-                    dialler.adopt(str(address))
+                if migration.newer is not None and person.core.session.answers(datagram):
+                    migration.adopt(str(address))
                 person.down.send(datagram, self.now_ns)
 
     def _to_clients(self, moment: Moment) -> None:
@@ -275,7 +275,7 @@ class Laboratory:
             core, tick = person.core, frame * person.rates.ticks_per_frame + step
             if person.ticks_at(tick):
                 person.handle.write(core.act(now_ns))
-            if core.session.state == "resuming" or person.dialler.newer is not None:
+            if core.session.state == "resuming" or person.migration.newer is not None:
                 person.dial(now_ns, not self.alive)
             if person.going and core.released:
                 self._say_goodbye(person, tick - person.begins)
@@ -297,11 +297,11 @@ class Laboratory:
             if each_frame is not None:
                 each_frame(self)
 
-    def close_books(self) -> None:
+    def close_ledger(self) -> None:
         """Note what every end knows; nothing is recorded after."""
         for number, person in enumerate(self.people):
             person.core.account(self.ticks(number))
-        self.server.close_books()
+        self.server.close_ledger()
         self.server.record(Nowhere())
         for person in self.people:
             person.core.record(Nowhere())

@@ -37,7 +37,7 @@ SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
 SHORT_S = 3.0  # a session that tells little
 EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
 MOST_CHANGES = 4  # that are tried in the laboratory before none is given
-WAYS: tuple[Literal["up", "down"], ...] = ("up", "down")
+DIRECTIONS: tuple[Literal["up", "down"], ...] = ("up", "down")
 _LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
 _TONES: tuple[Tone, ...] = tuple(_LEVELS)
 
@@ -155,10 +155,10 @@ def check(settings: Settings) -> Check:
 def _draws(settings: Settings) -> bool:
     """Return whether the link draws its delays or losses by chance."""
     link = settings.link
-    ways = [link.direction(way) for way in WAYS]
-    return any(way.jitter_ms or way.loss or way.duplicate or way.reorder for way in ways) or any(
-        map(link.trace_of, WAYS)
-    )
+    directions = [link.direction(direction) for direction in DIRECTIONS]
+    return any(
+        direction.jitter_ms or direction.loss or direction.duplicate or direction.reorder for direction in directions
+    ) or any(map(link.trace_of, DIRECTIONS))
 
 
 def _begun_s(settings: Settings) -> float:
@@ -167,10 +167,10 @@ def _begun_s(settings: Settings) -> float:
     for user in settings.users:
         query = parse_address(f"sim:hand?hand={user.hand}").query | parse_address(address_of(user)).query
         begun += [(float(query[key]),) * 2 for key in ("delay_s", "start_s") if _is_number(query.get(key, ""))]
-    for way in WAYS:
-        profile = settings.link.direction(way)
+    for direction in DIRECTIONS:
+        profile = settings.link.direction(direction)
         begun.append((profile.outage_every_s, profile.outage_every_s + profile.outage_s))
-        begun += [(start_s, start_s + length_s) for start_s, length_s in settings.link.script(way)]
+        begun += [(start_s, start_s + length_s) for start_s, length_s in settings.link.script(direction)]
     return max((end_s for start_s, end_s in begun if start_s < settings.seconds), default=0.0)
 
 

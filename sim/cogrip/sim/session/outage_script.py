@@ -6,7 +6,7 @@ way: `up`, `down`, or empty for both. Rows in any order; those that overlap are 
 import csv
 from pathlib import Path
 
-from cogrip.protocol.link_profile import Way
+from cogrip.protocol.link_profile import Direction
 from cogrip.sim.session.outages import MOST_S
 
 MOST_ROWS = 100_000
@@ -16,9 +16,9 @@ class ScriptError(ValueError):
     """A script of outages that cannot be read, or says what cannot be."""
 
 
-def read_script(path: Path) -> dict[Way, tuple[tuple[float, float], ...]]:
+def read_script(path: Path) -> dict[Direction, tuple[tuple[float, float], ...]]:
     """(start_s, length_s) of each outage, by way. Raises ScriptError, naming file and line."""
-    found: dict[Way, list[tuple[float, float]]] = {"up": [], "down": []}
+    found: dict[Direction, list[tuple[float, float]]] = {"up": [], "down": []}
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
@@ -31,20 +31,20 @@ def read_script(path: Path) -> dict[Way, tuple[tuple[float, float], ...]]:
                 if not row:
                     continue
                 try:
-                    start_s, length_s, ways = _read_row(row)
+                    start_s, length_s, directions = _read_row(row)
                 except ScriptError as error:
                     raise ScriptError(f"{path}:{reader.line_num}: {error}") from None
-                for way in ways:
-                    found[way].append((start_s, length_s))
-                    if len(found[way]) > MOST_ROWS:
+                for direction in directions:
+                    found[direction].append((start_s, length_s))
+                    if len(found[direction]) > MOST_ROWS:
                         raise ScriptError(f"{path}: there are more than {MOST_ROWS} rows; cut the script")
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
         raise ScriptError(f"{path}: cannot be read: {why}; give the path of a CSV file with start_s,length_s") from None
-    return {way: tuple(outages) for way, outages in found.items()}
+    return {direction: tuple(outages) for direction, outages in found.items()}
 
 
-def _read_row(row: list[str]) -> tuple[float, float, tuple[Way, ...]]:
+def _read_row(row: list[str]) -> tuple[float, float, tuple[Direction, ...]]:
     texts = [text.strip() for text in row]
     if len(texts) not in (2, 3):
         raise ScriptError(f"{len(texts)} columns; a row is start_s,length_s or start_s,length_s,way")
@@ -57,11 +57,11 @@ def _read_row(row: list[str]) -> tuple[float, float, tuple[Way, ...]]:
             f"an outage of {length_s:g} s at {start_s:g} s: it must be longer than 0 and begin at 0 or later, both at most "
             f"{MOST_S:g} s"
         )
-    way = texts[2] if len(texts) == 3 else ""
-    if way == "up":
+    direction = texts[2] if len(texts) == 3 else ""
+    if direction == "up":
         return start_s, length_s, ("up",)
-    if way == "down":
+    if direction == "down":
         return start_s, length_s, ("down",)
-    if way:
-        raise ScriptError(f"way = {way!r}: write up, down, or nothing for both")
+    if direction:
+        raise ScriptError(f"way = {direction!r}: write up, down, or nothing for both")
     return start_s, length_s, ("up", "down")

@@ -12,11 +12,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable
 
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.link_profile import Way
+from cogrip.protocol.link_profile import Direction
 from cogrip.sim.session.link import COUNTERS, LinkEmulator
 
 Address = Hashable
-MakeLink = Callable[[int, Way, int], LinkEmulator]
+MakeLink = Callable[[int, Direction, int], LinkEmulator]
 """Of flow number, way, and what outages and traces count from [ns]."""
 
 MOST_FLOWS = 64
@@ -32,11 +32,11 @@ OWN_COUNTERS = ("crowded", "not_sent", "refused")
 class Lane:
     """One direction of a flow: its link, and what became of its datagrams."""
 
-    __slots__ = ("bytes_in", "bytes_out", "crowded", "flow", "link", "not_sent", "refused", "way")
+    __slots__ = ("bytes_in", "bytes_out", "crowded", "flow", "link", "not_sent", "refused", "direction")
 
-    def __init__(self, flow: "Flow", way: Way, link: LinkEmulator) -> None:
+    def __init__(self, flow: "Flow", direction: Direction, link: LinkEmulator) -> None:
         self.flow = flow
-        self.way = way
+        self.direction = direction
         self.link = link
         self.bytes_in = self.bytes_out = 0  # of what came in; of what the link delivered
         self.crowded = self.not_sent = self.refused = 0
@@ -80,7 +80,7 @@ class Relay:
         self.expired = 0  # flows
         self.begun = 0  # flows
         self.held_bytes = 0
-        self.late: dict[Way, DurationHistogram] = {"up": DurationHistogram(), "down": DurationHistogram()}
+        self.late: dict[Direction, DurationHistogram] = {"up": DurationHistogram(), "down": DurationHistogram()}
         self._make_link = make_link
         self._most_flows = most_flows
         self._idle_ns = idle_ns
@@ -89,7 +89,7 @@ class Relay:
         self._turns: list[
             tuple[int, int, int, Lane]
         ] = []  # when a lane has something due: heap of (ns, flow, way, lane)
-        self._gone: dict[Way, Counter[str]] = {"up": Counter(), "down": Counter()}  # what expired flows counted
+        self._gone: dict[Direction, Counter[str]] = {"up": Counter(), "down": Counter()}  # what expired flows counted
 
     def from_client(self, datagram: bytes, address: Address, now_ns: int) -> Flow | None:
         """A client's datagram. None where it is a stranger's for whom there is no place."""
@@ -122,7 +122,7 @@ class Relay:
         if (more := link.in_flight - flying) and (first_ns := link.next_ns) is not None:
             self.held_bytes += more * size
             if next_ns is None or first_ns < next_ns:
-                heapq.heappush(self._turns, (first_ns, lane.flow.number, lane.way == "down", lane))
+                heapq.heappush(self._turns, (first_ns, lane.flow.number, lane.direction == "down", lane))
 
     @property
     def next_ns(self) -> int | None:
@@ -133,17 +133,17 @@ class Relay:
         """Puts what has arrived by now into `outbox`, in order of arrival over all flows."""
         turns = self._turns
         while turns and turns[0][0] <= now_ns:
-            at_ns, number, way, lane = heapq.heappop(turns)
+            at_ns, number, direction, lane = heapq.heappop(turns)
             link = lane.link
             if link.next_ns != at_ns:  # something that came later was due earlier, and took this turn's place
                 continue
             for datagram in link.due(at_ns):
                 self.outbox.append((lane, datagram))
-                self.late[lane.way].add(now_ns - at_ns)
+                self.late[lane.direction].add(now_ns - at_ns)
                 lane.bytes_out += len(datagram)
                 self.held_bytes -= len(datagram) + KEEPING_BYTES
             if link.next_ns is not None:
-                heapq.heappush(turns, (link.next_ns, number, way, lane))
+                heapq.heappush(turns, (link.next_ns, number, direction, lane))
 
     def expire(self, now_ns: int) -> list[Flow]:
         """Ends flows that neither end was heard in for so long, once nothing of theirs is under way."""
@@ -156,13 +156,13 @@ class Relay:
             del self.flows[flow.address]
             self.expired += 1
             for lane in flow.lanes:
-                self._gone[lane.way].update(lane.counters())
+                self._gone[lane.direction].update(lane.counters())
         return over
 
-    def totals(self, way: Way) -> dict[str, int]:
+    def totals(self, direction: Direction) -> dict[str, int]:
         """What that way counted over all flows, expired ones too, by name."""
         total = Counter(dict.fromkeys(("bytes_in", "bytes_out", *COUNTERS, *OWN_COUNTERS), 0))
-        total.update(self._gone[way])
+        total.update(self._gone[direction])
         for flow in self.flows.values():
-            total.update((flow.up if way == "up" else flow.down).counters())
+            total.update((flow.up if direction == "up" else flow.down).counters())
         return dict(total)

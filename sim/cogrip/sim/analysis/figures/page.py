@@ -84,14 +84,14 @@ def _refuse_others(folder: Path, name: str, record: Mapping[str, Any]) -> None:
     if not there:
         return
     try:
-        question = json.loads(path.read_text())["question"]
+        query = json.loads(path.read_text())["question"]
     except (OSError, ValueError, KeyError, TypeError):
         raise FilesInTheWayError(
             f"{there[0]} is in the way, and nothing says what it answers; name another folder"
         ) from None
     asked = json.loads(json.dumps(record["question"]))
-    if question != asked:
-        differ = [key for key in asked if question.get(key) != asked[key]] or ["something"]
+    if query != asked:
+        differ = [key for key in asked if query.get(key) != asked[key]] or ["something"]
         raise FilesInTheWayError(
             f"{path} answers another question (other {', '.join(differ)}); name another folder, or remove it"
         )

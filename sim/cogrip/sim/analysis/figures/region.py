@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from cogrip.protocol.settings import Settings
-from cogrip.sim.analysis.boundary import Outline
+from cogrip.sim.analysis.boundary import Boundary
 from cogrip.sim.analysis.figures.page import Page, Table
 from cogrip.sim.analysis.region import Region, grid_axes
 from cogrip.sim.runs.plots.style import INK, LINES, Legend, Sheet, Style, colour, label, title
@@ -42,16 +42,16 @@ def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, f
     panel.set_xlim(0.0, box_npm[0] * 1e-3)
     panel.set_ylim(0.0, box_npm[1] * 1e-3)
     for number, region in enumerate(regions):
-        outline, tint = region.outline, colour(number)
-        points = outline.points_npm * 1e-3
+        boundary, tint = region.boundary, colour(number)
+        points = boundary.points_npm * 1e-3
         corner = np.concatenate(([[0.0, 0.0]], points))
         panel.add_patch(Polygon(corner, facecolor=tint, alpha=0.08, lw=0))
-        border = np.where(outline.open[:, None], np.nan, points)  # the frame of the picture is no border
+        border = np.where(boundary.open[:, None], np.nan, points)  # the frame of the picture is no border
         panel.plot(border[:, 0], border[:, 1], **line_style(number))
         if region.grid is not None:
             k1, k2 = grid_axes(box_npm, len(region.grid))
             panel.contour(k1 * 1e-3, k2 * 1e-3, region.grid, levels=[1.0], colors=[tint], linewidths=0.6, alpha=0.6)
-    if all(region.outline.open.all() for region in regions):
+    if all(region.boundary.open.all() for region in regions):
         panel.text(
             0.5, 0.5, "stable everywhere in this picture,\nat every delay named above", transform=panel.transAxes,
             ha="center", va="center", fontsize=11, color=INK,
@@ -66,7 +66,7 @@ def line_style(number: int) -> Style:
 def legend_of(regions: Sequence[Region]) -> Legend:
     return [
         (
-            f"{frames(region.delay_frames)} each way ({_ms(region):.3g} ms): {extent(region.outline)}",
+            f"{frames(region.delay_frames)} each way ({_ms(region):.3g} ms): {extent(region.boundary)}",
             line_style(number),
         )
         for number, region in enumerate(regions)
@@ -81,14 +81,14 @@ def _ms(region: Region) -> float:
     return region.session.people[0].up.frames * region.session.frame_s * 1e3
 
 
-def extent(outline: Outline) -> str:
+def extent(boundary: Boundary) -> str:
     """How far a region goes, in words."""
-    if outline.open.all():
+    if boundary.open.all():
         return "stable everywhere here"
-    if outline.nowhere:
+    if boundary.nowhere:
         return "stable at no stiffness"
-    equal = outline.points_npm[np.abs(np.subtract(*outline.points_npm.T)).argmin()]
-    beyond = "over " if outline.open[np.abs(np.subtract(*outline.points_npm.T)).argmin()] else ""
+    equal = boundary.points_npm[np.abs(np.subtract(*boundary.points_npm.T)).argmin()]
+    beyond = "over " if boundary.open[np.abs(np.subtract(*boundary.points_npm.T)).argmin()] else ""
     return f"to {beyond}{equal.min():.4g} N/m if both are alike"
 
 
@@ -115,12 +115,12 @@ def region_rows(regions: Sequence[Region], box_npm: tuple[float, float]) -> list
     """Every point of every outline, then the cells of the grids, if any."""
     rows: list[list[Any]] = []
     for region in regions:
-        outline = region.outline
+        boundary = region.boundary
         for (k1, k2), open_, inside, outside in zip(
-            outline.points_npm.tolist(),
-            outline.open.tolist(),
-            outline.inside.tolist(),
-            outline.outside.tolist(),
+            boundary.points_npm.tolist(),
+            boundary.open.tolist(),
+            boundary.inside.tolist(),
+            boundary.outside.tolist(),
             strict=True,
         ):
             rows.append(
@@ -154,12 +154,12 @@ def region_record(
         "outlines": [
             {
                 "delay_frames": region.delay_frames,
-                "verified": region.outline.verified,
-                "unstable_probes": region.outline.unstable_probes,
-                "points_npm": region.outline.points_npm.tolist(),
-                "open": region.outline.open.tolist(),
-                "radius_inside": region.outline.inside.tolist(),
-                "radius_outside": [value if np.isfinite(value) else None for value in region.outline.outside.tolist()],
+                "verified": region.boundary.verified,
+                "unstable_probes": region.boundary.unstable_probes,
+                "points_npm": region.boundary.points_npm.tolist(),
+                "open": region.boundary.open.tolist(),
+                "radius_inside": region.boundary.inside.tolist(),
+                "radius_outside": [value if np.isfinite(value) else None for value in region.boundary.outside.tolist()],
             }
             for region in regions
         ],

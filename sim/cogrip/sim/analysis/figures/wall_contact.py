@@ -74,9 +74,9 @@ def wall_page() -> Page:
     found = contacts()
     sheet = Sheet(2, len(TD_MS), row_in=2.7)
     rows: list[list[Any]] = []
-    ways = zip(*(_of(found, td_ms) for td_ms in TD_MS), strict=True)
+    directions = zip(*(_of(found, td_ms) for td_ms in TD_MS), strict=True)
     legend: list[tuple[str, Style]] = [
-        (_named(each), {**person_style(number), "lw": 1.4}) for number, each in enumerate(ways)
+        (_named(each), {**person_style(number), "lw": 1.4}) for number, each in enumerate(directions)
     ]
     legend.append(("hand, and the force on it", {"color": INK, "lw": 1.4}))
     legend.append(("proxy at the wall", {"color": INK, "lw": 1.2, "linestyle": DASHED}))

@@ -31,7 +31,7 @@ class Job:
     as `trace`.
     """
 
-    cell: int
+    case: int
     base: str
     method: str
     network: str
@@ -73,16 +73,16 @@ def _ideal(base: str, seed: int, rest_s: float) -> Array | None:
     return None if session.diverged or oscillating else trace.force_n
 
 
-def run_cell(job: Job) -> Result:
+def run_case(job: Job) -> Result:
     """Run one session. Whatever goes wrong in it is its result: a comparison goes on."""
     try:
-        return Result(job.cell, _measure(job))
+        return Result(job.case, _measure(job))
     except Exception as error:  # noqa: BLE001 (kept with the cell, counted and shown)
-        return Result(job.cell, {}, f"{type(error).__name__}: {error}")
+        return Result(job.case, {}, f"{type(error).__name__}: {error}")
 
 
-def run_cells(jobs: list[Job]) -> list[Result]:
-    return [run_cell(job) for job in jobs]
+def run_cases(jobs: list[Job]) -> list[Result]:
+    return [run_case(job) for job in jobs]
 
 
 def _measure(job: Job) -> dict[str, Any]:

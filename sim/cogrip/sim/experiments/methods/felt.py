@@ -102,8 +102,8 @@ def balanced_loads(settings: Settings) -> Sequence[float] | None:
 
 def probe_settings(settings: Settings, loads_n: Sequence[float]) -> Settings:
     """The same session under a static load, as long as it takes to settle."""
-    ways = [settings.link.direction("up"), settings.link.direction("down")]
-    round_trip_s = 1e-3 * sum(way.delay_ms + 2.0 * way.jitter_ms for way in ways)
+    directions = [settings.link.direction("up"), settings.link.direction("down")]
+    round_trip_s = 1e-3 * sum(direction.delay_ms + 2.0 * direction.jitter_ms for direction in directions)
     users: list[User] = []
     for number, (user, load) in enumerate(zip(settings.users, loads_n, strict=True)):
         start_s = START_S + APART_S * number

@@ -138,8 +138,8 @@ def _trembling(address: str, seed: int, number: int) -> str:
 
 def described(settings: Settings) -> dict[str, Any]:
     """Both directions of a session's link, in words of [link]."""
-    return {way: msgspec.to_builtins(_as_table(settings, way)) for way in ("up", "down")}
+    return {direction: msgspec.to_builtins(_as_table(settings, direction)) for direction in ("up", "down")}
 
 
-def _as_table(settings: Settings, way: Any) -> dict[str, Any]:
-    return msgspec.structs.asdict(settings.link.direction(way))
+def _as_table(settings: Settings, direction: Any) -> dict[str, Any]:
+    return msgspec.structs.asdict(settings.link.direction(direction))

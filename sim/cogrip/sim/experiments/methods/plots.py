@@ -73,10 +73,10 @@ class Rows:
         self.asked = asked
         self.summary = {(row["network"], row["method"]): row for row in summary["rows"]}
         self._values: dict[tuple[str, str], list[dict[str, Any]]] = {}
-        for cell in sorted(results):
-            values = asked.values(cell)
-            if not results[cell].error:
-                self._values.setdefault((values["network"], values["method"]), []).append(results[cell].measures)
+        for case in sorted(results):
+            values = asked.values(case)
+            if not results[case].error:
+                self._values.setdefault((values["network"], values["method"]), []).append(results[case].measures)
 
     def traces(self, network: str, method: str) -> tuple[float, list[list[float]]] | None:
         """Length [s] and sketched forces of the session that has them."""

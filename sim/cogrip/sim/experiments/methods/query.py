@@ -58,12 +58,12 @@ class Comparison:
         return "method", "network", "seed"
 
     @property
-    def cells(self) -> int:
+    def cases(self) -> int:
         return len(self.seeds) * len(self.methods) * len(self.networks)
 
-    def values(self, cell: int) -> dict[str, Any]:
+    def values(self, case: int) -> dict[str, Any]:
         """Method, network and seed of a cell."""
-        rest, network = divmod(cell, len(self.networks))
+        rest, network = divmod(case, len(self.networks))
         seed, method = divmod(rest, len(self.methods))
         return {"method": self.methods[method], "network": self.networks[network], "seed": self.seeds[seed]}
 
@@ -88,10 +88,10 @@ class Comparison:
         """What is still to be run. The felt stiffness is measured with the first FELT_SEEDS seeds, forces are drawn of one."""
         base, felt = json.dumps(self.base), self.seeds[:FELT_SEEDS]
         return [
-            Job(cell, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed == self.seeds[0])
-            for cell in range(self.cells)
-            if cell not in finished
-            for method, network, seed in [self.values(cell).values()]
+            Job(case, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed == self.seeds[0])
+            for case in range(self.cases)
+            if case not in finished
+            for method, network, seed in [self.values(case).values()]
         ]
 
     def at_once(self, jobs: Sequence[Job]) -> int:
@@ -149,7 +149,7 @@ def run_comparison(
     progress(kept)
     try:
         for result in workers.run(asked.jobs(folder.finished)):
-            folder.add(result, asked.values(result.cell))
+            folder.add(result, asked.values(result.case))
             progress(len(folder.finished))
     finally:
         folder.write_table(asked, COLUMNS)

@@ -51,10 +51,10 @@ def write_people(path: Path, asked: Comparison, results: Mapping[int, Result]) -
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["cell", *asked.keys, *columns])
-        for cell in sorted(results):
-            for person in results[cell].measures.get("felt", ()):
-                values = [*asked.values(cell).values(), *(person[column] for column in columns)]
-                writer.writerow([cell, *map(as_text, values)])
+        for case in sorted(results):
+            for person in results[case].measures.get("felt", ()):
+                values = [*asked.values(case).values(), *(person[column] for column in columns)]
+                writer.writerow([case, *map(as_text, values)])
 
 
 def render(summary: Mapping[str, Any], pictures: list[Picture]) -> str:
@@ -164,12 +164,14 @@ def _methods(summary: Mapping[str, Any]) -> str:
 
 def _networks(summary: Mapping[str, Any]) -> str:
     networks = summary["asked"]["networks"]
-    keys = list(dict.fromkeys(key for ways in networks.values() for way in ways.values() for key in way))
+    keys = list(
+        dict.fromkeys(key for directions in networks.values() for direction in directions.values() for key in direction)
+    )
     lines = [
-        f"<tr><th>{escape(f'{name}, {way}')}</th>"
+        f"<tr><th>{escape(f'{name}, {direction}')}</th>"
         + "".join(f"<td>{escape(plain(values.get(key)))}</td>" for key in keys)
         + "</tr>"
-        for name, ways in networks.items()
-        for way, values in ways.items()
+        for name, directions in networks.items()
+        for direction, values in directions.items()
     ]
     return table(["", *keys], lines)

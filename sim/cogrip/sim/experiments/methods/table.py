@@ -53,7 +53,7 @@ def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
             rows.append({"network": network, "method": method, **_gathered(found)})
     return {
         "name": asked.base["name"],
-        "sessions": asked.cells,
+        "sessions": asked.cases,
         "run": len(results),
         "version": VERSION,
         "measures": {name: {"unit": measure.unit, "what": measure.what} for name, measure in MEASURES.items()},

@@ -16,7 +16,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 class Job:
     """A cell's number, base settings as a table, what it sets, and the columns wanted."""
 
-    cell: int
+    case: int
     base: Mapping[str, Any]
     values: Mapping[str, Any]
     columns: tuple[str, ...]
@@ -26,12 +26,12 @@ class Job:
 class Result:
     """`error` is "" unless the cell could not be run; a session that diverges is a result."""
 
-    cell: int
+    case: int
     measures: dict[str, Any]
     error: str = ""
 
 
-def run_cell(job: Job) -> Result:
+def run_case(job: Job) -> Result:
     """Run one cell. Whatever goes wrong in it is its result: a sweep goes on."""
     try:
         settings = resolve(job.base, job.values)
@@ -41,12 +41,12 @@ def run_cell(job: Job) -> Result:
             for column in job.columns
         }
     except Exception as error:  # noqa: BLE001 (kept with the cell, counted and shown)
-        return Result(job.cell, {}, f"{type(error).__name__}: {error}")
-    return Result(job.cell, measures)
+        return Result(job.case, {}, f"{type(error).__name__}: {error}")
+    return Result(job.case, measures)
 
 
-def run_cells(jobs: list[Job]) -> list[Result]:
-    return [run_cell(job) for job in jobs]
+def run_cases(jobs: list[Job]) -> list[Result]:
+    return [run_case(job) for job in jobs]
 
 
 def at_once(jobs: Sequence[Job]) -> int:

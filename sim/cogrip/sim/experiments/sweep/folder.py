@@ -1,4 +1,4 @@
-"""What a sweep keeps: `sweep.json` (what was asked), `cells.jsonl` (a line a cell, as they finish), `table.csv` (in order).
+"""What a sweep keeps: `sweep.json` (what was asked), `cases.jsonl` (a line a cell, as they finish), `table.csv` (in order).
 
 A comparison of methods keeps the same under its own name.
 
@@ -42,7 +42,7 @@ class Cells(Protocol):
     @property
     def keys(self) -> Sequence[str]: ...
 
-    def values(self, cell: int) -> Mapping[str, Any]: ...
+    def values(self, case: int) -> Mapping[str, Any]: ...
 
 
 def manifest(grid: Grid, columns: Sequence[str], files: Mapping[str, str]) -> dict[str, Any]:
@@ -95,9 +95,9 @@ class SweepFolder:
                 f"{self.path} holds another {word} (other {', '.join(differ)}); name another folder, "
                 f"or ask for the same {word} to resume it"
             )
-        self._read_cells()
+        self._read_cases()
 
-    def _read_cells(self) -> None:
+    def _read_cases(self) -> None:
         path = self.path / CELLS
         if not path.exists():
             return
@@ -106,29 +106,29 @@ class SweepFolder:
         for line in lines:
             result = _result(line)
             if result is not None and not result.error:
-                self.finished[result.cell] = result
+                self.finished[result.case] = result
                 kept.append(line)
         if kept != lines:  # a torn line, or cells that failed: they are run again
             _write(path, "".join(kept))
 
     def add(self, result: Result, values: Mapping[str, Any]) -> None:
         """Keep a cell, at once."""
-        row = {"cell": result.cell, "values": dict(values), "measures": result.measures, "error": result.error}
+        row = {"cell": result.case, "values": dict(values), "measures": result.measures, "error": result.error}
         self._lines.write(json.dumps(row, allow_nan=False) + "\n")
         self._lines.flush()
-        self.finished[result.cell] = result
+        self.finished[result.case] = result
 
-    def write_table(self, cells: Cells, columns: Sequence[str]) -> Path:
+    def write_table(self, cases: Cells, columns: Sequence[str]) -> Path:
         """Every finished cell in order, whatever order they came in."""
         path = self.path / TABLE
         partial = path.with_suffix(".part")
         with partial.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["cell", *cells.keys, *columns, "error"])
-            for cell in sorted(self.finished):
-                result = self.finished[cell]
+            writer.writerow(["cell", *cases.keys, *columns, "error"])
+            for case in sorted(self.finished):
+                result = self.finished[case]
                 measures = [as_text(result.measures.get(column)) for column in columns]
-                writer.writerow([cell, *map(as_text, cells.values(cell).values()), *measures, result.error])
+                writer.writerow([case, *map(as_text, cases.values(case).values()), *measures, result.error])
         partial.replace(path)
         return path
 

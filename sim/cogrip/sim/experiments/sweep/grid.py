@@ -97,26 +97,26 @@ class Grid:
             raise GridError("nothing to vary: give at least one --vary key=...")
         self.base = base
         self.axes = tuple(axes)
-        self.cells = math.prod(len(axis.values) for axis in axes)
-        if self.cells > MOST_CELLS:
-            raise GridError(f"{self.cells} cells are more than {MOST_CELLS}: give fewer values, or several sweeps")
+        self.cases = math.prod(len(axis.values) for axis in axes)
+        if self.cases > MOST_CELLS:
+            raise GridError(f"{self.cases} cells are more than {MOST_CELLS}: give fewer values, or several sweeps")
 
     @property
     def keys(self) -> tuple[str, ...]:
         """The settings that are varied."""
         return tuple(axis.key for axis in self.axes)
 
-    def values(self, cell: int) -> dict[str, Any]:
-        """What cell number `cell` sets."""
+    def values(self, case: int) -> dict[str, Any]:
+        """What cell number `case` sets."""
         found: dict[str, Any] = {}
         for axis in reversed(self.axes):
-            cell, index = divmod(cell, len(axis.values))
+            case, index = divmod(case, len(axis.values))
             found[axis.key] = axis.values[index]
         return {axis.key: found[axis.key] for axis in self.axes}
 
-    def settings(self, cell: int) -> Settings:
+    def settings(self, case: int) -> Settings:
         """Raises SettingsError for values that cannot be set."""
-        return resolve(self.base, self.values(cell))
+        return resolve(self.base, self.values(case))
 
     def each_value(self) -> Iterator[Settings]:
         """Settings in which each value of each axis stands once, the other axes at their first: a sum, not a product."""
@@ -127,12 +127,12 @@ class Grid:
 
     def check(self) -> None:
         """Resolve every cell before any is run. Raises GridError with the cell's values."""
-        for cell in self:
+        for case in self:
             try:
-                self.settings(cell)
+                self.settings(case)
             except SettingsError as error:
-                values = ", ".join(f"{key}={value}" for key, value in self.values(cell).items())
-                raise GridError(f"cell {cell} ({values}): {error}") from None
+                values = ", ".join(f"{key}={value}" for key, value in self.values(case).items())
+                raise GridError(f"cell {case} ({values}): {error}") from None
 
     def __iter__(self) -> Iterator[int]:
-        return iter(range(self.cells))
+        return iter(range(self.cases))

@@ -37,12 +37,12 @@ _UNITS = {
 
 def draw_measure(grid: Grid, results: Mapping[int, Result], measure: str) -> Figure:
     """One measure over the grid. Raises NotDrawnError where it is no number, or too much is varied."""
-    values = np.full(grid.cells, np.nan)
+    values = np.full(grid.cases, np.nan)
     truth = False
-    for cell, result in results.items():
+    for case, result in results.items():
         value = result.measures.get(measure)
         if isinstance(value, bool | int | float):
-            values[cell] = float(value)
+            values[case] = float(value)
             truth = isinstance(value, bool)
     if not np.isfinite(values).any():
         raise NotDrawnError(f"{measure} has no number in any cell")

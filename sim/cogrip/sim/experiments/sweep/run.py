@@ -45,7 +45,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    cells: int
+    cases: int
     kept: int
     computed: int
     failed: dict[str, int]  # by reason
@@ -74,11 +74,11 @@ def run_sweep(
     """Run the cells that the folder does not have, keep each as it comes, and write the table, of however many there are."""
     grid = sweep.grid
     kept = len(folder.finished)
-    jobs = [Job(cell, grid.base, grid.values(cell), sweep.columns) for cell in grid if cell not in folder.finished]
+    jobs = [Job(case, grid.base, grid.values(case), sweep.columns) for case in grid if case not in folder.finished]
     progress(kept)
     try:
         for result in workers.run(jobs):
-            folder.add(result, grid.values(result.cell))
+            folder.add(result, grid.values(result.case))
             progress(len(folder.finished))
     finally:
         table = folder.write_table(grid, sweep.columns)
@@ -87,4 +87,4 @@ def run_sweep(
     for result in folder.finished.values():
         if result.error:
             failed[result.error] = failed.get(result.error, 0) + 1
-    return Report(grid.cells, kept, len(folder.finished) - kept, failed, table)
+    return Report(grid.cases, kept, len(folder.finished) - kept, failed, table)

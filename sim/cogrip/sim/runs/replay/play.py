@@ -20,7 +20,7 @@ from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import decode as decode_checkpoint
 from cogrip.server.recorder import RecordedServer, address_of, step_topic
 from cogrip.server.recorder import start_of as server_start
-from cogrip.sim.runs.replay.replay_input import Tape, UntoldError
+from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 
 _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
@@ -54,13 +54,13 @@ class Play(Protocol):
 class ClientPlay:
     """One person's core."""
 
-    def __init__(self, tape: Tape, sink: Sink) -> None:
-        hello, capability = client_start(tape.recording.header.start)
+    def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
+        hello, capability = client_start(replay_input.recording.header.start)
         self.core = RecordedClient(hello, capability)
         self.core.record(sink)
         self.ticks = 0
         self._gives_velocity = capability.gives_velocity
-        self._kinds = tape.kinds
+        self._kinds = replay_input.kinds
         self._waiting: list[tuple[bytes, int]] = []
         self._account: ClientAccount | None = None
 
@@ -125,18 +125,22 @@ class ClientPlay:
 class ServerPlay:
     """A server's core with all its rooms."""
 
-    def __init__(self, tape: Tape, sink: Sink) -> None:
-        rooms, software = server_start(tape.recording.header.start)
+    def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
+        rooms, software = server_start(replay_input.recording.header.start)
         self.core = RecordedServer(
-            rooms, software, lambda: _session(tape.asked()), TapeDoor(tape), lambda: _ticket(tape.asked())
+            rooms,
+            software,
+            lambda: _session(replay_input.asked()),
+            ReplayedAuthenticator(replay_input),
+            lambda: _ticket(replay_input.asked()),
         )
         for room in self.core.rooms:
-            self.core.count_ticks(room, lambda: _told(tape.asked()))
+            self.core.count_ticks(room, lambda: _told(replay_input.asked()))
         self.core.record(sink)
         self.ticks = 0
-        self._kinds = tape.kinds
+        self._kinds = replay_input.kinds
         topics = {step_topic(room.name): room for room in self.core.rooms}
-        self._rooms = [topics.get(topic) for topic in tape.recording.topics]
+        self._rooms = [topics.get(topic) for topic in replay_input.recording.topics]
 
     def take(self, message: Message) -> None:
         kind, now_ns, core = self._kinds[message.topic], message.time_ns, self.core
@@ -164,8 +168,8 @@ class ServerPlay:
             "kick": lambda: core.kick(*_kick(words)),
             "revoke": lambda: core.revoke(_names(words)),
             "restore": lambda: core.restore(decode_checkpoint(words.encode()), now_ns),
-            "disown": lambda: core.disown(address_of(words)),
-            "close_books": core.close_books,
+            "disown": lambda: core.unbind_address(address_of(words)),
+            "close_books": core.close_ledger,
         }.get(command.verb)
         if act is None:
             raise ValueError(f"no command {command.verb!r} is known")
@@ -183,11 +187,11 @@ class ServerPlay:
         self.core.note_rest()
 
 
-class TapeDoor:
+class ReplayedAuthenticator:
     """Lets in whom the recorded doorkeeper let in."""
 
-    def __init__(self, tape: Tape) -> None:
-        self._tape = tape
+    def __init__(self, replay_input: ReplayInput) -> None:
+        self._tape = replay_input
 
     def admit(self, hello: Hello) -> Grant | Denied:
         return _grant(self._tape.asked())
@@ -196,7 +200,7 @@ class TapeDoor:
         """It was seen to when it happened."""
 
 
-PLAYS: dict[str, Callable[[Tape, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
+PLAYS: dict[str, Callable[[ReplayInput, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
 """By the role in a recording's header."""
 
 

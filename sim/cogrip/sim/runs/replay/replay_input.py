@@ -15,7 +15,7 @@ class UntoldError(Exception):
     """A core asks for what the recording does not hold: nothing after this can be replayed."""
 
 
-class Tape:
+class ReplayInput:
     """Iterate once. The recorder's own messages are taken out; it ends early at the first `hole`."""
 
     def __init__(self, recording: Recording) -> None:

@@ -10,7 +10,7 @@ from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.recording.recover import is_closed
 from cogrip.sim.runs.replay.comparison import Comparison, Difference
 from cogrip.sim.runs.replay.play import PLAYS, Play
-from cogrip.sim.runs.replay.replay_input import Tape, UntoldError
+from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,29 +45,31 @@ def verify(recording: Recording) -> Verdict:
     if header.role not in PLAYS:
         raise RecordingError(f"{recording.path} is of a {header.role!r}; only {' and '.join(PLAYS)} can be replayed")
     closed = is_closed(recording.path) and not header.cut
-    tape, comparison = Tape(recording), Comparison(recording.topics)
+    replay_input, comparison = ReplayInput(recording), Comparison(recording.topics)
     try:
-        play = PLAYS[header.role](tape, comparison)
-        _compare(tape, play, comparison, closed)
+        play = PLAYS[header.role](replay_input, comparison)
+        _compare(replay_input, play, comparison, closed)
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise RecordingError(f"{recording.path} cannot be replayed: {error}") from error
-    first_ns = tape.first_ns if tape.first_ns is not None else tape.last_ns
+    first_ns = replay_input.first_ns if replay_input.first_ns is not None else replay_input.last_ns
     return Verdict(
-        header.who, first_ns, comparison.equal, play.ticks, (tape.last_ns - first_ns) * 1e-9, comparison.difference,
-        tuple(header.versions.differences(versions_here())), tape.hole, tape.hole_ns, not closed,
+        header.who, first_ns, comparison.equal, play.ticks, (replay_input.last_ns - first_ns) * 1e-9, comparison.difference,
+        tuple(header.versions.differences(versions_here())), replay_input.hole, replay_input.hole_ns, not closed,
     )  # fmt: skip
 
 
-def _compare(tape: Tape, play: Play, comparison: Comparison, closed: bool) -> None:
+def _compare(replay_input: ReplayInput, play: Play, comparison: Comparison, closed: bool) -> None:
     try:
-        for message in tape:
+        for message in replay_input:
             comparison.expect(message)
             play.take(message)
             if comparison.difference is not None:
                 return
-        if closed and tape.hole is None:  # else the next input, and what is to be done with the last ones, is not known
+        if (
+            closed and replay_input.hole is None
+        ):  # else the next input, and what is to be done with the last ones, is not known
             play.finish()
             comparison.finish()
     except UntoldError:
-        if closed and tape.hole is None:
-            comparison.untold(tape.last_ns, f"/{tape.recording.header.who}/asked")
+        if closed and replay_input.hole is None:
+            comparison.untold(replay_input.last_ns, f"/{replay_input.recording.header.who}/asked")

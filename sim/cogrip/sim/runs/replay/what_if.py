@@ -3,7 +3,7 @@
 How the recorded people take part:
 
     same        the same simulated hand and device as in the settings: it makes the same effort and gives way to new forces
-    impedance   what the recorded hand must have exerted, m x'' + B_h x' + K_h x + F, behind its impedance (`RelivedHand`)
+    impedance   what the recorded hand must have exerted, m x'' + B_h x' + K_h x + F, behind its impedance (`ReconstructedHand`)
     positions   the recorded device positions, whatever the force
 """
 

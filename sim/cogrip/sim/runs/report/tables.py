@@ -34,25 +34,27 @@ def _energy(key: str) -> Show:
 
 
 def _both_ways(key: str) -> Show:
-    return lambda user: " / ".join(number(dig(user, "link", way, key), digits=0) for way in ("up", "down"))
+    return lambda user: " / ".join(number(dig(user, "link", direction, key), digits=0) for direction in ("up", "down"))
 
 
 def _delays(which: str) -> Show:
-    return lambda user: " / ".join(number(dig(user, "delay", way, which)) for way in ("up_ms", "down_ms"))
+    return lambda user: " / ".join(number(dig(user, "delay", direction, which)) for direction in ("up_ms", "down_ms"))
 
 
 def _played(key: str, digits: int = 0) -> Show:
     """Where there are no waves nothing is played out."""
-    return lambda user: " / ".join(number(dig(user, "playout", way, key), digits=digits) for way in ("up", "down"))
+    return lambda user: " / ".join(
+        number(dig(user, "playout", direction, key), digits=digits) for direction in ("up", "down")
+    )
 
 
 def _depths(user: dict[str, Any]) -> str:
-    ways = [dig(user, "playout", way) for way in ("up", "down")]
+    directions = [dig(user, "playout", direction) for direction in ("up", "down")]
     return " / ".join(
-        f"{number(dig(way, 'least_frames'), digits=0)} to {number(dig(way, 'most_frames'), digits=0)}"
-        if way
+        f"{number(dig(direction, 'least_frames'), digits=0)} to {number(dig(direction, 'most_frames'), digits=0)}"
+        if direction
         else UNKNOWN
-        for way in ways
+        for direction in directions
     )
 
 

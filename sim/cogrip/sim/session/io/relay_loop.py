@@ -165,30 +165,30 @@ class LiveRelay:
     def _begin(self, flow: Flow) -> None:
         """A way to the server for a new client."""
         try:
-            way = socket.socket(self._far[0], socket.SOCK_DGRAM)
-            way.setblocking(False)
-            enlarge(way)
-            way.connect(self._far[1])
+            direction = socket.socket(self._far[0], socket.SOCK_DGRAM)
+            direction.setblocking(False)
+            enlarge(direction)
+            direction.connect(self._far[1])
         except OSError as error:
             self._failed(flow.up, error)
             return
-        self._ways[flow] = way
-        self._flows[way] = flow
-        self.say(f"flow {flow.number}: {_text(flow.address)} by way of {_text(way.getsockname())}")
+        self._ways[flow] = direction
+        self._flows[direction] = flow
+        self.say(f"flow {flow.number}: {_text(flow.address)} by way of {_text(direction.getsockname())}")
 
     def _end(self, flow: Flow) -> None:
         self.say(f"flow {flow.number}: {_text(flow.address)} was idle for too long, and is over")
-        way = self._ways.pop(flow, None)
-        if way is not None:
-            self._overran += overrun(way)
-            del self._flows[way]
-            way.close()
+        direction = self._ways.pop(flow, None)
+        if direction is not None:
+            self._overran += overrun(direction)
+            del self._flows[direction]
+            direction.close()
 
     def _flush(self) -> None:
         outbox = self.relay.outbox
         while outbox:
             lane, datagram = outbox.popleft()
-            if lane.way == "up":
+            if lane.direction == "up":
                 self._put_up(lane, datagram)
                 continue
             try:
@@ -198,18 +198,18 @@ class LiveRelay:
                 self._count(f"to a client: {error.strerror}")
 
     def _put_up(self, lane: Lane, datagram: bytes) -> None:
-        way = self._ways.get(lane.flow)
-        if way is None:
+        direction = self._ways.get(lane.flow)
+        if direction is None:
             lane.not_sent += 1
             return
         try:
-            way.send(datagram)
+            direction.send(datagram)
         except (
             ConnectionRefusedError
         ) as error:  # an earlier one found no one; the socket has told that, and takes the next
             self._failed(lane, error)
             try:
-                way.send(datagram)
+                direction.send(datagram)
             except OSError as again:
                 self._failed(lane, again)
                 lane.not_sent += 1
