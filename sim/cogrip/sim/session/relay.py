@@ -32,7 +32,7 @@ OWN_COUNTERS = ("crowded", "not_sent", "refused")
 class Lane:
     """One direction of a flow: its link, and what became of its datagrams."""
 
-    __slots__ = ("bytes_in", "bytes_out", "crowded", "flow", "link", "not_sent", "refused", "direction")
+    __slots__ = ("bytes_in", "bytes_out", "crowded", "direction", "flow", "link", "not_sent", "refused")
 
     def __init__(self, flow: "Flow", direction: Direction, link: LinkEmulator) -> None:
         self.flow = flow
