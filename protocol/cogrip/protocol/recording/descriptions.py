@@ -62,6 +62,8 @@ DESCRIPTIONS = {
     # the others
     "data": "the datagram's bytes",
     "address": "address of the other end; empty at a client",
+    "kind": "kind of the input: connect, poll, stop, rearm ...",
+    "value": "the input as JSON text",
     "verb": "call into the core: call, poll, stop, rearm ...",
     "reason": "why, or the room it is about",
     "count": "how many steps of a room where nobody sits",

@@ -66,6 +66,23 @@ class Command(Record, frozen=True, gc=False):
     ticks: str = ""  # of the loop, as JSON text
 
 
+class Input(Record, frozen=True, gc=False):
+    """An input of a core other than a tick, a step or a datagram: its kind, and the tagged struct as JSON text."""
+
+    kind: str
+    value: str = ""
+
+
+class Answer(Record, frozen=True, gc=False):
+    """What a server core was given when it asked: a session number, a ticket's hash, an admission, or a loop's ticks."""
+
+    room: str = ""
+    session: int = 0
+    ticks: str = ""
+    ticket: str = ""
+    grant: str = ""  # or the denial, as JSON text
+
+
 class Asked(Record, frozen=True, gc=False):
     """What a server core was told when it asked: a new session's number, a ticket's mark, whether somebody may come in, or
     how a room's loop runs."""
@@ -139,6 +156,8 @@ KINDS: dict[str, type[Record]] = {
     "datagram_out": Datagram,
     "command": Command,
     "asked": Asked,
+    "input": Input,
+    "answer": Answer,
     "event": Event,
     "account": Ledger,
     "clock": Clock,
