@@ -1,4 +1,4 @@
-"""What every device promises, as checks that anyone may run on theirs: `for check in CHECKS: check(Subject(make_it))`.
+"""The conformance suite: what every device promises, as checks. `for check in CHECKS: check(Subject(make_it))`.
 
 A check raises UnfitError, which says what was expected and what was found. The project's own tests run all of them on every
 family of the registry; `cogrip devices conform ADDRESS` runs them on any one device.
@@ -30,7 +30,7 @@ def _at_once(tick: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What is tried.
+    """The device under test.
 
     make     a new device, not opened
     pace     waits until a tick is due; a device in virtual time needs none
@@ -86,7 +86,7 @@ def refuses_while_closed(subject: Subject) -> None:
 
 
 def opens_again(subject: Subject) -> None:
-    """Not twice at once; again after it was closed."""
+    """A device does not open twice at once, and opens again after it was closed."""
     device = subject.make()
     for _ in range(2):
         device.open(subject.rate_hz)
@@ -154,7 +154,7 @@ def refuses_wrong_forces(subject: Subject) -> None:
 
 
 def force_keeps_to_the_record(subject: Subject) -> None:
-    """What is too much for the device is cut to what it can give, in the same direction."""
+    """A force beyond the record is cut to what the device can give, in the same direction."""
     if subject.acting is None:
         return
     with _opened(subject) as device:
@@ -202,7 +202,7 @@ def ages_stay_small(subject: Subject) -> None:
 
 
 def positions_do_not_jump(subject: Subject) -> None:
-    """From one sample to the next a held handle goes only so far off its course: see `cogrip.devices.plausibility`."""
+    """A held handle stays near its course from one sample to the next: see `cogrip.devices.plausibility`."""
     found, _ = _judged(subject)
     _expect(JUMP not in found, f"positions without jumps: {found.get(JUMP)}")
 

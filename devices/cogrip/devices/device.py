@@ -1,4 +1,4 @@
-"""What every device is: a capability record, samples in, forces out.
+"""The interface of every device: a capability record, samples in, forces out.
 
 Sign of force, everywhere in cogrip: `force_n` is F of the paper's eq. 9,
 
@@ -51,7 +51,7 @@ def defect(name: str, verb: str, error: Exception) -> DeviceError:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """What a device can do; safety reads it before any force flows.
+    """Capability record of a device; safety reads it before any force flows.
 
     family, model       names for people
     axes                how many axes this device was made with
@@ -171,7 +171,7 @@ class Device(Protocol):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What went wrong and was dealt with, by name: replies missed, garbage skipped, currents limited."""
+        """Errors that were handled, counted by name: replies missed, garbage skipped, currents limited."""
         ...
 
     def open(self, rate_hz: int) -> None:

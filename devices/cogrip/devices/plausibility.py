@@ -40,7 +40,7 @@ REPORT = "implausible force reported"
 
 
 def off_course_m(time_s: float, late_s: float, most_mps2: float, most_mps: float = HAND_MPS) -> float:
-    """How far at most it is off the course of a speed that is `late_s` old, after `time_s` [m].
+    """Return the largest deviation [m] after `time_s` from the course of a speed that is `late_s` old.
 
     The speed gained is most_mps2 (t + late_s), at most most_mps.
     """
@@ -139,7 +139,7 @@ class Plausibility:
         return True
 
     def _most_m(self, time_s: float, late_s: float) -> float:
-        """How far off its course it may be, by the hand, the motors and what its counts leave open [m]."""
+        """Return the plausible deviation [m] from its course, by the hand, the motors and the encoder's resolution."""
         motors_m = self._motors_mps2 * time_s * (0.5 * time_s + late_s)
         return self._slack_m + off_course_m(time_s, late_s, HAND_MPS2) + motors_m
 

@@ -67,7 +67,7 @@ def capability_of(recording: Recording) -> Capability:
 
 
 def axes_of(recording: Recording) -> int:
-    """How many axes were recorded: those of the room, where the device had more. Raises DeviceError."""
+    """Return the number of recorded axes: the room's, where the device had more. Raises DeviceError."""
     topic = next(number for number, name in enumerate(recording.topics) if kind_of(name) == "tick")
     try:
         for message in recording.messages():

@@ -30,7 +30,7 @@ GROUP = "cogrip.devices"
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """What stands behind a scheme.
+    """A device family: what an address scheme stands for.
 
     make      (address, axes, defaults) -> device; settings in the address win over `defaults`
     axes      address -> how many axes what stands behind it has
@@ -75,7 +75,7 @@ def record_of(device: Device, address: str) -> Capability:
 
 
 def axes_of(address: str) -> int:
-    """How many axes the device at `address` has, at most MOST_AXES. Raises DeviceError."""
+    """Return the number of axes of the device at `address`, at most MOST_AXES. Raises DeviceError."""
     parsed = parse_address(address)
     family = _family(parsed.scheme, address)
     with defects_named(repr(address), "axes"):

@@ -1,1 +1,1 @@
-"""What arms with motors and encoders share, whatever wire they are on: kinematics, motors, pose, the exchange of frames."""
+"""Parts that all arms with motors and encoders share, whatever their wire: kinematics, motors, pose, the exchange of frames."""

@@ -1,4 +1,4 @@
-"""Is an arm fit to be held? What was measured of it, held against what its model says. Pure; `io.arm_check` measures."""
+"""The verdict on an arm before anyone holds it: measurements against its model. Pure; `io.arm_check` measures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ JOINTS = "abc"
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What `io.arm_check` found; tuples have one number a joint, in counts.
+    """Findings of `io.arm_check`; tuples have one number a joint, in counts.
 
     noise             highest less lowest at rest
     forward, backward how far a positive and a negative test current moved the joint
@@ -93,7 +93,7 @@ def _range(name: str, low: int, high: int) -> Row:
 
 
 def _sign(name: str, forward: int, backward: int, current_ma: float) -> Row:
-    """With the right signs a positive current raises the count of its own axis, whatever `dir` is: both carry it."""
+    """Check the signs: a positive current raises the count of its own axis, whatever `dir` is, since both carry it."""
     what, found = f"sign, axis {name}", f"{forward:+d}, {backward:+d} counts"
     wanted = f"up, down under +-{current_ma:g} mA"
     if forward >= LEAST_MOVED_COUNTS and backward <= -LEAST_MOVED_COUNTS:

@@ -87,7 +87,7 @@ class ArmDevice:
 
     @property
     def model(self) -> ArmModel:
-        """What the device is; it is asked where the address does not say. Raises DeviceError."""
+        """Return the device's model, asking the device where the address does not say. Raises DeviceError."""
         if self._model is None:
             port = self._exchange.port
             port.open()
@@ -109,12 +109,12 @@ class ArmDevice:
 
     @property
     def reads_only(self) -> bool:
-        """Whether its address says that it is never to give force."""
+        """True if the address says that the device is never to give force."""
         return self._pose is not None and self._pose.kind == "none"
 
     @property
     def weight_share(self) -> float:
-        """Which part of the arm's own weight its motors were last told to hold."""
+        """Fraction of the arm's own weight that its motors were last commanded to hold."""
         return self._weight.share if self._open else 0.0
 
     @property

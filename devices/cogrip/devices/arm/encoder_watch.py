@@ -43,7 +43,7 @@ class _Joint:
         self.stopped_dead = False
 
     def off(self, step: float, ticks: int) -> float:
-        """How far a step is from all that the joint may do."""
+        """Return the distance of a step from the steps that the joint can make."""
         way = (self.speed if self.known else self.most_speed) * ticks
         low, high = (0.0, way) if way > 0.0 else (way, 0.0)
         if not self.known:
@@ -82,7 +82,7 @@ class EncoderWatch:
         self._joints = [_Joint(MOST_SPEED_MPS / rate_hz / resolution_m) for _ in range(joints)]
 
     def check(self, counts: Sequence[float], ticks: int) -> str:
-        """What is wrong with these counts, `ticks` after the last; "" for nothing."""
+        """Return the fault in these counts, read `ticks` after the last ones; "" for none."""
         last, self._last = self._last, counts
         if last is None or not 0 < ticks <= self._gap_ticks:
             self._joints = [_Joint(joint.most_speed) for joint in self._joints]
@@ -117,7 +117,7 @@ class EncoderWatch:
         return f"encoder {_NAMES[steps.index(worst)]} jumped by {worst:g} counts"
 
     def _astray(self, last: Sequence[float], counts: Sequence[float], most: float) -> bool:
-        """Whether the tip is further from where it may be than `most` counts make."""
+        """Return True if the tip is further from its possible places than `most` counts."""
         if self._tip is None:
             return True
         likely = self._tip([old + joint.near for old, joint in zip(last, self._joints, strict=True)])

@@ -44,7 +44,7 @@ class Port(Protocol):
 
     @property
     def name(self) -> str:
-        """What a person calls it: a device node, a HID path."""
+        """Name for people: a device node, a HID path."""
         ...
 
     def open(self) -> None: ...
@@ -54,7 +54,7 @@ class Port(Protocol):
         ...
 
     def read(self, wait_s: float = 0.0) -> bytes:
-        """What has come, b"" for nothing; waits at most `wait_s` for the first of it."""
+        """Return the bytes received, b"" for none; wait at most `wait_s` for the first one."""
         ...
 
     def close(self) -> None:
@@ -63,7 +63,7 @@ class Port(Protocol):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What went wrong on the wire and was dealt with, by name."""
+        """Errors on the wire that were handled, counted by name."""
         ...
 
     def stamp(self) -> str:

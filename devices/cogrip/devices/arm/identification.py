@@ -65,7 +65,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """At least so much is taken by the mechanism itself, in every direction: damping [N s/m] and friction [N]."""
+    """Lower bounds, over all directions, of the mechanism's own damping [N s/m] and friction [N]."""
 
     damping_nspm: float
     friction_n: float
@@ -289,7 +289,7 @@ def _three(position: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _around(middle_m: Sequence[float]) -> list[tuple[float, ...]]:
-    """As far as it may come, along each axis."""
+    """Return the largest deviation along each axis."""
     steps = product((-MOST_AWAY_M, MOST_AWAY_M), range(len(middle_m)))
     return [tuple(x + step * (i == axis) for i, x in enumerate(middle_m)) for step, axis in steps]
 

@@ -1,4 +1,4 @@
-"""What a mechanism must know: where the tip is at given joint angles, and back. Metres, radians, the common frame:
+"""Kinematics that every mechanism provides: joint angles to tip position, and back. Metres, radians, the common frame:
 
 x toward the user, y to the user's right, z up. Joint angles t = (tA, tB, tC), from the turret outwards; a mechanism says in
 its own module what they are measured from.

@@ -114,7 +114,7 @@ class ArmModel:
         )
 
     def inside(self, position: Vector) -> bool:
-        """Whether `position` [m] is within reach_m of the origin. False where it is not finite."""
+        """Return True if `position` [m] is finite and within reach_m of the origin."""
         return hypot(*position) <= self.reach_m
 
     def rotation(self, angles: Vector, gimbal_counts: Sequence[float]) -> Matrix | None:

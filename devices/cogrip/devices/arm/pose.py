@@ -1,4 +1,4 @@
-"""How the pose of an arm is known: its counters only count from where they began, so someone must say where that was.
+"""The pose of an arm. Its counters count from where they began, so somebody must say where that was.
 
 No force is given before. A calibration holds for one plugging-in (`Port.stamp`): with the power the counters are gone.
 """
@@ -16,7 +16,7 @@ from cogrip.devices.device import DeviceError
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):
-    """What `cogrip devices calibrate` leaves: counter + offset_counts = calibrated count, while the stamp is the same.
+    """The result of `cogrip devices calibrate`: counter + offset_counts = calibrated count, while the stamp is the same.
 
     lost: why it does not hold any more, though the stamp is the same; "" where it does.
     """
@@ -56,7 +56,7 @@ def drive_of(model: ArmModel) -> tuple[float, ...]:
 
 
 class Store(Protocol):
-    """Where calibrations and identified losses are kept."""
+    """Storage of calibrations and identified losses."""
 
     def find(self, device: str) -> Calibration | None: ...
     def keep(self, calibration: Calibration) -> object: ...
@@ -78,7 +78,7 @@ class KnownPose:
         self._stored: Calibration | None = None
 
     def offset_counts(self, stamp: str) -> Vector:
-        """To be added to the counters. Raises DeviceError where the pose is not known."""
+        """Return the offsets to add to the counters. Raises DeviceError if the pose is not known."""
         if self.kind == "none":
             return self._home_counts
         self._stamp = stamp
@@ -97,7 +97,7 @@ class KnownPose:
         return stored.offset_counts
 
     def _confirmed(self, stamp: str) -> Vector:
-        """Without a calibration: only if it was said that it was powered up in its home pose."""
+        """Accept an arm without a calibration only if its address says that it was powered up in its home pose."""
         if self.kind != "home":
             raise self._refused(
                 "its pose is not known, so there would be no force",

@@ -25,7 +25,7 @@ class Body:
 
     @property
     def position_m(self) -> Vector:
-        """Where the tip truly is [m]."""
+        """True position of the tip [m]."""
         x, y, z = self._machine.position_m
         return x, y, z
 

@@ -50,7 +50,7 @@ class EmulatedDevice:
 
     @property
     def position_m(self) -> tuple[float, ...]:
-        """Where the tip truly is [m]."""
+        """True position of the tip [m]."""
         return self.firmware.mechanics.body.position_m[: self.capability.axes]
 
     def open(self, rate_hz: int) -> None:

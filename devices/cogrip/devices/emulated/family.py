@@ -25,7 +25,7 @@ def family() -> Family:
 
 
 def axes(address: Address) -> int:
-    """How many axes that arm has. Raises DeviceError."""
+    """Return the number of axes of that arm. Raises DeviceError."""
     return _machine(address).model.record.axes
 
 

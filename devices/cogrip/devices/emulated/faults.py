@@ -1,4 +1,4 @@
-"""What can go wrong between a firmware and its driver, as verbs. Virtual time; garbage is seeded.
+"""Faults between a firmware and its driver, as verbs. Virtual time; garbage is seeded.
 
 silence     replies are not sent                              garbage      noise in place of replies
 split       a reply comes in two parts, a millisecond apart   merge        a reply waits, and comes with the next
@@ -18,7 +18,7 @@ SLOW_NS = 30_000_000
 
 
 class Faults:
-    """Which faults are on, and what they make of the replies. reports: replies are whole reports, never glued or cut in two."""
+    """The faults in force, applied to replies. reports: replies are whole reports, never merged or split."""
 
     def __init__(self, seed: int = 1, *, reports: bool = False) -> None:
         self._reports = reports
@@ -29,7 +29,7 @@ class Faults:
         self._last = b""
 
     def start(self, verb: str, until_ns: float = float("inf")) -> None:
-        """From now on, until `until_ns`. Raises ValueError for what is no verb."""
+        """Start a fault that lasts until `until_ns`. Raises ValueError for an unknown verb."""
         if verb not in VERBS:
             raise ValueError(f"no fault {verb!r}; there are: {', '.join(VERBS)}")
         self._until_ns[verb] = until_ns
@@ -42,7 +42,7 @@ class Faults:
         return tuple(self._until_ns)
 
     def on(self, verb: str, now_ns: int) -> bool:
-        """Whether it is on."""
+        """Return True while the fault lasts."""
         until_ns = self._until_ns.get(verb)
         if until_ns is None:
             return False
@@ -84,7 +84,7 @@ class Faults:
         self._queue += [(at_ns + number * SPLIT_NS * on("split", now_ns), part) for number, part in enumerate(parts)]
 
     def due(self, now_ns: int) -> list[bytes]:
-        """What has come through by now, in order."""
+        """Return the replies that have come through by now, in order."""
         count = 0
         for at_ns, _ in self._queue:
             if at_ns > now_ns:
@@ -96,7 +96,7 @@ class Faults:
 
     @property
     def waiting(self) -> bool:
-        """Whether something is still on its way."""
+        """True while a reply is still in flight."""
         return bool(self._queue)
 
     def clear(self) -> None:

@@ -1,4 +1,4 @@
-"""What every emulated firmware is: bytes in, bytes out, a watchdog, and verbs for whoever stands beside the device."""
+"""The base of emulated firmwares: bytes in, bytes out, a watchdog, and verbs for a person beside the device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STEP_NS = 2_000_000  # a watchdog lets go on time also where nobody looks for lo
 
 
 class Firmware(ABC):
-    """Without I/O, in its own time. A request is `receive`d, replies come out of `due`."""
+    """A firmware without I/O, in its own time. Requests go into `receive`, replies come out of `due`."""
 
     def __init__(self, mechanics: Mechanics, faults: Faults) -> None:
         self.mechanics = mechanics
@@ -59,7 +59,7 @@ class Firmware(ABC):
             self.mechanics.unstick()
 
     def due(self, now_ns: int) -> list[bytes]:
-        """What has come through to the host by now."""
+        """Return the bytes that have reached the host by now."""
         return self.faults.due(now_ns) if self.plugged else []
 
     def fault(self, verb: str, seconds: float = float("inf")) -> None:

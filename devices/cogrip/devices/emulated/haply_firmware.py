@@ -33,7 +33,7 @@ class Joint:
 
 
 class _Port:
-    """What the firmware knows of a port. id 0: nobody's."""
+    """A port as the firmware knows it. id 0: unassigned."""
 
     def __init__(self) -> None:
         self.motor_id = 0
@@ -66,7 +66,7 @@ class HaplyFirmware(Firmware):
 
     @property
     def torque_nm(self) -> tuple[float, float]:
-        """What the motors of the joints a, b make now [Nm]."""
+        """Present torques of the motors of the joints a, b [Nm]."""
         a, b = (self._joint_torque(joint) for joint in self._joints)
         return a, b
 
@@ -104,7 +104,7 @@ class HaplyFirmware(Firmware):
             self._since_ns = self.now_ns
 
     def _command(self, data: bytes) -> int:
-        """Do what the first command says; how many bytes it had, 0 while it is not all there."""
+        """Execute the first command and return its length in bytes, 0 while it is incomplete."""
         command = data[0]
         if command > _TORQUE:
             return 1
@@ -148,7 +148,7 @@ class HaplyFirmware(Firmware):
         return fields.at
 
     def _pulses(self, number: int) -> int:
-        """Of the wheel at a port, in the joint's own sense."""
+        """Return the pulses of the wheel at a port, in the joint's own sense."""
         counters = self.mechanics.counters
         return next((counters[k] for k, joint in enumerate(self._joints) if joint.port == number + 1), 0)
 

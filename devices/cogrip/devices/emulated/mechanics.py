@@ -65,7 +65,7 @@ class Mechanics:
 
     @property
     def home_m(self) -> Vector:
-        """Where the tip is in the home pose."""
+        """Position of the tip in the home pose [m]."""
         home = self.model.kinematics.forward(self.model.drive.angles(self.model.home_counts))
         assert home is not None
         return home

@@ -1,4 +1,4 @@
-"""What is used of the Force Dimension SDK, with the names that the package `forcedimension_core` gives it."""
+"""The functions used of the Force Dimension SDK, by their names in the package `forcedimension_core`."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
 
 
 def goodbye(codec: HaplyCodec) -> Goodbye:
-    """What a guard says to the board that `codec` speaks with now; to one that lost its setup, with a new one."""
+    """Return the guard's last bytes to the board; a board that lost its setup gets a new one first."""
     last, wiring = HaplyCodec(codec.wiring, LAST_RESORT_ID), codec.wiring
     anew = (reset_frame(LAST_RESORT_ID), wiring.setup(LAST_RESORT_ID), last.encode(NO_CURRENT))
     return Goodbye(codec.encode(NO_CURRENT), bytes((codec.device_id,)), codec.reply_bytes, anew)

@@ -97,7 +97,7 @@ class FiveBar:
         return atan2(py, px), acos((link * link + reach * reach - distal * distal) / (2.0 * link * reach))
 
     def in_reach(self, position: Vector, margin_m: float) -> bool:
-        """Whether both legs reach `position` with `margin_m` to spare, in front of the motors."""
+        """Return True if both legs reach `position`, in front of the motors, with `margin_m` to spare."""
         x0, y0 = self.origin_m
         px, py = x0 - self.facing * position[1], y0 + self.facing * position[0]
         low, high = abs(self.proximal_m - self.distal_m) + margin_m, self.proximal_m + self.distal_m - margin_m

@@ -76,7 +76,7 @@ def _mask(ports: Mapping[int, object]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """How the joints a, b of one kind of arm are wired to the board, and where its makers' home pose is."""
+    """Wiring of the joints a, b of one kind of arm to the board, and its maker's home pose."""
 
     ports: tuple[int, int]
     ccw: tuple[bool, bool]

@@ -26,7 +26,7 @@ _MARK = " id "
 
 @dataclass(frozen=True, slots=True)
 class Greeting:
-    """What is done when the port is opened: the board is set up anew, its counters at zero, or it must know this id."""
+    """The first exchange on an open port: the board is set up anew, its counters at zero, or must know this id."""
 
     device_id: int
     set_up: bool
@@ -100,7 +100,7 @@ class HaplyLine:
         self._port.close()
 
     def stamp(self) -> str:
-        """Of the plugging-in, and of the setup."""
+        """Stamp of the power-up and of the setup."""
         plugged = self._port.stamp()
         return f"{plugged}{_MARK}{self._codec.device_id}" if plugged else ""
 

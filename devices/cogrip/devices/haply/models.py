@@ -38,7 +38,7 @@ class HaplyModel(ArmModel):
     wiring: Wiring
 
     def inside(self, position: Vector) -> bool:
-        """Whether both legs reach `position` [m]."""
+        """Return True if both legs reach `position` [m]."""
         return self.five_bar.in_reach(position, MARGIN_M)
 
 

@@ -1,4 +1,4 @@
-"""Which of the HID devices on the bus is meant. Pure; the list comes from `HidPort`."""
+"""Selection of a HID device on the bus by its address. Pure; the list comes from `HidPort`."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class Variant:
 
     @property
     def usb_text(self) -> str:
-        """As `lsusb` writes it."""
+        """Return the USB ids as `lsusb` writes them."""
         return f"{self.usb_id[0]:04x}:{self.usb_id[1]:04x}"
 
 

@@ -109,7 +109,7 @@ class ArmCheck:
         return tuple(round(max(column) - min(column)) for column in columns) or (0,) * _JOINTS
 
     def push(self, joint: int, way: float) -> int:
-        """How far [counts] a small current moves a joint; it is ramped in, and ends as soon as that is plain."""
+        """Return how far [counts] a small current moves a joint. It is ramped in, and ends as soon as the joint moves."""
         start = self._ask(ZERO)
         moved = 0
 

@@ -19,7 +19,7 @@ FOLDER = "COGRIP_CALIBRATION"  # environment variable that names another folder
 
 
 def calibration_folder() -> Path:
-    """Where calibrations of this user are kept."""
+    """Return the folder of this user's calibrations."""
     if named := os.environ.get(FOLDER):
         return Path(named)
     if sys.platform == "win32":

@@ -83,7 +83,7 @@ def take_off(port: int, goodbye: Goodbye) -> bool:
 
 
 def _write(port: int, frame: bytes, within_s: float) -> None:
-    """As much of it as the port takes in that time."""
+    """Write as much as the port takes in that time."""
     until_s = time.monotonic() + within_s
     while frame and (rest_s := until_s - time.monotonic()) > 0.0:
         if select.select([], [port], [], rest_s)[1]:
@@ -98,7 +98,7 @@ def _drop_input(port: int) -> None:
 
 
 def _reply(port: int, goodbye: Goodbye) -> bool:
-    """Whether a good one came in time."""
+    """Return True if a valid reply came in time."""
     data = b""
     until_s = time.monotonic() + goodbye.reply_s
     while len(data) < goodbye.reply_bytes and (rest_s := until_s - time.monotonic()) > 0.0:

@@ -46,7 +46,7 @@ class Frame:
         return CONTINUE
 
     def within(self, work: Callable[[], _Answer]) -> _Answer:
-        """What `work` gives within a frame of its own that sends no force."""
+        """Return the result of `work`, run within a frame of its own that sends no force."""
         self._hd.hdBeginFrame(self._handle)
         try:
             return work()

@@ -162,7 +162,7 @@ class Link:
         self._frame = Frame(servo.hd, handle, mailbox, lambda: servo.sort(pop_errors(servo.hd)))
 
     def facts(self) -> Facts:
-        """What the library says of the device."""
+        """Facts that the library reports about the device."""
         return self._do("it cannot be asked what it is", self._ask)
 
     def calibration(self) -> int:

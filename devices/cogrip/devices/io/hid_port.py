@@ -179,7 +179,7 @@ class _Writer:
         self._frames.put(frame)
 
     def finish(self, wait_s: float) -> bool:
-        """Whether the last report has gone and the device is closed."""
+        """Return True once the last report is sent and the device is closed."""
         self._frames.put(None)
         self._thread.join(wait_s)
         return not self._thread.is_alive()

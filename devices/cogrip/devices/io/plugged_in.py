@@ -1,4 +1,4 @@
-"""What is plugged in here, by what the system says of it: nothing is opened, so nothing is asked and nothing moves."""
+"""Detection of connected devices from the system's own lists: nothing is opened, so nothing moves."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def stable_names(folder: Path = BY_ID) -> dict[str, str]:
 
 
 def _find_serial() -> list[PluggedIn]:
-    """Without the ports of the mainboard, behind which nothing can be known."""
+    """List serial ports without those of the mainboard, behind which nothing can be detected."""
     ports = [port for port in list_ports.comports() if port.vid is not None or sys.platform != "linux"]
     return serial_ports(ports, stable_names())
 

@@ -1,4 +1,4 @@
-"""Which plugging-in of a device this is: counters that began with the power hold no longer than that."""
+"""The identity of a device's power-up: counters that began with it are void after the next one."""
 
 from __future__ import annotations
 

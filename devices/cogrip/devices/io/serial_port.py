@@ -90,7 +90,7 @@ def _read(line: serial.Serial, wait_s: float) -> bytes:
 
 
 def _awaited(descriptor: int, wait_s: float) -> bytes:
-    """What comes within `wait_s`. Raises OSError where the other end has gone.
+    """Return the bytes that come within `wait_s`. Raises OSError where the other end has gone.
 
     A terminal whose other end closes says so before an ioctl on it fails: to ask it how much waits would find nothing amiss.
     Nothing to read, without that, means that somebody else has read it: a guard.
@@ -113,7 +113,7 @@ def _hung_up(descriptor: int) -> bool:
 
 
 def _write(line: serial.Serial, frame: bytes) -> int:
-    """How many bytes it took. pyserial itself would try for ever where the buffer is full."""
+    """Write, and return the number of bytes taken. pyserial itself would retry for ever while the buffer is full."""
     if os.name != "posix":
         return line.write(frame) or 0
     try:

@@ -90,7 +90,7 @@ class ServedFirmware(ABC):
             self._say("unplugged")
 
     def _listen(self, verbs: int) -> bool:
-        """Do what the lines say; False to end."""
+        """Execute the lines; return False to end."""
         data = os.read(verbs, 4096)
         if not data:
             return False

@@ -23,7 +23,7 @@ BY_HAND = {
 
 
 class Calibrated(Protocol):
-    """What can be asked of a device. Every verb may raise DeviceError."""
+    """Calibration functions of a device. Each may raise DeviceError."""
 
     where: str
 

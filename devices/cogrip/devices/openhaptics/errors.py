@@ -46,10 +46,10 @@ OTHER_CURE = "see the vendor's diagnostic program, then open it again"
 
 
 def name_of(code: int) -> str:
-    """What a code is called, for counts."""
+    """Return the name of an error code, for counts."""
     return FORCE_ERRORS.get(code) or OTHER_ERRORS.get(code) or f"error 0x{code:x}"
 
 
 def cure_for(code: int) -> str:
-    """What to do about an error that ends a session."""
+    """Return the cure for an error that ends a session."""
     return CURES.get(code, OTHER_CURE)

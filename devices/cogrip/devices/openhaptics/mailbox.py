@@ -1,4 +1,4 @@
-"""What the loop's thread and the library's servo thread leave for each other: the latest values, no queue, no lock.
+"""The latest values that the loop's thread and the library's servo thread exchange, without queue or lock.
 
 Each field is written by one thread only, as one whole immutable value by one assignment. So the other thread sees the old value
 or the new one, never a mixture, and neither waits.

@@ -69,7 +69,7 @@ _CALLS_ITSELF = (  # first match wins
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the library says of a device: model in its own words, largest forces [N], largest stiffness [N/mm]."""
+    """Facts that the library reports: model in its own words, largest forces [N], largest stiffness [N/mm]."""
 
     model: str
     peak_force_n: float

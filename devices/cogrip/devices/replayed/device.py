@@ -37,7 +37,7 @@ class PlaySettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Source(Protocol):
-    """Where a motion comes from. Both raise DeviceError."""
+    """Source of a recorded motion. Both methods raise DeviceError."""
 
     def capability(self, axes: int) -> Capability:
         """The record of the device that moved so."""

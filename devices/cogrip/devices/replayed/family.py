@@ -23,7 +23,7 @@ def family() -> Family:
 
 
 def axes(address: Address) -> int:
-    """How many axes were recorded. Raises DeviceError."""
+    """Return the number of recorded axes. Raises DeviceError."""
     if address.name.endswith(".csv"):
         return 1 + max((place for place, key in enumerate("xyz") if key in address.query), default=0)
     return recorded_axes(find(address.name, address.query.get("user", "0")))

@@ -1,4 +1,4 @@
-"""Where replayed motions come from: recorded runs and tables."""
+"""Sources of replayed motions: recorded runs and tables."""
 
 from __future__ import annotations
 

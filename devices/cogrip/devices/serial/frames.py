@@ -76,7 +76,7 @@ def _reading(found: re.Match[bytes]) -> Reading:
 
 
 def error_text(error: int) -> str:
-    """What an error number means; gimbal bits may stand together."""
+    """Return the meaning of an error number; gimbal bits may be combined."""
     gimbal = 0 < error < REJECTED
     parts = [text for bit, text in ERRORS.items() if error == bit or (gimbal and bit < REJECTED and error & bit)]
     return f"{', '.join(parts) or 'unknown'} (error {error})"

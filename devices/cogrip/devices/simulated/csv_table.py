@@ -105,7 +105,7 @@ def read_table(path: str, wanted: Sequence[str]) -> Table:
 
 
 def _text(data: bytes) -> str:
-    """As UTF-8, or as spreadsheets write: UTF-16 with its mark, Windows-1252."""
+    """Decode UTF-8, or what spreadsheets write: UTF-16 with a byte-order mark, Windows-1252."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16")
     try:
@@ -117,7 +117,7 @@ def _text(data: bytes) -> str:
 
 
 def _fit(text: str, separator: str, wanted: Sequence[str]) -> tuple[int, int]:
-    """How many of the columns `wanted` line 1 has when it is split so, and how many in all."""
+    """Return how many of the columns `wanted` line 1 has when split so, and how many in all."""
     names = [name.strip() for name in next(csv.reader(io.StringIO(text, newline=""), delimiter=separator), [])]
     known = {each for name in names for each in (name, split_unit(name)[0])}
     return sum(name in known for name in wanted), len(names)

@@ -26,7 +26,7 @@ class Plant(Protocol):
         ...
 
     def sense(self) -> Sample:
-        """What the machine's sensors say now."""
+        """Return the present reading of the machine's sensors."""
         ...
 
 
@@ -66,7 +66,7 @@ class SimulatedDevice:
 
     @property
     def hand_force_n(self) -> tuple[float, ...]:
-        """What the hand exerts on the device [N] at the start of the present tick: drive - K_h x - B_h v."""
+        """Force of the hand on the device [N] at the start of the present tick: drive - K_h x - B_h v."""
         k, b = self.hand.stiffness_npm, self.hand.damping_nspm
         state = zip(self.hand.drive(self._tick), self.plant.position_m, self.plant.velocity_mps, strict=True)
         return tuple(u - k * x - b * v for u, x, v in state)

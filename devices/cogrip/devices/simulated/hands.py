@@ -28,7 +28,7 @@ Course: TypeAlias = Callable[[float], tuple[float, float]]
 
 
 class Hand(Protocol):
-    """Who holds the device."""
+    """The simulated person who holds the device."""
 
     @property
     def stiffness_npm(self) -> float:
