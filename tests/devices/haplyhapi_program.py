@@ -35,15 +35,15 @@ def main(path: str, model: str, exchanges: int) -> None:
     device.device_set_parameters()
     device.device_write_torques()  # none yet
     device.device_read_data()
-    told = []
+    reported = []
     for force in FORCES_N:
         for _ in range(exchanges):
             position = device.get_device_position(device.get_device_angles())
             torques = device.set_device_torques(force)
             device.device_write_torques()
             device.device_read_data()
-        told.append({"position_m": position, "force_n": force, "torques_nm": torques})
-    print(json.dumps(told))
+        reported.append({"position_m": position, "force_n": force, "torques_nm": torques})
+    print(json.dumps(reported))
 
 
 if __name__ == "__main__":

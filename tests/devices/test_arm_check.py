@@ -192,7 +192,7 @@ def test_only_one_axis_at_a_time_and_no_more_than_was_said(monkeypatch: pytest.M
         assert all(abs(new) - abs(old) <= 0.06 * current_ma + 1 for new, old in zip(currents, last, strict=True))
         seen |= {(axis, value > 0) for axis, value in enumerate(currents) if value}
         last = currents
-    assert seen == {(axis, way) for axis in range(3) for way in (True, False)}
+    assert seen == {(axis, sense) for axis in range(3) for sense in (True, False)}
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -127,11 +127,11 @@ def test_limits_hold_and_keep_the_direction(force) -> None:
 
 
 def test_both_sides_of_the_peak_force() -> None:
-    for share, limited in ((0.999, False), (1.001, True)):
+    for fraction, limited in ((0.999, False), (1.001, True)):
         bench = opened(keys="pose=home&limit_ma=3000,3000,3000&peak_force_n=1.5")
-        bench.hold((HEADROOM * 1.5 * share, 0.0, 0.0), 3)
+        bench.hold((HEADROOM * 1.5 * fraction, 0.0, 0.0), 3)
         assert ("force limited to the motors" in bench.counts) == limited
-        assert bench.force_n[0] == pytest.approx(HEADROOM * 1.5 * min(1.0, share), abs=0.005)
+        assert bench.force_n[0] == pytest.approx(HEADROOM * 1.5 * min(1.0, fraction), abs=0.005)
         bench.close()
 
 

@@ -89,8 +89,8 @@ def test_printed_currents_of_the_vintage_phantom() -> None:
     free = VINTAGE.with_settings(ArmSettings(limit_ma=(2000.0, 2000.0, 2000.0)), "serial")
     assert free.currents(angles, (1.0, -2.0, 0.5)) == ((1217, -328, -693), False)
     # 1000 mA to begin with: nobody has stated what its motors take
-    share = 999.0 / exact[0]
-    assert VINTAGE.currents(angles, (1.0, -2.0, 0.5)) == (tuple(int(share * i) for i in exact), True)
+    fraction = 999.0 / exact[0]
+    assert VINTAGE.currents(angles, (1.0, -2.0, 0.5)) == (tuple(int(fraction * i) for i in exact), True)
 
 
 def test_an_re40_at_3_a_gives_the_peak_force_measured_on_woodenhaptics() -> None:
@@ -108,7 +108,7 @@ def test_counts_undo_angles(name, counts) -> None:
     drive = MODELS[name].drive
     assert drive.counts(drive.angles(counts)) == pytest.approx(counts, rel=1e-14)
     ratio = zip(counts, drive.direction, drive.counts_per_turn, drive.capstan_m, drive.body_m, strict=True)
-    expected = [way * 2.0 * pi * n / turn * capstan / body for n, way, turn, capstan, body in ratio]
+    expected = [sense * 2.0 * pi * n / turn * capstan / body for n, sense, turn, capstan, body in ratio]
     assert drive.angles(counts) == pytest.approx(expected, rel=1e-14)
 
 
@@ -118,7 +118,7 @@ def test_torque_undoes_currents(name, currents) -> None:
     drive = MODELS[name].drive
     assert drive.currents(drive.torque(currents)) == pytest.approx(currents, rel=1e-14)
     ratio = zip(currents, drive.direction, drive.capstan_m, drive.body_m, drive.motor_nm_per_a, strict=True)
-    expected = [0.001 * i * way * k * body / capstan for i, way, capstan, body, k in ratio]
+    expected = [0.001 * i * sense * k * body / capstan for i, sense, capstan, body, k in ratio]
     assert drive.torque(currents) == pytest.approx(expected, rel=1e-14)
 
 
@@ -135,9 +135,13 @@ def test_limited_currents_keep_their_direction_and_their_limits(currents, limits
     whole, scaled = drive.limited(currents)
     assert scaled == any(abs(i) >= limit for i, limit in zip(currents, limits, strict=True))
     assert all(abs(i) < limit for i, limit in zip(whole, limits, strict=True))
-    share = 1.0 if not scaled else min([1.0, *((m - 1) / abs(i) for i, m in zip(currents, limits, strict=True) if i)])
+    fraction = (
+        1.0 if not scaled else min([1.0, *((m - 1) / abs(i) for i, m in zip(currents, limits, strict=True) if i)])
+    )
     for given_i, taken in zip(currents, whole, strict=True):
-        assert abs(share * given_i) - 1.0 - 1e-9 <= abs(taken) <= abs(share * given_i) + 1e-9  # truncated towards zero
+        assert (
+            abs(fraction * given_i) - 1.0 - 1e-9 <= abs(taken) <= abs(fraction * given_i) + 1e-9
+        )  # truncated towards zero
         assert taken * given_i >= 0.0
 
 
@@ -178,9 +182,9 @@ def test_force_is_given_as_asked_or_in_its_direction(name, push, where) -> None:
     if not scaled:
         assert np.all(np.abs(done - push) <= lost + 1e-9)
     else:
-        share = np.dot(done, push) / size**2
-        assert 0.0 <= share <= 1.0 + np.linalg.norm(lost) / size
-        assert np.all(np.abs(done - share * np.array(push)) <= 2.0 * np.linalg.norm(lost) + 1e-9)
+        fraction = np.dot(done, push) / size**2
+        assert 0.0 <= fraction <= 1.0 + np.linalg.norm(lost) / size
+        assert np.all(np.abs(done - fraction * np.array(push)) <= 2.0 * np.linalg.norm(lost) + 1e-9)
     assert np.linalg.norm(done) <= model.record.peak_force_n + np.linalg.norm(lost) + 1e-9
 
 
@@ -211,9 +215,9 @@ def test_a_linkage_that_does_not_close_has_no_currents() -> None:
 @every_model
 def test_inside_is_the_sphere_about_the_origin(name) -> None:
     model = MODELS[name]
-    for way in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8)):
-        assert model.inside(tuple(0.999999 * model.reach_m * x for x in way))
-        assert not model.inside(tuple(1.000001 * model.reach_m * x for x in way))
+    for sense in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8)):
+        assert model.inside(tuple(0.999999 * model.reach_m * x for x in sense))
+        assert not model.inside(tuple(1.000001 * model.reach_m * x for x in sense))
     assert not model.inside((nan, 0.0, 0.0))
     assert not model.inside((0.0, 0.0, inf))
 

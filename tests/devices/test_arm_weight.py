@@ -86,7 +86,7 @@ def test_other_arms_hold_no_weight_as_with_their_maker_s_tables() -> None:
     bench = opened("vintage")
     bench.hold(NO_FORCE, HELD)
     assert bench.arm.mechanics.peak_force_n == 0.0
-    assert bench.driver.weight_share == 0.0
+    assert bench.driver.weight_fraction == 0.0
 
 
 def test_a_limit_below_what_it_weighs_holds_it_in_part_and_says_so() -> None:
@@ -143,7 +143,7 @@ def test_the_work_on_the_hand_is_what_the_ledger_books(gravity: str, booked_well
         bench.arm.advance(bench.tick * 10**9 // RATE_HZ)
         moved = [new - old for new, old in zip(bench.position_m, last, strict=True)]
         last = bench.position_m
-        missing_j += sum((-push - load) * way for push, load, way in zip(felt(bench), acting, moved, strict=True))
+        missing_j += sum((-push - load) * sense for push, load, sense in zip(felt(bench), acting, moved, strict=True))
         most_j = max(most_j, abs(missing_j))
     assert (most_j < 2e-4) == booked_well
     assert most_j > 0.03 or booked_well

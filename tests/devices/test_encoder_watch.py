@@ -91,9 +91,9 @@ def guided(rec: str) -> np.ndarray:
 def evenly(time_s: np.ndarray, place_m: np.ndarray) -> np.ndarray:
     """1024 times a second, in the middle of the workspace and not beyond 85 mm of it."""
     place_m = place_m - 0.5 * (place_m.max(axis=0) + place_m.min(axis=0))
-    share = min(1.0, 0.085 / np.sqrt((place_m**2).sum(axis=1)).max())
+    fraction = min(1.0, 0.085 / np.sqrt((place_m**2).sum(axis=1)).max())
     grid = np.arange(time_s[0], time_s[-1], 1.0 / RATE_HZ)
-    return PchipInterpolator(time_s, share * place_m, axis=0)(grid)
+    return PchipInterpolator(time_s, fraction * place_m, axis=0)(grid)
 
 
 HANDS = {
@@ -115,8 +115,8 @@ HANDS = {
 def test_recorded_hands_are_believed(name: str, hand: str) -> None:
     read, *arguments = HANDS[hand]
     positions = read(*arguments)
-    for way in DIRECTIONS:
-        readings = counts(name, positions[:, way].tolist())
+    for sense in DIRECTIONS:
+        readings = counts(name, positions[:, sense].tolist())
         assert len(readings) > 0.6 * len(positions)
         assert alarms(name, readings) == []
 
@@ -246,16 +246,16 @@ def simulated(name: str, hand: str) -> list[tuple[int, ...]]:
 @every_model
 def test_both_sides_of_what_counts_as_a_jump(name: str) -> None:
     """Of an arm at rest in the middle, on the joint that moves the tip most."""
-    [rest] = counts(name, [(0.0, 0.0, 0.0)])
+    [still] = counts(name, [(0.0, 0.0, 0.0)])
     model = MODELS[name]
     reach = (
         250.0 / RATE_HZ**2 * 2.0 + SLACK_COUNTS * model.record.resolution_m
     )  # a t^2 / 2, and the speed is 1.5 ticks old
-    middle = model.kinematics.forward(model.drive.angles(rest))
+    middle = model.kinematics.forward(model.drive.angles(still))
     for joint in range(3):
 
         def tip(size: int, joint: int = joint) -> float:
-            moved = list(rest)
+            moved = list(still)
             moved[joint] += size
             place = model.kinematics.forward(model.drive.angles(moved))
             return hypot(*(new - old for new, old in zip(place, middle, strict=True)))
@@ -264,8 +264,8 @@ def test_both_sides_of_what_counts_as_a_jump(name: str) -> None:
         for size, found in ((least - 1, False), (least + 1, True)):
             judge = watch(name)
             for _ in range(5):
-                judge.check(rest, 1)
-            slipped = list(rest)
+                judge.check(still, 1)
+            slipped = list(still)
             slipped[joint] += size
             assert bool(judge.check(slipped, 1)) == found
         assert tip(least) < 1e-3  # a millimetre at most goes by
@@ -316,9 +316,9 @@ def test_recorded_hands_are_believed_where_readings_are_missing(name: str, hand:
 
 def sliding(name: str, speed_counts: float, joint: int, ticks: int = 200) -> list[list[float]]:
     """The joint goes at an even speed, the others at a third of it."""
-    [rest] = counts(name, [(0.0, 0.0, 0.0)])
+    [still] = counts(name, [(0.0, 0.0, 0.0)])
     return [
-        [at + round(speed_counts * (1.0 if number == joint else 0.3) * tick) for number, at in enumerate(rest)]
+        [at + round(speed_counts * (1.0 if number == joint else 0.3) * tick) for number, at in enumerate(still)]
         for tick in range(ticks)
     ]
 

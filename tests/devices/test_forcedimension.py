@@ -265,8 +265,8 @@ def test_force_is_limited_and_keeps_its_direction(sdk, force) -> None:
     device = sdk.opened()
     acting = device.write(force)
     assert tuple(-f for f in sdk.force()) == (acting or force)
-    share = min(1.0, 12.0 / max(hypot(*force), 1e-300))
-    assert sdk.force() == pytest.approx([-share * f for f in force], abs=1e-12)
+    fraction = min(1.0, 12.0 / max(hypot(*force), 1e-300))
+    assert sdk.force() == pytest.approx([-fraction * f for f in force], abs=1e-12)
     assert device.counts.get("force limited", 0) == (hypot(*force) > 12.0)
     device.close()
 

@@ -285,16 +285,16 @@ def test_torque_left_on_is_gone_where_a_stored_pose_is_refused_too() -> None:
 
 def run(bench: Bench, device: HaplyDevice, ticks: int) -> tuple[str, list[float]]:
     """The first error, and the size of the motors' force after each tick. As a client does it, force fades after an error."""
-    failed, sizes, share = "", [], 1.0
+    failed, sizes, fraction = "", [], 1.0
     for _ in range(ticks):
         try:
-            bench.tick(device, (0.8 * share, -0.4 * share))
+            bench.tick(device, (0.8 * fraction, -0.4 * fraction))
         except DeviceError as error:
             failed = failed or str(error)
         if failed:
-            share = max(0.0, share - 0.05)
+            fraction = max(0.0, fraction - 0.05)
             try:
-                device.write((0.8 * share, -0.4 * share))
+                device.write((0.8 * fraction, -0.4 * fraction))
             except DeviceError as error:
                 failed = failed or str(error)
         x, y, _ = bench.firmware.mechanics.force_n

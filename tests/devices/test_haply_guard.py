@@ -427,8 +427,8 @@ def test_frame_that_was_cut_off_in_the_middle_leaves_no_torque(board: Board, mis
     port.write(other[: 10 - missing] or push)
     assert port._line is not None
     whole = missing in (0, 10)  # then each request is answered, however long that takes
-    told = replace(goodbye(codec), reply_s=REPLY_S) if whole else goodbye(codec)
-    assert take_off(port._line.fileno(), told) == whole
+    reported = replace(goodbye(codec), reply_s=REPLY_S) if whole else goodbye(codec)
+    assert take_off(port._line.fileno(), reported) == whole
     board.wait_for_rest()
     assert all(abs(torque) <= 0.0301 for pair in board.history[begin:] for torque in pair)
     port.close()

@@ -80,9 +80,9 @@ def test_the_maker_s_host_finds_the_tip_and_pushes_the_hand_with_the_force_it_as
         host = [sys.executable, "-m", "tests.devices.haplyhapi_program", path, name, str(EXCHANGES)]
         done = subprocess.run(host, cwd=ROOT, capture_output=True, timeout=BOUND_S, check=False)
     assert done.returncode == 0, done.stderr.decode()
-    told = json.loads(done.stdout)
-    assert len(told) == len(FORCES_N)
-    for number, said in enumerate(told, 1):
+    reported = json.loads(done.stdout)
+    assert len(reported) == len(FORCES_N)
+    for number, said in enumerate(reported, 1):
         x, y, fx, fy = acted[number * EXCHANGES]  # the first was that to no force at all
         hand_x, hand_y = said["force_n"]
         assert (fx, fy) == pytest.approx(

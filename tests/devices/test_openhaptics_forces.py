@@ -75,8 +75,8 @@ def test_force_is_limited_and_keeps_its_direction(force) -> None:
     sent = device._mailbox.order.force_n
     assert tuple(-f for f in sent) == (acting or force)
     assert hypot(*sent) <= 3.3 * (1 + 1e-12)
-    share = min(1.0, 3.3 / max(hypot(*force), 1e-300))
-    assert sent == pytest.approx([-share * f for f in force], abs=1e-12)
+    fraction = min(1.0, 3.3 / max(hypot(*force), 1e-300))
+    assert sent == pytest.approx([-fraction * f for f in force], abs=1e-12)
     assert device.counts.get("force limited", 0) == (hypot(*force) > 3.3)
 
 

@@ -49,7 +49,7 @@ def judged(judge: Plausibility, positions: Iterable[Sequence[float]], first: int
     return [judge.judge(first + tick, Sample(tuple(place), None)) for tick, place in enumerate(positions)]
 
 
-def told(
+def reported(
     positions: Iterable[float], velocities: Iterable[float], count_m: float = 0.0
 ) -> tuple[Plausibility, list[str]]:
     """The same of a device of one axis that gives velocity."""
@@ -237,14 +237,14 @@ def test_velocities_that_lag_are_believed(lag_s: float, count_m: float) -> None:
         given += (1.0 - exp(-TICK_S / lag_s)) * (v - given)
         positions.append(round(x / count_m) * count_m if count_m else x)
         velocities.append(given + (0.5 * count_m / TICK_S * (-1) ** tick))
-    assert set(told(positions, velocities, count_m)[1]) == {""}
+    assert set(reported(positions, velocities, count_m)[1]) == {""}
 
 
 @pytest.mark.parametrize("speed", [0.03, 0.4, -0.4])
 def test_a_position_that_freezes_while_a_velocity_goes_on(speed: float) -> None:
     ticks = np.arange(1000)
     positions = np.minimum(ticks, 500) * speed * TICK_S
-    judge, said = told(positions, np.full(1000, speed))
+    judge, said = reported(positions, np.full(1000, speed))
     assert said[:501] == [""] * 501
     assert 0 < (said.index(DRIFT) - 500) * TICK_S <= 1.7 * WINDOW_S
     assert "its positions deny each other by" in judge.fault
@@ -253,15 +253,15 @@ def test_a_position_that_freezes_while_a_velocity_goes_on(speed: float) -> None:
 @pytest.mark.parametrize("speed", [0.1, 0.4])
 def test_a_velocity_that_shakes_where_nothing_moves(speed: float) -> None:
     """+-8 N a tick on a damper of 20 N s/m."""
-    said = told([0.0] * 200, [speed * (-1) ** tick for tick in range(200)])[1]
+    said = reported([0.0] * 200, [speed * (-1) ** tick for tick in range(200)])[1]
     assert said.index(DRIFT) * TICK_S <= WINDOW_S
 
 
 @pytest.mark.parametrize("share", [0.0, -1.0, 3.0, 1000.0])
-def test_a_velocity_of_another_size_or_sign(share: float) -> None:
+def test_a_velocity_of_another_size_or_sign(fraction: float) -> None:
     """None at all, the other way, millimetres a second: within a stroke."""
     phases = 2.0 * pi * np.arange(1000) * TICK_S
-    said = told(0.05 * np.sin(phases), share * 0.05 * 2.0 * pi * np.cos(phases))[1]
+    said = reported(0.05 * np.sin(phases), fraction * 0.05 * 2.0 * pi * np.cos(phases))[1]
     assert DRIFT in said
 
 

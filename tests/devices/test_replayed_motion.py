@@ -25,8 +25,8 @@ def test_at_its_own_rate_the_samples_are_the_recorded_ones(run: Path, user: str,
         assert sample.position_m == tuple(positions[tick])
         assert sample.velocity_mps == (tuple(velocities[tick]) if file == "ben" else None)
         device.write((5.0, -5.0))
-    rest = Sample(tuple(positions[-1].tolist()), (0.0, 0.0) if file == "ben" else None)
-    assert device.read(TICKS) == device.read(TICKS + 1) == device.read(10 * TICKS) == rest
+    still = Sample(tuple(positions[-1].tolist()), (0.0, 0.0) if file == "ben" else None)
+    assert device.read(TICKS) == device.read(TICKS + 1) == device.read(10 * TICKS) == still
 
 
 def test_the_record_is_that_of_the_device_that_was_recorded(run: Path) -> None:

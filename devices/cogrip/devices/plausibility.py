@@ -74,7 +74,7 @@ class Plausibility:
         self._late_s = 1.5 * self._tick_s
         self._odd = 0  # ticks from the last sample that was used to the first one after it that was not
         self._jumps = 0.0
-        self._told: Sequence[float] | None = None
+        self._reported: Sequence[float] | None = None
         self._drift = [0.0] * self._axes
         self._path = self._top = 0.0
         self.fault = ""
@@ -89,7 +89,7 @@ class Plausibility:
         taken, before = tick - age, self._at
         if before is None:
             if isfinite(sum(position)):
-                self._at, self._taken, self._told = position, taken, sample.velocity_mps
+                self._at, self._taken, self._reported = position, taken, sample.velocity_mps
             return ""
         ticks = taken - self._taken
         if ticks <= 0:
@@ -106,8 +106,8 @@ class Plausibility:
             return JUMP
         self._move(step, ticks)
         self._at, self._taken = position, taken
-        told = sample.velocity_mps
-        return "" if told is None else self._denied(step, told, ticks)
+        reported = sample.velocity_mps
+        return "" if reported is None else self._denied(step, reported, ticks)
 
     def _jumped(self, step: Sequence[float], ticks: int) -> bool:
         """A sample that comes after one that was odd is not believed more readily because time has passed."""
@@ -155,17 +155,17 @@ class Plausibility:
         self._known = known = ticks <= self._gap_ticks
         self._late_s = (1.0 + 0.5 * ticks) * tick_s if known else 1.5 * tick_s
 
-    def _denied(self, step: Sequence[float], told: Sequence[float], ticks: int) -> str:
+    def _denied(self, step: Sequence[float], reported: Sequence[float], ticks: int) -> str:
         """DRIFT, where what the velocities add up to is not what the positions say."""
-        before, self._told = self._told, told
-        if before is None or ticks > self._gap_ticks or not isfinite(sum(told)):
+        before, self._reported = self._reported, reported
+        if before is None or ticks > self._gap_ticks or not isfinite(sum(reported)):
             return ""
         half_s = 0.5 * ticks * self._tick_s
         keep = max(0.0, 1.0 - ticks * self._tick_s / WINDOW_S)
         drift = self._drift
         for axis, moved in enumerate(step):
-            drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + told[axis])
-        speed = hypot(*told)
+            drift[axis] = keep * drift[axis] + moved - half_s * (before[axis] + reported[axis])
+        speed = hypot(*reported)
         self._path = keep * self._path + half_s * (hypot(*before) + speed) - 3.0 * hypot(*step)
         self._top = top = max(0.5 * (1.0 + keep) * self._top, speed, hypot(*self._speed))
         off_m = hypot(*drift)

@@ -41,10 +41,10 @@ def parse_address(text: str) -> Address:
 
     Raises DeviceError without a scheme, on an item that is not `key=value`, and on a key given twice.
     """
-    scheme, colon, rest = text.partition(":")
+    scheme, colon, remainder = text.partition(":")
     if not colon or not scheme:
         raise DeviceError(f"device address {text!r} has no scheme: write scheme:name, such as sim:phantom?hand=reach")
-    name, tail = _cut(rest)
+    name, tail = _cut(remainder)
     query: dict[str, str] = {}
     for item in tail.split("&") if tail else ():
         key, equals, value = item.partition("=")

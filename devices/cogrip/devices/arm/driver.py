@@ -54,7 +54,7 @@ class ArmDevice:
         self._silent_ticks = 0
         self._tick = 0
         self._read_at = 0  # when the newest reading was taken
-        self._heard_at = 0  # and when it came
+        self._received_at = 0  # and when it came
         self._angles: Vector | None = None
         self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
@@ -113,9 +113,9 @@ class ArmDevice:
         return self._pose is not None and self._pose.kind == "none"
 
     @property
-    def weight_share(self) -> float:
+    def weight_fraction(self) -> float:
         """Fraction of the arm's own weight that its motors were last commanded to hold."""
-        return self._weight.share if self._open else 0.0
+        return self._weight.fraction if self._open else 0.0
 
     @property
     def angles(self) -> Vector | None:
@@ -144,7 +144,7 @@ class ArmDevice:
         # a request may have to wait for RETRY_S, and it is to say zero
         self._silent_ticks = max(1, int((SILENT_S - RETRY_S) * rate_hz) - 1)
         self._weight = WeightCompensation(rate_hz, active=self.model.holds_weight and self._pose.kind != "none")
-        self._tick = self._read_at = self._heard_at = 0
+        self._tick = self._read_at = self._received_at = 0
         self._acting = (0.0,) * self._axes
         self._broken = ""
         self._open = True
@@ -261,7 +261,7 @@ class ArmDevice:
         if wrong:
             raise self._lost(wrong)
         position = self._place(reading)
-        self._read_at, self._heard_at = taken, self._tick
+        self._read_at, self._received_at = taken, self._tick
         return Sample(tuple(position[: self._axes]), None, age)
 
     def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
@@ -270,17 +270,17 @@ class ArmDevice:
         if len(force_n) != self._axes:
             raise DeviceError(f"{self._name}: write of {len(force_n)} forces to {self._axes} axes")
         finite = isfinite(sum(force_n))
-        currents, share = self._currents(force_n) if finite else (ZERO, 0.0)
+        currents, fraction = self._currents(force_n) if finite else (ZERO, 0.0)
         try:
-            told = self._exchange.ask(currents, self._tick)
+            reported = self._exchange.ask(currents, self._tick)
         except DeviceError as error:
             self._break(error)
             raise
         if not finite:
             raise DeviceError(f"{self._name}: write of {tuple(force_n)} N: not finite; no current is sent instead")
-        if told:
-            self._acting = tuple(force_n) if share == 1.0 else tuple([share * part for part in force_n])
-        return None if told and share == 1.0 else self._acting
+        if reported:
+            self._acting = tuple(force_n) if fraction == 1.0 else tuple([fraction * part for part in force_n])
+        return None if reported and fraction == 1.0 else self._acting
 
     def _currents(self, force_n: Sequence[float]) -> tuple[Sequence[float], float]:
         """Currents, and the share of the force that they give. What holds the arm's weight is no part of that share.
@@ -288,14 +288,14 @@ class ArmDevice:
         None at all where there may be no force: the pose is not known, or the arm was not heard of lately.
         """
         assert self._pose is not None
-        silent = self._tick - self._heard_at > self._silent_ticks
+        silent = self._tick - self._received_at > self._silent_ticks
         weight = self._weight.step(self._tick, failed=silent or bool(self._broken))
         if self._pose.kind == "none" or self._angles is None or silent or not (weight or any(force_n)):
             return ZERO, 0.0 if any(force_n) else 1.0
         x, y, z = (*force_n, 0.0, 0.0)[:3]
         size, most = hypot(x, y, z), HEADROOM * self.model.record.peak_force_n
-        share = -1.0 if size <= most else -most / size  # the arm pushes the hand with -F
-        push = (share * x, share * y, share * z)
+        fraction = -1.0 if size <= most else -most / size  # the arm pushes the hand with -F
+        push = (fraction * x, fraction * y, fraction * z)
         try:
             held, too_heavy = self.model.weight_currents(self._angles, weight) if weight else (ZERO, False)
             currents, limited = self.model.currents(self._angles, push, held)
@@ -303,12 +303,12 @@ class ArmDevice:
             self._broken = self._broken or str(error)
             return ZERO, 0.0
         if limited:
-            share *= self.model.share_given(self._angles, push, currents, held)
+            fraction *= self.model.fraction_given(self._angles, push, currents, held)
         if too_heavy:
             self._count("weight of the arm held in part only")
-        if share != -1.0:
+        if fraction != -1.0:
             self._count("force limited to the motors")
-        return currents, -share
+        return currents, -fraction
 
     def close(self) -> None:
         """Zero current is asked for more than once: a request may be lost, or one may still be under way."""

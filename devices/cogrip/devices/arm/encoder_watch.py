@@ -44,8 +44,8 @@ class _Joint:
 
     def off(self, step: float, ticks: int) -> float:
         """Return the distance of a step from the steps that the joint can make."""
-        way = (self.speed if self.known else self.most_speed) * ticks
-        low, high = (0.0, way) if way > 0.0 else (way, 0.0)
+        sense = (self.speed if self.known else self.most_speed) * ticks
+        low, high = (0.0, sense) if sense > 0.0 else (sense, 0.0)
         if not self.known:
             low = -high
         self.near = low if step < low else high if step > high else step

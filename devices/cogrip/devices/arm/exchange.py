@@ -146,13 +146,13 @@ class Exchange:
         if asked is None:
             return None
         readings = self._read()
-        came = len(readings)
-        if came > 1:
-            self._count("reply too many", came - 1)
-        if came > self._given_up:
+        received = len(readings)
+        if received > 1:
+            self._count("reply too many", received - 1)
+        if received > self._given_up:
             return self._answered(readings[-1], tick - asked)
-        if came:
-            self._given_up -= came
+        if received:
+            self._given_up -= received
             self._kept, self._since = readings[-1], tick
             return None
         self._count("reply late")

@@ -53,8 +53,8 @@ class Gimbal:
     def angles(self, counts: Sequence[float]) -> Vector:
         """Joint angles (tD, tE, tF) [rad] of calibrated counts."""
         d, e, f = (
-            way * 2.0 * pi * counts[there] / turn
-            for way, there, turn in zip(self.direction, self.order, self.counts_per_turn, strict=True)
+            sense * 2.0 * pi * counts[there] / turn
+            for sense, there, turn in zip(self.direction, self.order, self.counts_per_turn, strict=True)
         )
         return d, e, f
 

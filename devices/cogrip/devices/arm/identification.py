@@ -177,8 +177,8 @@ class SwingLaw:
         """Force on the arm [N] where it is `off_m` behind its reference, and `slip_mps` slower."""
         k, b = self._stiffness_npm, self._damping_nspm
         wanted = [k * x + b * v for x, v in zip(off_m, slip_mps, strict=True)]
-        share = min(1.0, self._most_n / (hypot(*wanted) or 1.0))
-        return tuple([share * part for part in wanted])
+        fraction = min(1.0, self._most_n / (hypot(*wanted) or 1.0))
+        return tuple([fraction * part for part in wanted])
 
 
 class _Loop:
@@ -243,7 +243,7 @@ class _Loop:
         self._forces += [self._held] * (due - self._begun - len(self._forces))
         return due
 
-    def _act(self, reference_m: Sequence[float], share: float = 1.0) -> None:
+    def _act(self, reference_m: Sequence[float], fraction: float = 1.0) -> None:
         """This tick: to `reference_m` from the middle. Raises DeviceError where the arm is to be let go."""
         sample = self._device.read(self._tick)
         if sample is not None:
@@ -262,7 +262,7 @@ class _Loop:
                 f"and {MOST_SPEED_MPS:g} m/s: it is let go; let nobody touch it, and hang up one that is not balanced"
             )
         off = [goal - x for goal, x in zip(reference_m, away, strict=True)]
-        push = [share * part for part in self._law.force(off, [-v for v in velocity])]
+        push = [fraction * part for part in self._law.force(off, [-v for v in velocity])]
         load = [-part for part in push]  # a device's force loads the hand: it pushes with -F
         acting = self._device.write(load)
         self._held = push if acting is None else [-part for part in acting]

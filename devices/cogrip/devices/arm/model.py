@@ -124,10 +124,10 @@ class ArmModel:
         carrier = self.kinematics.carrier(angles)
         return None if carrier is None else self.gimbal.rotation(carrier, gimbal_counts)
 
-    def weight_currents(self, angles: Vector, share: float) -> tuple[Vector, bool]:
-        """Motor currents [mA] that hold `share` of the arm's own weight, not rounded. True if limits let them hold less."""
+    def weight_currents(self, angles: Vector, fraction: float) -> tuple[Vector, bool]:
+        """Motor currents [mA] that hold `fraction` of the arm's own weight, not rounded. True if limits let them hold less."""
         a, b, c = self.drive.currents(self.kinematics.gravity(angles))
-        a, b, c = share * a, share * b, share * c
+        a, b, c = fraction * a, fraction * b, fraction * c
         part = min(
             [1.0, *(most / abs(i) for i, most in zip((a, b, c), self.drive.largest_ma, strict=True) if abs(i) > most)]
         )
@@ -146,8 +146,8 @@ class ArmModel:
         if scaled:
             if not size < inf:
                 return NO_CURRENT, True
-            share = most / size
-            x, y, z = share * x, share * y, share * z
+            fraction = most / size
+            x, y, z = fraction * x, fraction * y, fraction * z
         jacobian = self.kinematics.jacobian(angles)
         if jacobian is None:
             raise DeviceError(
@@ -157,7 +157,7 @@ class ArmModel:
         currents, limited = self.drive.limited(self.drive.currents(joint_torque(jacobian, (x, y, z))), held_ma)
         return currents, limited or scaled
 
-    def share_given(self, angles: Vector, force: Vector, currents: Currents, held_ma: Vector = NO_TORQUE) -> float:
+    def fraction_given(self, angles: Vector, force: Vector, currents: Currents, held_ma: Vector = NO_TORQUE) -> float:
         """The part of `force` that `currents`, scaled down by `currents()`, give beside `held_ma`, of 1."""
         jacobian = self.kinematics.jacobian(angles)
         if jacobian is None:

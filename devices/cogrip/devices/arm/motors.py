@@ -41,7 +41,7 @@ class CableDrive:
     largest_ma: Vector = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        ratio = [way * s / d for way, s, d in zip(self.direction, self.capstan_m, self.body_m, strict=True)]
+        ratio = [sense * s / d for sense, s, d in zip(self.direction, self.capstan_m, self.body_m, strict=True)]
         per_count = tuple(2.0 * pi * r / turn for r, turn in zip(ratio, self.counts_per_turn, strict=True))
         per_nm = tuple(1000.0 * r / k for r, k in zip(ratio, self.motor_nm_per_a, strict=True))
         object.__setattr__(self, "rad_per_count", per_count)
@@ -84,9 +84,9 @@ class CableDrive:
             return (int(a), int(b), int(c)), False
         if not isfinite(a + b + c):
             return NO_CURRENT, True
-        share = 1.0
+        fraction = 1.0
         for i, held, most in zip(currents_ma, held_ma, self.largest_ma, strict=True):
             if abs(i + held) > most:
-                share = min(share, max(0.0, (most - held if i > 0.0 else most + held) / abs(i)))
-        a, b, c = (share * current + held for current, held in zip(currents_ma, held_ma, strict=True))
+                fraction = min(fraction, max(0.0, (most - held if i > 0.0 else most + held) / abs(i)))
+        a, b, c = (fraction * current + held for current, held in zip(currents_ma, held_ma, strict=True))
         return (int(a), int(b), int(c)), True

@@ -46,7 +46,7 @@ class ParallelDrive:
         return r * cos(ta) - ox, r * sin(ta) - oy, self.shoulder_m + lb * cos(tb) - lc * cos(tc) - oz
 
     def inverse(self, position: Vector) -> Vector | None:
-        """Apply the cosine rule in the plane of the links: D is the distance from shoulder to tip, phi its angle from vertical."""
+        """Apply the cosine rule in the plane of the links. D: distance from shoulder to tip, phi: its angle from vertical."""
         lb, lc = self.links_m
         ox, oy, oz = self.origin_m
         x, y, z = position[0] + ox, position[1] + oy, position[2] + oz

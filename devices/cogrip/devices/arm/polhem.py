@@ -67,10 +67,10 @@ class Polhem:
             return None
         # from B to C: along the line to A, and across it to the right, as shares of the line's length
         along = (l4 * l4 + square - l3 * l3) / (2.0 * square)
-        rest = l4 * l4 / square - along * along
-        if not rest >= 0.0:
+        remainder = l4 * l4 / square - along * along
+        if not remainder >= 0.0:
             return None
-        across = sqrt(rest)
+        across = sqrt(remainder)
         return bx, bz, ax, az, -(along * dx + across * dz) / l4, -(along * dz - across * dx) / l4
 
     def forearm(self, angles: Vector) -> float | None:
@@ -176,8 +176,8 @@ def _meeting(px: float, pz: float, near: float, qx: float, qz: float, far: float
     if square == 0.0:
         return None
     along = (near * near - far * far + square) / (2.0 * square)
-    rest = near * near / square - along * along
-    if not rest >= 0.0:
+    remainder = near * near / square - along * along
+    if not remainder >= 0.0:
         return None
-    across = sqrt(rest)
+    across = sqrt(remainder)
     return px + along * dx - across * dz, pz + along * dz + across * dx

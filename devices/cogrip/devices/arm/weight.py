@@ -15,7 +15,7 @@ class WeightCompensation:
     """share: of the weight that is held, 0 to 1. active: whether this arm's weight is to be held at all."""
 
     def __init__(self, rate_hz: int, *, active: bool) -> None:
-        self.share = 0.0
+        self.fraction = 0.0
         self._rise = 1.0 / (RISE_S * rate_hz) if active else 0.0
         self._fall = 1.0 / (FALL_S * rate_hz)
         self._tick = 0
@@ -24,5 +24,5 @@ class WeightCompensation:
         """The share at `tick`, which does not fall. Ticks that were skipped do not make it rise in one step."""
         ticks, self._tick = tick - self._tick, tick
         change = -self._fall * ticks if failed else self._rise * min(1, ticks)
-        self.share = min(1.0, max(0.0, self.share + change))
-        return self.share
+        self.fraction = min(1.0, max(0.0, self.fraction + change))
+        return self.fraction

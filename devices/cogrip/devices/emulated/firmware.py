@@ -32,7 +32,7 @@ class Firmware(ABC):
         """Time has passed: watchdogs."""
 
     @abstractmethod
-    def rest(self) -> None:
+    def stop_motors(self) -> None:
         """Motors off, nothing half received: as after power-up."""
 
     def receive(self, data: bytes, now_ns: int) -> None:
@@ -91,7 +91,7 @@ class Firmware(ABC):
         """The wire carries the power too: motors off, replies lost."""
         self.plugged = False
         self.faults.clear()
-        self.rest()
+        self.stop_motors()
 
     def press(self) -> None:
         """The calibrate button on the board."""

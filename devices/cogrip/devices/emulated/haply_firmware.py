@@ -72,10 +72,10 @@ class HaplyFirmware(Firmware):
 
     def _joint_torque(self, joint: Joint) -> float:
         port = self._ports[joint.port - 1]
-        way = 1.0 if port.motor_ccw == joint.ccw else -1.0
-        return way * port.duty / FULL_DUTY * MOST_NM
+        sense = 1.0 if port.motor_ccw == joint.ccw else -1.0
+        return sense * port.duty / FULL_DUTY * MOST_NM
 
-    def rest(self) -> None:
+    def stop_motors(self) -> None:
         self._ports = [_Port() for _ in range(PORTS)]
         self._forget()
         self._buffer = b""
@@ -120,19 +120,19 @@ class HaplyFirmware(Firmware):
         try:
             device_id = fields.skip(1).byte()
             motors = fields.mask()
-            motor_ways = fields.bytes(len(motors))
+            motor_senses = fields.bytes(len(motors))
             encoders = fields.mask()
-            encoder_ways = fields.bytes(len(encoders))
+            encoder_senses = fields.bytes(len(encoders))
             analog = fields.bytes(fields.byte())
             pwm = fields.bytes(fields.byte())
             parameters = [(fields.float(), fields.float()) for _ in encoders]
         except IndexError:
             return 0
         self._forget()
-        for index, way in enumerate(motor_ways):  # by running index, whatever the ports are
-            self._ports[index].motor_ccw = way > 0
-        for index, way in enumerate(encoder_ways):
-            self._ports[index].encoder_ccw = way > 0
+        for index, sense in enumerate(motor_senses):  # by running index, whatever the ports are
+            self._ports[index].motor_ccw = sense > 0
+        for index, sense in enumerate(encoder_senses):
+            self._ports[index].encoder_ccw = sense > 0
         for pin in analog:
             if 54 <= pin <= 65:
                 self._analog_ids[pin - 54] = device_id
@@ -187,8 +187,8 @@ class HaplyFirmware(Firmware):
     def _counter(self, number: int) -> int:
         port = self._ports[number]
         ccw = next((joint.ccw for joint in self._joints if joint.port == number + 1), True)
-        way = 1 if port.encoder_ccw == ccw else -1
-        return port.counter + way * (self._pulses(number) - port.pulses_then)
+        sense = 1 if port.encoder_ccw == ccw else -1
+        return port.counter + sense * (self._pulses(number) - port.pulses_then)
 
     def press(self) -> None:
         """There is no calibrate button on the board."""

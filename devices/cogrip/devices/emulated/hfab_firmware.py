@@ -36,7 +36,7 @@ class HfabFirmware(Firmware):
         self._buffer = b""
         self._counters = (0, 0, 0)  # of the last good frame
 
-    def rest(self) -> None:
+    def stop_motors(self) -> None:
         self.enabled = False
         self.pwm = [IDLE_PWM] * 3
         self._buffer = b""
@@ -70,9 +70,9 @@ class HfabFirmware(Firmware):
             return 256
         if read.count(b",") != 2:
             return 512
-        rest = self._buffer.lstrip(_BLANKS)
-        self._buffer = rest[1:]
-        return 8 if rest else read[begin:]
+        remainder = self._buffer.lstrip(_BLANKS)
+        self._buffer = remainder[1:]
+        return 8 if remainder else read[begin:]
 
     def _act(self, frame: bytes) -> int:
         numbers = _THREE.match(frame)

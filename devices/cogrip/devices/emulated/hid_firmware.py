@@ -47,13 +47,13 @@ class HidFirmware(Firmware):
         self._number = 0
         self._send()
 
-    def rest(self) -> None:
+    def stop_motors(self) -> None:
         self.enabled = False
         self._drive(_REST)
 
     def tick(self) -> None:
         if self.enabled and self.now_ns - self._fed_ns > WATCHDOG_NS:
-            self.rest()
+            self.stop_motors()
 
     def take(self, data: bytes) -> None:
         if len(data) != 1 + BYTES[self.variant] or data[0]:

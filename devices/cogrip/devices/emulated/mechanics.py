@@ -48,7 +48,7 @@ class Mechanics:
         angles = self.model.kinematics.inverse(self.body.position_m)
         if angles is not None:  # else the links are stretched: the joints stand at their stops
             self._travel = [
-                way + abs(new - old) for way, new, old in zip(self._travel, angles, self._angles, strict=True)
+                sense + abs(new - old) for sense, new, old in zip(self._travel, angles, self._angles, strict=True)
             ]
             self._angles = angles
 

@@ -124,8 +124,8 @@ class ForceDimensionDevice:
             raise DeviceError(f"{self._where}: write of {what}; the force is zero now")
         acting: Sequence[float] | None = None
         if size > self.capability.peak_force_n:
-            share = self.capability.peak_force_n / size
-            acting = tuple([share * f for f in force_n])
+            fraction = self.capability.peak_force_n / size
+            acting = tuple([fraction * f for f in force_n])
             self._count("force limited")
         x, y, z = (*(acting or force_n), *self._rest)
         self._send(dhd, (-x, -y, -z))  # the hand gets -F

@@ -72,18 +72,18 @@ class HaplySettings(msgspec.Struct, frozen=True, kw_only=True):
 def model_of(settings: HaplySettings, where: str) -> HaplyModel:
     """The model with these keys in place. Raises DeviceError for a value that no arm has."""
     model = MODELS[settings.model]
-    way = _pair(settings.dir, "dir", where, (-1.0, 1.0), whole=True)
-    motor_way = _pair(settings.motor_dir, "motor_dir", where, (-1.0, 1.0), whole=True) or (1.0, 1.0)
+    sense = _pair(settings.dir, "dir", where, (-1.0, 1.0), whole=True)
+    motor_sense = _pair(settings.motor_dir, "motor_dir", where, (-1.0, 1.0), whole=True) or (1.0, 1.0)
     limit = _pair(settings.limit_nm, "limit_nm", where, (0.001, MOST_NM))
     home = _pair(settings.home_deg, "home_deg", where, (-360.0, 360.0)) or model.wiring.home_deg
     general = ArmSettings(
-        dir=(*way, 1.0) if way else (),
+        dir=(*sense, 1.0) if sense else (),
         limit_ma=(limit[0] / STEP_NM, limit[1] / STEP_NM, min(limit) / STEP_NM) if limit else (),
         peak_force_n=settings.peak_force_n,
     )
     own = ArmModel.with_settings(model, general, where)
     assert isinstance(own, HaplyModel)
-    torque_way = (motor_way[0] * _STEP_NM_PER_A, motor_way[1] * _STEP_NM_PER_A, _STEP_NM_PER_A)
+    torque_way = (motor_sense[0] * _STEP_NM_PER_A, motor_sense[1] * _STEP_NM_PER_A, _STEP_NM_PER_A)
     five_bar = replace(model.five_bar, facing=1.0 if settings.motors == "far" else -1.0)
     drive = replace(own.drive, motor_nm_per_a=torque_way)
     return replace(

@@ -61,5 +61,5 @@ def _speaks(each: Found) -> bool:
 
 
 def _list(found: Sequence[Found]) -> str:
-    rest = len(found) - MOST_LISTED
-    return "; ".join(map(str, found[:MOST_LISTED])) + (f"; and {rest} more" if rest > 0 else "")
+    remainder = len(found) - MOST_LISTED
+    return "; ".join(map(str, found[:MOST_LISTED])) + (f"; and {remainder} more" if remainder > 0 else "")

@@ -108,14 +108,14 @@ class ArmCheck:
         columns = list(zip(*[reading.raw for reading in readings], strict=True))
         return tuple(round(max(column) - min(column)) for column in columns) or (0,) * _JOINTS
 
-    def push(self, joint: int, way: float) -> int:
+    def push(self, joint: int, sense: float) -> int:
         """Return how far [counts] a small current moves a joint. It is ramped in, and ends as soon as the joint moves."""
         start = self._ask(ZERO)
         moved = 0
 
         def current(at_s: float) -> Sequence[float]:
-            share = 0.0 if abs(moved) >= ENOUGH_COUNTS else min(1.0, at_s / RAMP_S)
-            return tuple(way * share * self._current_ma if axis == joint else 0.0 for axis in range(_JOINTS))
+            fraction = 0.0 if abs(moved) >= ENOUGH_COUNTS else min(1.0, at_s / RAMP_S)
+            return tuple(sense * fraction * self._current_ma if axis == joint else 0.0 for axis in range(_JOINTS))
 
         begun_s = time.perf_counter()
         while (at_s := time.perf_counter() - begun_s) < RAMP_S + HOLD_S and abs(moved) < ENOUGH_COUNTS:

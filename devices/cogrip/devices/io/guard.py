@@ -55,15 +55,15 @@ class StallWatch:
         self._stall_ns = stall_ns
         self._beats = -1
         self._since_ns = 0
-        self._told = False
+        self._reported = False
 
     def stalled(self, beats: int, pushing: bool, now_ns: int) -> bool:
         """True once a stall."""
         if beats != self._beats:
-            self._beats, self._since_ns, self._told = beats, now_ns, False
-        if self._told or not pushing or now_ns - self._since_ns < self._stall_ns:
+            self._beats, self._since_ns, self._reported = beats, now_ns, False
+        if self._reported or not pushing or now_ns - self._since_ns < self._stall_ns:
             return False
-        self._told = True
+        self._reported = True
         return True
 
 
@@ -104,10 +104,10 @@ def _reply(port: int, goodbye: Goodbye) -> bool:
     while len(data) < goodbye.reply_bytes and (rest_s := until_s - time.monotonic()) > 0.0:
         if select.select([port], [], [], rest_s)[0]:
             with suppress(BlockingIOError):
-                came = os.read(port, 4096)
-                if not came:
+                received = os.read(port, 4096)
+                if not received:
                     break
-                data += came
+                data += received
     return len(data) >= goodbye.reply_bytes and data.startswith(goodbye.reply_head)
 
 

@@ -85,10 +85,18 @@ class GuardedPort(SerialPort):
             self._ready, say = os.pipe()
             end.callback(os.close, self._ready)
             handed = (self._line.fileno(), pipe, say, memory.fileno())
-            told = msgspec.json.encode(goodbye).hex()
+            reported = msgspec.json.encode(goodbye).hex()
             try:
                 self._guard = subprocess.Popen(
-                    [sys.executable, "-P", "-m", "cogrip.devices.io.guard", str(os.getpid()), *map(str, handed), told],
+                    [
+                        sys.executable,
+                        "-P",
+                        "-m",
+                        "cogrip.devices.io.guard",
+                        str(os.getpid()),
+                        *map(str, handed),
+                        reported,
+                    ],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     pass_fds=handed,

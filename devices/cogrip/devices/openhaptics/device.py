@@ -101,8 +101,8 @@ class OpenHapticsDevice:
         if self._mailbox.lost:
             acting = self._zero
         elif size > self.capability.peak_force_n:
-            share = self.capability.peak_force_n / size
-            acting = tuple([share * f for f in force_n])
+            fraction = self.capability.peak_force_n / size
+            acting = tuple([fraction * f for f in force_n])
             self._counts["force limited"] = self._counts.get("force limited", 0) + 1
         x, y, z = (*(acting or force_n), *self._rest)
         self._mailbox.say((-x, -y, -z))  # the hand gets -F

@@ -57,9 +57,9 @@ class BracketCodec:
             end = found.end()
         tail = data[end:]
         begin = tail.rfind(b"[")  # what stands before it can become no reply any more
-        rest = tail[begin:] if begin >= 0 and len(tail) - begin < LONGEST_REPLY else b""
-        self.skipped += len(tail) - len(rest)
-        self._rest = rest
+        remainder = tail[begin:] if begin >= 0 and len(tail) - begin < LONGEST_REPLY else b""
+        self.skipped += len(tail) - len(remainder)
+        self._rest = remainder
         return readings
 
     def reset(self) -> None:

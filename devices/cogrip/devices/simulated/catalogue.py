@@ -11,7 +11,7 @@ import msgspec
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
-from cogrip.devices.simulated import hands, ideal, phantom, recorded_hand, relived_hand
+from cogrip.devices.simulated import hands, ideal, phantom, reconstructed_hand, recorded_hand
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
 
 MAX_AXES = 3
@@ -47,7 +47,7 @@ HANDS: dict[str, HandKind] = {
     "sine": HandKind(hands.SineSettings, hands.make_sine),
     "tremor": HandKind(hands.TremorSettings, hands.make_tremor),
     "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.make_recorded, takes="FILE"),
-    "recording": HandKind(hands.ImpedanceSettings, relived_hand.make_reconstructed, takes="RUN"),
+    "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.make_reconstructed, takes="RUN"),
 }
 
 

@@ -18,7 +18,7 @@ from scipy.signal import savgol_coeffs
 from cogrip.client.recorder import client_topics, start_text
 from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
-from cogrip.devices.simulated.relived_hand import make_reconstructed
+from cogrip.devices.simulated.reconstructed_hand import make_reconstructed
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.records import Tick
@@ -192,7 +192,7 @@ def test_under_the_same_forces_only_the_smoothing_of_the_acceleration_is_seen(
 ) -> None:
     """The deviation e obeys m e'' + B_h e' + K_h e = m d, so |e| <= 1.6 m max|d| / K_h at this damping.
 
-    d, the smoothed acceleration without the true one, is by Taylor's remainder at most STRAY h max|x'''|, where h is
+    d, the smoothed acceleration without the true one, is by Taylor's still at most STRAY h max|x'''|, where h is
     half the window. Without the acceleration in the drive d would be x''.
     """
     path = tmp_path_factory.mktemp("same") / "client-anna.mcap"
