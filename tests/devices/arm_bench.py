@@ -46,7 +46,7 @@ class Bench(EmulatedDevice):
         return samples
 
     def fails(self, force_n: Sequence[float], ticks: int) -> tuple[str, int, list[float]]:
-        """What failed first and after how many ticks, and how large the force was; whatever happens the loop goes on."""
+        """The first failure, the ticks until then, and the size of the force; whatever happens the loop goes on."""
         said, when, sizes = "", -1, []
         for number in range(ticks):
             for verb in (lambda: self.read(self.tick), lambda: self.write(force_n)):

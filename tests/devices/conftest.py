@@ -1,4 +1,4 @@
-"""What is replayed, made once: read it, do not spoil it. And the stand-in for libHD, one for each test of `openhaptics:`."""
+"""Recordings to replay, made once: read them, do not spoil them. And the stub of libHD, one a test of `openhaptics:`."""
 
 import ctypes
 import shutil

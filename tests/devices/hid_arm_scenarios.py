@@ -1,4 +1,4 @@
-"""What an arm's driver does on a HID port, by hidapi on its stub."""
+"""Scenarios of an arm's driver on a HID port, by hidapi on its stub."""
 
 from __future__ import annotations
 

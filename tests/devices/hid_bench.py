@@ -25,7 +25,7 @@ Scenario = Callable[["Bench"], None]
 
 
 class Scenarios(dict[str, Scenario]):
-    """By name. As a decorator it takes one more."""
+    """Scenarios by name. As a decorator it adds one."""
 
     def __call__(self, play: Scenario) -> Scenario:
         self[play.__name__] = play
@@ -84,7 +84,7 @@ def fails(verb: Callable[[], object], *says: str) -> None:
 
 
 def fails_at_last(port: HidPort, *says: str) -> None:
-    """What goes wrong in the thread that writes is told by a later verb."""
+    """A failure in the writing thread is raised by a later call."""
 
     def read_on() -> None:
         for _ in range(100):

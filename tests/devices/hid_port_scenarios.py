@@ -1,4 +1,4 @@
-"""What a HID port does with reports, by hidapi on its stub."""
+"""Scenarios of a HID port and its reports, by hidapi on its stub."""
 
 from __future__ import annotations
 

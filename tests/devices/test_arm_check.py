@@ -1,4 +1,4 @@
-"""Is an arm fit to be held? The verdict from both sides of every bound, and the measurement in virtual time."""
+"""The verdict on an arm before it is held: from both sides of every bound, and the measurement in virtual time."""
 
 from __future__ import annotations
 

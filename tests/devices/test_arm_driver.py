@@ -25,7 +25,7 @@ every_model = pytest.mark.parametrize("name", NAMES)
 
 
 def least_force_n(arm: HfabFirmware) -> float:
-    """What a milliampere of every motor makes here: so much, truncation may leave out."""
+    """Force of one milliampere of every motor here: truncation may leave out so much."""
     least = 0.0
     for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
         arm.mechanics.drive(currents)
@@ -89,7 +89,7 @@ def test_axes_that_nobody_uses_get_no_force(axes: int) -> None:
 
 
 def test_the_numbers_on_the_wire_are_the_printed_ones() -> None:
-    """At raw counts 400, -300, 200 the arm must push with (1, -2, 0.5) N, so F is the opposite."""
+    """Hand-worked case: at raw counts 400, -300, 200 the arm must push with (1, -2, 0.5) N, so F is the opposite."""
     bench = opened(keys="pose=home&limit_ma=2000,2000,2000")
     model = bench.driver.model
     tip = model.kinematics.forward(model.drive.angles((400, 7400, 200)))

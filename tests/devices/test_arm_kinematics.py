@@ -1,4 +1,4 @@
-"""Where the tip is, and back: Phantom's and Polhem's mechanisms, gimbals. The laws hold at random poses of the workspace.
+"""Forward and inverse kinematics: Phantom's and Polhem's mechanisms, gimbals. The laws hold at random poses of the workspace.
 
 The Phantom's numbers are those printed with hfabapi's tables; of the Polhem none are, so its linkage is tested by its lengths.
 """
@@ -281,7 +281,7 @@ def test_gravity_of_the_polhem_is_its_maker_s(tip, torque) -> None:
 
 
 def test_the_motors_of_a_polhem_push_up_and_back_where_no_force_is_asked_for() -> None:
-    """At the centre: (-0.61, 0, 0.98) N hold its weight; before, nothing did."""
+    """Weight compensation at the centre is (-0.61, 0, 0.98) N."""
     angles = LINKAGE.inverse((0.0, 0.0, 0.0))
     push = np.linalg.solve(np.array(LINKAGE.jacobian(angles)).T, LINKAGE.gravity(angles))
     assert push == pytest.approx((-0.608, 0.0, 0.975), abs=5e-4)

@@ -168,7 +168,7 @@ def test_both_sides_of_the_current_limit(currents, taken) -> None:
 @every_model
 @given(push=force, where=st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 def test_force_is_given_as_asked_or_in_its_direction(name, push, where) -> None:
-    """What the currents do at the tip is the force within its limits, less what truncation to 1 mA takes."""
+    """The currents make the force within its limits at the tip, less what truncation to 1 mA takes."""
     model = MODELS[name]
     angles = model.kinematics.inverse(tuple(model.reach_m * x for x in where))
     assume(angles is not None)

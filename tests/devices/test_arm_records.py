@@ -1,4 +1,4 @@
-"""What the records of the arms state, worked out again: force, resolution and mass from geometry, drives and links."""
+"""The records of the arms, worked out again: force, resolution and mass from geometry, drives and links."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ every_model = pytest.mark.parametrize("name", MODELS)
 
 
 def steps(model, angles) -> list[float]:
-    """How far the tip moves per count of each joint [m]."""
+    """Return the tip's motion per count of each joint [m]."""
     columns = zip(*model.kinematics.jacobian(angles), strict=True)
     return [hypot(*column) * abs(step) for column, step in zip(columns, model.drive.rad_per_count, strict=True)]
 

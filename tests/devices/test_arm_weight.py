@@ -48,7 +48,7 @@ def test_ticks_that_were_skipped_make_it_fall_but_not_rise_in_one_step() -> None
 
 
 def test_the_hand_does_not_carry_the_arm_unless_it_is_told_to() -> None:
-    """By the maker's default; with gravity=off, as before, it carries (-0.61, 0, 0.98) N."""
+    """Gravity compensation is on by default; with gravity=off the motors carry nothing of (-0.61, 0, 0.98) N."""
     held, off = opened("polhem"), opened("polhem", "pose=home&gravity=off")
     for bench in (held, off):
         bench.hold(NO_FORCE, HELD)
@@ -90,7 +90,7 @@ def test_other_arms_hold_no_weight_as_with_their_maker_s_tables() -> None:
 
 
 def test_a_limit_below_what_it_weighs_holds_it_in_part_and_says_so() -> None:
-    """At the centre it takes 423 mA of motor b."""
+    """Weight compensation at the centre takes 423 mA of motor b."""
     weak, enough = (opened("polhem", f"pose=home&limit_ma={ma},{ma},{ma}") for ma in (300, 440))
     for bench in (weak, enough):
         bench.hold(NO_FORCE, HELD)

@@ -45,7 +45,7 @@ def test_a_request_is_filled_up_to_16_bytes_and_never_cut(commands, frame: bytes
 
 
 def test_a_force_of_the_vintage_phantom_becomes_its_request() -> None:
-    """At raw counts 400, -300, 200; exact 1217.513, -328.969, -693.543 mA."""
+    """Golden currents at raw counts 400, -300, 200; exact 1217.513, -328.969, -693.543 mA."""
     model = VINTAGE.with_settings(ArmSettings(limit_ma=(2000.0, 2000.0, 2000.0)), "test")
     _, angles, _ = place(VINTAGE, decode(b"[2,400,-300,200,0,0,0,0]\n"))
     currents, limited = model.currents(angles, (1.0, -2.0, 0.5))

@@ -42,7 +42,7 @@ every_check = pytest.mark.parametrize("check", CHECKS, ids=lambda check: check._
 
 
 def acting(device: Device) -> tuple[float, ...]:
-    """What a simulated or emulated device truly loads its hand with."""
+    """Return the force with which a simulated or emulated device truly loads its hand."""
     return device.force_n  # type: ignore[attr-defined]
 
 

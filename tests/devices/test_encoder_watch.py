@@ -37,7 +37,7 @@ def watch(name: str) -> EncoderWatch:
 
 
 def counts(name: str, positions) -> list[tuple[int, ...]]:
-    """What the encoders say; where the arm cannot reach, nothing."""
+    """Return the encoders' counts; None where the arm cannot reach."""
     model = MODELS[name]
     angles = [model.kinematics.inverse(tuple(position)) for position in positions]
     return [tuple(map(round, model.drive.counts(one))) for one in angles if one is not None]
@@ -245,7 +245,7 @@ def simulated(name: str, hand: str) -> list[tuple[int, ...]]:
 
 @every_model
 def test_both_sides_of_what_counts_as_a_jump(name: str) -> None:
-    """Of an arm at rest in the middle, on the joint that moves the tip most."""
+    """A slip of an arm at rest in the middle, on the joint that moves the tip most."""
     [still] = counts(name, [(0.0, 0.0, 0.0)])
     model = MODELS[name]
     reach = (
@@ -289,7 +289,7 @@ def test_a_jump_of_400_counts_in_a_silence_is_found(name: str, hand: str, silenc
 
 
 def watch_off_m(name: str, reading: tuple[int, ...], joint: int, size: int) -> float:
-    """How far a jump puts the tip from where it is."""
+    """Return the distance by which a jump displaces the tip."""
     model = MODELS[name]
     slipped = list(reading)
     slipped[joint] += size

@@ -29,7 +29,7 @@ def example() -> ModuleType:
 
 @pytest.fixture
 def installed(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """As if a package with this entry point, and one that claims a scheme of ours, were installed."""
+    """Pretend that a package with this entry point, and one that claims a scheme of ours, were installed."""
     monkeypatch.setitem(__import__("sys").modules, "wheel_driver", example)
     points = [
         EntryPoint("wheel", "wheel_driver:family", registry.GROUP),

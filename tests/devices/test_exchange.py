@@ -262,7 +262,7 @@ def test_where_no_reply_is_five_ticks_late_every_age_is_the_true_one(delays: lis
 
 @given(st.lists(st.floats(0.0, 9.0), max_size=40))
 def test_late_replies_that_come_within_five_ticks_of_each_other_are_told_apart(delays: list[float]) -> None:
-    """As they do where the wire grows no slower."""
+    """Replies come as on a wire that grows no slower."""
     made, wire = exchange(*sorted(delays, reverse=True), 0.1)
     found = [answer for answer in run(made, wire, 400) if answer]
     assert all(true_age(wire, answer) for answer in found)

@@ -20,7 +20,7 @@ noise = st.binary(max_size=40)
 
 
 def reply(device_id: int, first: int, second: int, turn: float = 4880.0) -> bytes:
-    """As the board makes it: ports 1 and 2, single precision."""
+    """Compose a reply as the board does: ports 1 and 2, single precision."""
     return struct.pack("<Bff", device_id, 360.0 * first / turn, 360.0 * second / turn)
 
 

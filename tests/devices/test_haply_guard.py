@@ -241,7 +241,7 @@ class Driver:
         return bool(select.select([self._guard], [], [], within_s)[0])
 
     def end(self) -> str:
-        """What it said on the standard error, which its guard shares: so both have ended."""
+        """Return its standard error, which its guard shares: so both have ended."""
         return self.process.communicate(timeout=BOUND_S)[1].decode()
 
     def close(self) -> None:
@@ -256,7 +256,7 @@ class Driver:
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a person may be made to wait for is no measure for a busy machine."""
+    """Waiting limits meant for people are widened for a busy machine."""
     for name in ("START_S", "END_S"):
         monkeypatch.setattr(guarded_port, name, BOUND_S)
     monkeypatch.setattr(line, "PATIENCE_S", REPLY_S)
@@ -301,7 +301,7 @@ def test_killed_driver_whose_child_lives_on_with_the_pipe_open(board: Board, dri
 
 
 def test_interrupt_reaches_the_driver_alone(board: Board, drivers: list[Driver]) -> None:
-    """Not even a guard that is meant itself goes before its driver."""
+    """A terminal's interrupt reaches the guard too, which does not end before its driver."""
     driver = start(board, drivers, "push")
     board.wait_for_push()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):

@@ -73,7 +73,7 @@ def served(name: str) -> Iterator[tuple[str, HaplyFirmware, list[tuple[float, ..
 
 @every_model
 def test_the_maker_s_host_finds_the_tip_and_pushes_the_hand_with_the_force_it_asks_for(name: str) -> None:
-    """In Haply's plane X goes to the left, Y toward the user: x = Y - Y0, y = X0 - X. Before, the Pantograph pushed tenfold."""
+    """In Haply's plane X goes to the left, Y toward the user: x = Y - Y0, y = X0 - X."""
     model = MODELS[name]
     x0, y0 = model.five_bar.origin_m
     with served(name) as (path, _, acted):
@@ -94,7 +94,7 @@ def test_the_maker_s_host_finds_the_tip_and_pushes_the_hand_with_the_force_it_as
 
 
 def at(mechanism: Any, angles: Sequence[float]) -> list[float]:
-    """Where HaplyHAPI has the tip at joint angles [rad], (X, Y) [m]."""
+    """Return the tip (X, Y) [m] by HaplyHAPI at joint angles [rad]."""
     mechanism.forwardKinematics([degrees(angle) for angle in angles[:2]])
     place: list[float] = mechanism.get_coordinate()
     return place

@@ -25,7 +25,7 @@ NAMES = tuple(NUMBERS.values())
 
 
 def firmware(name: str = "vintage", hand: str = "hold") -> HfabFirmware:
-    """In a hand, whose keys stand as in an address."""
+    """A device in a hand, whose keys stand as in an address."""
     arm = make_firmware(name, parse_address(f"sim:phantom?hand={hand}").query)
     assert isinstance(arm, HfabFirmware)
     return arm

@@ -15,7 +15,7 @@ from tests.devices.openhaptics_bench import RATE_HZ
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_servo_keeps_what_every_device_promises(servo, check) -> None:
-    """In the time of the thread."""
+    """The suite runs in real time, that of the servo thread."""
     check(Subject(lambda: servo.device(0), RATE_HZ, lambda _: servo.lib.stub_wait(1)))
 
 

@@ -192,7 +192,7 @@ def test_both_sides_of_an_age(latency: int) -> None:
 
 
 def test_an_age_that_grows_is_no_new_sample() -> None:
-    """Not even while it is small."""
+    """A growing age is found even while it is small."""
     judge = Plausibility(OMEGA, TICK_S)
     said = [judge.judge(tick, Sample((0.0, 0.0, 0.0), None, tick)) for tick in range(100)]
     assert said == ["", *[OLD] * (GAP + 1), *[AGE] * (98 - GAP)]

@@ -107,7 +107,7 @@ def path(tmp_path: Path) -> str:
 
 
 def line(port: SerialPort) -> bytes:
-    """What comes up to the end of a line."""
+    """Return the bytes up to the end of a line."""
     data = b""
     for _ in range(1000):
         data += port.read(LIMIT_S)

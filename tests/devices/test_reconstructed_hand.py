@@ -40,7 +40,7 @@ Force = Callable[[int], Row]
 
 
 def largest_stray() -> float:
-    """How far the smoothed x'' strays from the true one, in half windows of max|x'''|: sum |w_i| |t_i|^3 / 6."""
+    """Bound on how far the smoothed x'' strays from the true one, in half windows of max|x'''|: sum |w_i| |t_i|^3 / 6."""
     places = np.arange(WINDOW)
     return max(
         float(np.abs(savgol_coeffs(WINDOW, 3, deriv=2, pos=at, use="dot")) @ np.abs(places - at) ** 3) / 6
@@ -74,7 +74,7 @@ def write_recording(
 
 
 def held(device: Device, force: Force, ticks: int) -> list[tuple[int, Row, Row, Row]]:
-    """So many ticks of a device under a force: (tick, position, velocity, force)."""
+    """Ticks of a device under a force: (tick, position, velocity, force)."""
     device.open(RATE_HZ)
     rows = []
     for tick in range(ticks):
@@ -205,7 +205,7 @@ def test_under_the_same_forces_only_the_smoothing_of_the_acceleration_is_seen(
 
 @pytest.mark.parametrize(("stroke_s", "missing"), [(0.2, 0.08), (0.3, 0.09), (0.7, 0.22)])
 def test_of_the_arms_inertia_little_is_missing(tmp_path: Path, stroke_s: float, missing: float) -> None:
-    """As a part of what m x'' is worth; measured 0.068, 0.079 and 0.208. It is at the ends, where smoothing is one-sided."""
+    """Error as a fraction of m x''; measured 0.068, 0.079 and 0.208. It is at the ends, where smoothing is one-sided."""
     original, again = twice(tmp_path / "client-anna.mcap", f"reach&amplitude_m=0.05&stroke_s={stroke_s}", 0.0, 1.0)
     acceleration = np.diff([velocity for _, _, velocity, _ in original], axis=0) * RATE_HZ
     worth_m = 1.6 * MASS_KG * np.abs(acceleration).max() / K_NPM

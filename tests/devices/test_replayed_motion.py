@@ -15,7 +15,7 @@ from tests.devices.replayed_hands import RATE_HZ, TICKS, played, recorded, write
 
 @pytest.mark.parametrize(("user", "file"), [("0", "anna"), ("anna", "anna"), ("1", "ben"), ("ben", "ben")])
 def test_at_its_own_rate_the_samples_are_the_recorded_ones(run: Path, user: str, file: str) -> None:
-    """To the bit, by name and by number, the last one too; after it the hand rests."""
+    """A replayed motion is exact, by name and by number, the last sample too; after it the hand is at rest."""
     positions, velocities = recorded(run / f"client-{file}.mcap")
     device = make(f"replay:{run}#user={user}", axes=2)
     device.open(RATE_HZ)

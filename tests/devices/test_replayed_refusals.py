@@ -1,4 +1,4 @@
-"""What cannot be replayed is named with the cure; what is cut off is played as far as it goes."""
+"""Sources that cannot be replayed are named with the cure; a cut one is played as far as it goes."""
 
 from pathlib import Path
 

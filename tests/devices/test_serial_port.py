@@ -38,7 +38,7 @@ class Line:
         assert os.write(self.master, data) == len(data)
 
     def heard(self, size: int = 1) -> bytes:
-        """At least so many bytes: a terminal may hand on in parts what was written at once."""
+        """Read at least so many bytes: a terminal may hand on in parts what was written at once."""
         data = b""
         while len(data) < size:
             assert select.select([self.master], [], [], LONG_S)[0], data
@@ -68,7 +68,7 @@ def port(line: Line) -> Iterator[SerialPort]:
 
 
 def come(port: SerialPort, size: int) -> bytes:
-    """At least so many bytes, each part of them waited for."""
+    """Read at least so many bytes, waiting for each part."""
     data = b""
     while len(data) < size:
         part = port.read(LONG_S)

@@ -76,9 +76,7 @@ def test_sine_swings_evenly_after_a_smooth_start() -> None:
 
 
 def test_reach_rests_after_each_stroke() -> None:
-    course, plain = (
-        reach_course(ReachSettings(amplitude_m=0.03, stroke_s=0.8, rest_s=still)) for still in (0.4, 0.0)
-    )
+    course, plain = (reach_course(ReachSettings(amplitude_m=0.03, stroke_s=0.8, rest_s=still)) for still in (0.4, 0.0))
     for time in (0.1, 0.4, 0.79):
         assert course(time) == pytest.approx(plain(time))
         assert course(1.2 + time) == pytest.approx(plain(0.8 + time))
