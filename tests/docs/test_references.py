@@ -1,8 +1,9 @@
 """Every reference in source, tests, settings and pages leads to something that exists.
 
-Kinds: "theory 3.4" and "theory section 3.4" (docs/theory.md), "design: Server process" (docs/design.md), "SPEC 5.4", "SPEC.md section 5"
-and "`SPEC.md`, Join links" (protocol/SPEC.md), "docs/NAME.md", "docs/decisions/0003", "decision 3", "bench NAME", relative links of
-Markdown with their anchors, and on pages modules such as `cogrip.protocol.waves`.
+Kinds: "theory 3.4" and "theory section 3.4" (docs/theory.md), "design: Server process" (docs/design.md),
+"SPEC 5.4", "SPEC.md section 5" and "`SPEC.md`, Join links" (protocol/SPEC.md), "docs/NAME.md",
+"docs/decisions/0003", "decision 3", "dev.py bench NAME", relative links of Markdown with their anchors, and on
+pages modules such as `cogrip.protocol.waves`.
 """
 
 import os
@@ -94,33 +95,41 @@ def unresolved_link(path: Path, target: str) -> bool:
     return not found.exists() or bool(mark and mark not in anchors(found))
 
 
+def unresolved_in_line(line: str) -> Iterator[str]:
+    """Yield each reference of a line that leads nowhere, of the kinds that any file may hold."""
+    for pattern, name in ((THEORY, "docs/theory.md"), (SPEC_NUMBER, "protocol/SPEC.md")):
+        for found in pattern.finditer(line):
+            if not {each for each in found.groups() if each} <= numbered(name):
+                yield found[0]
+    for pattern, name in ((DESIGN, "docs/design.md"), (SPEC_TITLE, "protocol/SPEC.md")):
+        yield from (found[0] for found in pattern.finditer(line) if not named(found[1], name))
+    yield from (found[0] for found in FILE.finditer(line) if not (ROOT / found[1]).exists())
+    for found in (*DECISION_FILE.finditer(line), *DECISION.finditer(line)):
+        if int(found[1]) not in decisions():
+            yield found[0]
+    for found in BENCH.finditer(line):
+        known = f'"{found[1]}"' in page("tests/bench/__main__.py")
+        if not found[1].isupper() and (found[0].startswith("cogrip") or not known):
+            yield found[0]
+
+
+def unresolved_on_page(path: Path, line: str) -> Iterator[str]:
+    """Yield each link and module in a line of Markdown that leads nowhere."""
+    for found in LINK.finditer(line):
+        target = found[1] or found[2]
+        if unresolved_link(path, target):
+            yield target
+    yield from (found[0] for found in MODULE.finditer(line) if not module_exists(found[1][1:]))
+
+
 def unresolved(path: Path) -> Iterator[tuple[int, str]]:
     """Yield (line number, reference) of each reference that leads nowhere."""
     text = path.read_text(encoding="utf-8")
     for number, line in enumerate(text.splitlines(), 1):
-        for pattern, name in ((THEORY, "docs/theory.md"), (SPEC_NUMBER, "protocol/SPEC.md")):
-            for found in pattern.finditer(line):
-                if not {each for each in found.groups() if each} <= numbered(name):
-                    yield number, found[0]
-        for pattern, name in ((DESIGN, "docs/design.md"), (SPEC_TITLE, "protocol/SPEC.md")):
-            yield from ((number, found[0]) for found in pattern.finditer(line) if not named(found[1], name))
-        yield from ((number, found[0]) for found in FILE.finditer(line) if not (ROOT / found[1]).exists())
-        for found in (*DECISION_FILE.finditer(line), *DECISION.finditer(line)):
-            if int(found[1]) not in decisions():
-                yield number, found[0]
-        for found in BENCH.finditer(line):
-            if found[1].isupper():
-                continue
-            if found[0].startswith("cogrip") or f'"{found[1]}"' not in page("tests/bench/__main__.py"):
-                yield number, found[0]
+        yield from ((number, reference) for reference in unresolved_in_line(line))
     if path.suffix == ".md":
         for number, line in prose_lines(text):
-            for found in LINK.finditer(line):
-                target = found[1] or found[2]
-                if unresolved_link(path, target):
-                    yield number, target
-            if path.parent != ROOT or path.name == "README.md":
-                yield from ((number, found[0]) for found in MODULE.finditer(line) if not module_exists(found[1][1:]))
+            yield from ((number, reference) for reference in unresolved_on_page(path, line))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
