@@ -1,6 +1,7 @@
 """Pages of reference hold every name of what they describe: commands, settings, keys of `summary.json`."""
 
 import re
+from typing import Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -16,15 +17,16 @@ def named(text: str) -> set[str]:
     return {part for found in re.findall(r"`([^`]+)`", text) for part in re.split(r"[^\w*]+", found)}
 
 
-def field_names(kind: type[msgspec.Struct]) -> set[str]:
-    """Return the names of a struct's fields and of all structs in them."""
-    names: set[str] = set()
-    for field in msgspec.structs.fields(kind):
-        names.add(field.encode_name)
-        for part in (field.type, *getattr(field.type, "__args__", ())):
-            if isinstance(part, type) and issubclass(part, msgspec.Struct):
-                names |= field_names(part)
-    return names
+def field_names(kind: Any) -> set[str]:
+    """Return the names of the fields of all structs in a type."""
+    parts: set[str] = set()
+    for part in (get_origin(kind), *get_args(kind)):
+        parts |= field_names(part) if part is not None else set()
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        hints = get_type_hints(kind, include_extras=True)
+        for field in msgspec.structs.fields(kind):
+            parts |= {field.encode_name} | field_names(hints[field.name])
+    return parts
 
 
 def test_every_command_is_on_its_page() -> None:
