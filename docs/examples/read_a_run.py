@@ -1,9 +1,9 @@
-"""Reading a recorded run from Python. Run it cell by cell in an editor that knows `# %%`, or whole:
+"""Read a recorded run from Python. Run it cell by cell in an editor that knows `# %%`, or whole:
 
 python docs/examples/read_a_run.py runs/20260101-120000-demo
 """
 
-# %% Open a run: a folder, or one .mcap file. Damaged files are read as far as they are whole.
+# %% Open a run: a folder, or one .mcap file. Damaged files are read up to the damage.
 import sys
 
 import numpy as np
@@ -19,7 +19,7 @@ for time_s, tick in end.records("tick"):
     if tick.tick % 1024 == 0:
         print(f"{time_s:7.3f} s  {tick.state:9} hand at {tick.position_m} m, force {tick.force_n} N")
 
-# %% Columns as numpy arrays: shape (n,) or (n, axes), nan where there is nothing.
+# %% Columns as numpy arrays: shape (n,) or (n, axes), nan where a value is unknown.
 columns = end.columns("tick", "position_m", "force_n", "work_j", "late_us")
 force = np.linalg.norm(columns["force_n"], axis=1)
 print(
@@ -36,7 +36,7 @@ gap_mm = [
 if gap_mm:
     print(f"largest gap between {run.names()[0]}'s proxy and the object: {max(gap_mm):.2f} mm")
 
-# %% What was said, and what was sent.
+# %% Events, and datagrams that were sent.
 if run.server is not None:
     for time_s, event in run.server.records("event"):
         print(f"{time_s:7.3f} s  {event.text}")

@@ -1,10 +1,10 @@
-"""From a recorded run to a delay trace that `link.trace` and `cogrip relay` play: who was sent what when, and when it came.
+"""Make a delay trace for `link.trace` and `cogrip relay` of a recorded run: sending time and one-way delay of each datagram.
 
 python docs/examples/record_a_trace.py RUN PERSON up|down > trace.csv
 
-RUN holds the recordings of both ends (`cogrip merge` brings those of several machines together). A datagram is known
-again by its bytes: each has a stamp of its own. Of copies the first counts; what never came is lost, but for what was sent
-after the newest that came: it was under way when the recording ended.
+RUN holds the recordings of both ends (`cogrip merge` brings those of several machines together). A datagram is identified
+by its bytes: each has a stamp of its own. The first of several copies counts. What never arrived is lost; what was sent
+after the newest datagram that arrived is left out.
 """
 
 import sys
@@ -17,38 +17,41 @@ USAGE = "usage: record_a_trace.py RUN PERSON up|down"
 
 
 class NoTraceError(Exception):
-    """What was asked for cannot be had. The text says why."""
+    """The trace cannot be made. The text says why."""
 
 
-def trace(folder: str, person: str, way: str) -> list[tuple[float, float | None]]:
-    """(t_s, delay_ms) of each frame's datagram that was sent, delay_ms None where it was lost. Raises NoTraceError."""
-    if way not in ("up", "down"):
-        raise NoTraceError(f"{way!r} is no way: up is from the client to the server, down is back")
+def trace(folder: str, person: str, direction: str) -> list[tuple[float, float | None]]:
+    """Return (t_s, delay_ms) of each frame's datagram that was sent, delay_ms None where it was lost.
+
+    Raises NoTraceError.
+    """
+    if direction not in ("up", "down"):
+        raise NoTraceError(f"{direction!r} is no direction: up is from the client to the server, down is back")
     run = open_run(folder)
     if person not in run.clients:
         raise NoTraceError(f"{folder}: no recording of {person!r}; there is: {', '.join(run.clients) or 'nobody'}")
     if run.server is None:
         raise NoTraceError(f"{folder}: no recording of the server; bring both together by `cogrip merge`")
     client, server = run.clients[person], run.server
-    sender, receiver = (client, server) if way == "up" else (server, client)
-    came: dict[bytes, float] = {}
+    sender, receiver = (client, server) if direction == "up" else (server, client)
+    arrived: dict[bytes, float] = {}
     for time_s, datagram in receiver.records("datagram_in"):
-        came.setdefault(datagram.data, time_s)
-    session = next((message.session for _, _, message in frames(client)), None)  # the first that this person was in
+        arrived.setdefault(datagram.data, time_s)
+    session = next((message.session for _, _, message in frames(client)), None)  # the person's first one
     rows: list[tuple[float, float | None]] = []
-    known = 0  # rows up to the newest that came
+    known = 0  # rows up to the newest that arrived
     for time_s, data, message in frames(sender):
         if message.session == session and (not rows or time_s > rows[-1][0]):
-            at_s = came.get(data)
+            at_s = arrived.get(data)
             rows.append((time_s, None if at_s is None else max(0.0, (at_s - time_s) * 1e3)))
             known = known if at_s is None else len(rows)
     if not known:
-        raise NoTraceError(f"{folder}: nothing of {person} {way} arrived, so that there is no delay")
+        raise NoTraceError(f"{folder}: nothing of {person} {direction} arrived, so that there is no delay")
     return rows[:known]
 
 
 def frames(end):
-    """(time_s, bytes, message) of what this end sent once a frame."""
+    """Yield (time_s, bytes, message) of each datagram that this end sent once a frame."""
     for time_s, datagram in end.records("datagram_out"):
         try:
             message = decode(datagram.data)

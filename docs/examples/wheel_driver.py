@@ -1,4 +1,4 @@
-"""How to write a driver: a force-feedback wheel with one axis on a serial line, and the stand-in it is tried with.
+"""Example of a driver: a force-feedback wheel with one axis on a serial line, and its emulated stand-in.
 
 The wire: `F<millinewtons>\\n` to the wheel, `P<count>\\n` back, one reply a request. Name `family` as an entry point of your
 package (group `cogrip.devices`, docs/devices.md), then `cogrip join SERVER --device wheel:/dev/ttyACM0` finds it, and
@@ -23,7 +23,7 @@ RECORD = Capability(
 
 
 class WheelCodec:
-    """Bytes alone: see `cogrip.devices.arm.exchange.Codec`."""
+    """Frames of the wire, without I/O: see `cogrip.devices.arm.exchange.Codec`."""
 
     def __init__(self) -> None:
         self.skipped, self._rest = 0, b""
@@ -32,7 +32,7 @@ class WheelCodec:
         return b"F%d\n" % commands[0]
 
     def load(self, counts: Sequence[float]) -> None:
-        """The wire has no request that sets the counter."""
+        """Do nothing: the wire has no request that sets the counter."""
 
     def feed(self, data: bytes) -> list[Reading]:
         *lines, self._rest = (self._rest + data).split(b"\n")
@@ -45,7 +45,7 @@ class WheelCodec:
 
 
 class Wheel:
-    """A `Device`: made without touching anything, opened before it is used, zero force whenever in doubt."""
+    """A `Device`: making it opens nothing, and every error leaves zero force."""
 
     def __init__(self, port: Port) -> None:
         self.capability = RECORD
@@ -87,7 +87,7 @@ class Wheel:
 
     def close(self) -> None:
         if self._open:
-            self._exchange.port.read(0.02)  # a request may be under way
+            self._exchange.port.read(0.02)  # a reply may be due
             self._exchange.port.write(self._exchange.codec.encode((0,)))
         self._open = False
         self._exchange.port.close()
@@ -98,7 +98,7 @@ class Wheel:
 
 
 class EmulatedWheel:
-    """The stand-in: a `Port` with the wheel's firmware behind it, standing still."""
+    """A `Port` with the firmware of a wheel that does not move."""
 
     def __init__(self) -> None:
         self.name, self.counts = "wheel:emulated", dict[str, int]()
@@ -129,6 +129,6 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
 
 
 def family() -> Family:
-    """The entry point."""
+    """Return the family: the entry point."""
     stand_ins = ("wheel:emulated",)
     return Family("a wheel", make, ("wheel:/dev/ttyACM0",), axes=lambda _: 1, stand_ins=stand_ins, real=True)

@@ -177,7 +177,7 @@ def test_an_arm_that_vanishes_ends_a_session_that_nobody_watches(start, session)
 
 @fairly
 def test_the_demo_with_two_arms(start, tmp_path):
-    """Counts that are no clocks; the numbers are those of `cogrip bench devices`."""
+    """Counts that are no clocks; the numbers are those of `dev.py bench devices`."""
     arms = [start.arm("a", "reach&amplitude_m=0.03"), start.arm("b", "reach&amplitude_m=0.03&delay_s=0.25")]
     devices = [word for arm in arms for word in ("--device", arm.address)]
     demo = start("demo", "--seconds", "3.5", "--runs", tmp_path / "runs", *devices, *WITHIN)

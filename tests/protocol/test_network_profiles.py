@@ -92,9 +92,9 @@ def test_a_welcome_with_an_endless_outage_is_malformed(outage_s: float, every_s:
 
 
 def test_the_page_shows_the_numbers_of_the_code() -> None:
-    """docs/networks.md, the table of profiles: name, way, then a column for each key; empty is the default."""
+    """docs/networks.md, the table of profiles: name, direction, then a column for each key; empty is the default."""
     lines = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
-    head = next(index for index, line in enumerate(lines) if line.startswith("| profile | way |"))
+    head = next(index for index, line in enumerate(lines) if line.startswith("| profile | direction |"))
     keys = [cell.strip(" `") for cell in lines[head].strip("|").split("|")][2:]
     found = {}
     for line in lines[head + 2 :]:

@@ -20,7 +20,7 @@ LINK = {"delay_ms": 31.25, "loss": 0.3, "burst_frames": 3.0}
 EXAMPLE_MAIN = runpy.run_path(str(EXAMPLE))["main"]
 
 
-@pytest.mark.parametrize(("kind", "way"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
+@pytest.mark.parametrize(("kind", "direction"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
 def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction: str) -> None:
     run_laboratory(resolve({"seconds": 1.0, "seed": 4, "link": LINK, "coupling": {"kind": kind}}), tmp_path)
     assert EXAMPLE_MAIN([str(tmp_path), "anna", direction]) == 0
@@ -42,14 +42,14 @@ def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction
     assert came == [number for number, delay in enumerate(delays) if delay]
 
 
-def test_what_it_cannot_make_a_trace_of(tmp_path, capsys) -> None:
+def test_bad_arguments_and_incomplete_runs_are_refused(tmp_path, capsys) -> None:
     run = tmp_path / "run"
     run.mkdir()
     run_laboratory(resolve({"seconds": 0.1, "link": {"delay_ms": 500.0}}), run)
     for arguments, words in (
         ([], "usage: record_a_trace.py RUN PERSON up|down"),
         ([str(run), "anna"], "usage"),
-        ([str(run), "anna", "left"], "'left' is no way: up is from the client to the server"),
+        ([str(run), "anna", "left"], "'left' is no direction: up is from the client to the server"),
         ([str(run), "zoe", "up"], "no recording of 'zoe'; there is: anna\n"),
         ([str(run), "anna", "up"], "nothing of anna up arrived"),
         ([str(tmp_path / "none"), "anna", "up"], "none"),

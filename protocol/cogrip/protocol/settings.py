@@ -1,4 +1,4 @@
-"""The one TOML schema of every command: types, bounds, defaults (README, section Settings).
+"""The one TOML schema of every command: types, bounds, defaults (docs/settings.md).
 
 Units are in the names. `resolve` turns the raw table into `Settings` or raises SettingsError, which names the setting,
 its value, the bound and the cure. `seat_settings` is what one user's client and seat must agree on.

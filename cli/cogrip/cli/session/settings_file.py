@@ -23,7 +23,7 @@ NESTED = "is nested too deep for settings, which have three levels; take the bra
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
-    """Settings of a file, or of a bare name such as `demo` those that come with cogrip (README, Use).
+    """Settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
 
     A file of exactly that name comes first; a folder does not count. Raises BadInput, naming the file, for anything wrong
     in it.

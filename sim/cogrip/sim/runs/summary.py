@@ -1,4 +1,4 @@
-"""`summary.json`: one run in the keys that the README fixes, from what the ends know of it."""
+"""`summary.json`: one run in the keys of docs/summary.md, from what the ends know of it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The live relay: one thread, one socket for the clients, and one towards the server for each of them.
 
 It sleeps in `select` until something comes or is due, hands on at once what is not delayed, and asks for the same real-time
-measures as the loops of client and server. What it adds by itself is told by `cogrip bench relay`.
+measures as the loops of client and server. What it adds by itself is told by `python3 dev.py bench relay`.
 """
 
 import errno
