@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.protocol.line import receiver as line
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, CompensatedSum, WaveSums, rounding_share
 from cogrip.protocol.line.receiver import LineReceiver
-from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.line.sender import Frame, LineSender
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.ports import WavePort

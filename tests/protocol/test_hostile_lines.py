@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from cogrip.protocol.line import jitter_buffer as playout
+from cogrip.protocol.line import receiver as line
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
 from cogrip.protocol.line.receiver import LineReceiver
-from cogrip.protocol.line.receiver import jitter_buffer as playout
-from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.line.sender import LineSender
 
 FRAME_S = 1.0 / 128.0

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
+from cogrip.protocol.line import receiver as line
 from cogrip.protocol.line.concealment import COMPENSATION_LIMIT, CONCEALMENTS, FADE, Concealed
 from cogrip.protocol.line.jitter_buffer import REALIGN_WINDOW
 from cogrip.protocol.line.receiver import LineReceiver
-from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.line.sender import Frame, LineSender
 
 FRAME_S = 1.0 / 128.0

@@ -9,7 +9,7 @@ import pytest
 from cogrip.protocol import dtls_records, messages, settings
 from cogrip.protocol.io import dtls
 from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
-from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line import receiver as line
 from cogrip.protocol.recording import reader
 from cogrip.server import loop, room, tokens
 from cogrip.server import rate_limit as rate_limiter

@@ -31,9 +31,10 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client as sealed_call
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.line.receiver import LineReceiver, concealment
-from cogrip.protocol.line.receiver import jitter_buffer as playout
-from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line import concealment
+from cogrip.protocol.line import jitter_buffer as playout
+from cogrip.protocol.line import receiver as line
+from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
