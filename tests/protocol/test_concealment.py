@@ -9,7 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
-from cogrip.protocol.line.concealment import CONCEALMENTS, FASTEST, LINGER, SKIM, STOCK, Concealed
+from cogrip.protocol.line.concealment import (
+    CHARGE_FRACTION,
+    CONCEALMENTS,
+    ELASTIC_FADE,
+    ELASTIC_LIMIT,
+    TARGET_FRAMES,
+    Concealed,
+)
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
 
@@ -38,7 +45,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(frames=st.integers(1, 3))
     def take(self, frames: int) -> None:
-        self.books.take(frames)
+        self.books.pop(frames)
 
     @rule(value=st.floats(-2.0, 2.0))
     def write_off(self, value: float) -> None:
@@ -48,12 +55,12 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(silent=st.integers(1, 40))
     def wait(self, silent: int) -> None:
         for _ in range(silent):
-            self.books.take()
+            self.books.pop()
 
     @invariant()
     def nothing_is_created(self) -> None:
         self.books.check()
-        assert 0.0 <= self.books.receiver.share <= 1.0
+        assert 0.0 <= self.books.receiver.gain <= 1.0
 
 
 class AnyOrderTank(AnyOrder):
@@ -71,7 +78,7 @@ def test_a_clean_line_never_asks(name: Concealed) -> None:
     books = Books(axes=2, delay=2, concealment=name)
     drive(books, Road(delay=0), hand(2, 0), frames=300, seed=0)
     assert books.played[2:] == books.sent[:298]
-    assert books.receiver.share == 1.0
+    assert books.receiver.gain == 1.0
 
 
 def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], Books]:
@@ -82,7 +89,7 @@ def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], 
         contents = books.send((next(waves) if number < 260 + silent else 0.0,))
         if not 40 <= number < 60 and not 200 <= number < 200 + silent:
             books.receiver.receive(*contents)
-        books.take()
+        books.pop()
     books.check()
     return [wave[0] for wave in books.played], books
 
@@ -116,7 +123,7 @@ def test_what_was_lost_is_paid_within_seconds() -> None:
 
 def test_repayment_that_costs_is_bounded() -> None:
     played, _ = outage(BEST, 64)
-    assert max(played[400:]) <= 0.3 + FASTEST + 1e-12
+    assert max(played[400:]) <= 0.3 + ELASTIC_LIMIT + 1e-12
 
 
 def test_a_datagram_that_is_missing_while_no_frame_is_changes_nothing() -> None:
@@ -127,7 +134,7 @@ def test_a_datagram_that_is_missing_while_no_frame_is_changes_nothing() -> None:
         contents = books.send(sent[-1])
         if number % 7:
             books.receiver.receive(*contents)
-        books.take()
+        books.pop()
     assert books.receiver.count().lost == books.receiver.count().late == 0
     assert [tuple(wave) for wave in books.played[2:]] == sent[:-2]
 
@@ -139,14 +146,14 @@ def test_after_the_first_gap_a_stock_is_laid_by_for_the_next_one_and_then_the_li
         contents = books.send((next(waves),))
         if not 10 <= number < 16:
             books.receiver.receive(*contents)
-        books.take()
+        books.pop()
     played = [wave[0] for wave in books.played]
     assert books.receiver.count().lost == 3
     assert played[2:12] == [0.3] * 10
-    assert min(played[40:]) >= 0.3 * (1.0 - SKIM) - 1e-12
+    assert min(played[40:]) >= 0.3 * (1.0 - CHARGE_FRACTION) - 1e-12
     assert played[-1] == pytest.approx(0.3, rel=1e-3)
     saved = sum(0.3**2 - value * value for value in played[2:])
-    assert saved == pytest.approx(STOCK * 0.3**2, rel=0.3)
+    assert saved == pytest.approx(TARGET_FRAMES * 0.3**2, rel=0.3)
     books.check()
 
 
@@ -158,8 +165,8 @@ def test_the_times_do_not_depend_on_the_frame_rate(frame_s: float) -> None:
     value = 1.0
     for _ in range(per_second // 16):
         (value,) = concealment.fill([value], [inf])
-    assert value == pytest.approx(LINGER**8, rel=1e-9)
-    assert concealment.quality == pytest.approx(LINGER**8, rel=1e-9)
+    assert value == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
+    assert concealment.quality == pytest.approx(ELASTIC_FADE**8, rel=1e-9)
 
 
 def test_what_the_end_took_for_played_is_swallowed_as_it_comes() -> None:
@@ -171,7 +178,7 @@ def test_what_the_end_took_for_played_is_swallowed_as_it_comes() -> None:
                 books.receiver.write_off((0.3,))
         wave = 0.3 if 150 <= number < 190 else 0.0
         books.receiver.receive(*books.send((wave,)))
-        books.take()
+        books.pop()
     played = [wave[0] for wave in books.played]
     felt = sum(abs(value) for value in played[150:190])
     assert felt < 0.75 * 40 * 0.3, "less than has come"
@@ -195,7 +202,7 @@ def test_no_answer_is_beyond_its_room_or_not_finite(numbers: tuple[list[float], 
         filled = direction.fill(row, room)
         if name == BEST:
             assert all(abs(value) <= most for value, most in zip(filled, room, strict=True))
-            paid = direction.pay(row, deficit, room, row, gap)
+            paid = direction.compensate(row, deficit, room, row, gap)
             for value, pay, most in zip(row, paid, room, strict=True):
                 assert abs(value + pay) <= sqrt(value * value + most) * (1.0 + 1e-9) + 1e-9
         assert 0.0 <= direction.quality <= 1.0
@@ -210,8 +217,8 @@ def test_forged_totals_bring_no_more_than_honest_waves_could(name: Concealed, si
     for number in range(400):
         if number % 3 != 2:
             receiver.receive(number, (0.2,), (number * size,), (number * size * size,))
-        largest = max(largest, abs(receiver.take()[0]))
-    assert largest <= 0.2 + FASTEST + 1e-9
+        largest = max(largest, abs(receiver.pop()[0]))
+    assert largest <= 0.2 + ELASTIC_LIMIT + 1e-9
 
 
 @settings(max_examples=60, deadline=None)
@@ -222,6 +229,6 @@ def test_outages_create_nothing(name: Concealed, signal: type, seed: int) -> Non
         contents = books.send(next(waves))
         if number % 120 < 90 and (number * 7 + seed) % 5:
             books.receiver.receive(*contents)
-        books.take()
+        books.pop()
     books.check()
     assert books.worst <= TOLERANCE

@@ -18,16 +18,16 @@ def test_the_least_after_the_first_second_is_that_of_the_frames_after_it(network
         passed += count
         reserve.elapse(count)
         if value is not None:
-            reserve.see(value)
+            reserve.update(value)
             margin = min(margin, value)
             later = min(later, value) if passed >= network_hz else later
             assert reserve.now_j == value >= margin
-        assert reserve.told_j == known(later)
-        assert reserve.told_j is None or reserve.told_j >= margin
+        assert reserve.reported_j == known(later)
+        assert reserve.reported_j is None or reserve.reported_j >= margin
 
 
 def test_a_ledger_that_is_never_seen_tells_nothing() -> None:
     reserve = EnergyReserve(128)
     for _ in range(1000):
         reserve.elapse()
-    assert (reserve.now_j, reserve.told_j) == (None, None)
+    assert (reserve.now_j, reserve.reported_j) == (None, None)

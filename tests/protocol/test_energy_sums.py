@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.client.wave_coupling import WaveCoupling
-from cogrip.protocol.line import receiver as line
+from cogrip.protocol.line import energy_ledger
 from cogrip.protocol.line.concealment import CONCEALMENTS
-from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, CompensatedSum, WaveSums, rounding_share
+from cogrip.protocol.line.energy_sums import RESERVE_FRACTION, UNIT, CompensatedSum, WaveSums, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
 from cogrip.protocol.settings import resolve, seat_settings
@@ -111,8 +111,8 @@ def line_in_exact_numbers(
         lost = number > 64 and random.random() < (0.8 if lost else 0.15)
         if not lost:
             assert receiver.receive(*sender.contents())
-        played += Fraction(receiver.take()[0]) ** 2
-        excess = played - allowed[receiver.heard] - tank
+        played += Fraction(receiver.pop()[0]) ** 2
+        excess = played - allowed[receiver.acknowledged] - tank
         assert excess <= 0, f"{float(excess):.3g} W too much"
 
 
@@ -157,8 +157,8 @@ def test_no_weather_makes_a_bank_of_rounding(seed: int) -> None:
         frames = 1 if random.random() > 0.02 else random.randint(2, 5)
         if forgoes and random.random() < 0.3:
             receiver.write_off([random.uniform(-1.0, 1.0) * largest * 0.1])
-        played += Fraction(receiver.take(frames)[0]) ** 2
-        excess = played - allowed[min(receiver.heard, number + 1)] - tank
+        played += Fraction(receiver.pop(frames)[0]) ** 2
+        excess = played - allowed[min(receiver.acknowledged, number + 1)] - tank
         assert excess <= 0, f"{float(excess):.3g} W too much"
 
 
@@ -168,7 +168,7 @@ def lines_in_exact_numbers(seeds: range, concealment: str) -> None:
 
 
 def test_without_the_share_that_is_kept_back_a_line_would_lend_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line, "BANK_SHARE", 0.0)
+    monkeypatch.setattr(energy_ledger, "RESERVE_FRACTION", 0.0)
     with pytest.raises(AssertionError, match="W too much"):
         lines_in_exact_numbers(range(12), "repaid")
 
@@ -179,18 +179,18 @@ def test_a_bank_is_not_filled_by_rounding() -> None:
     for wave in hard(Random(3), 2000, 1e4):
         sender.push((wave,))
         assert receiver.receive(*sender.contents())
-        receiver.take()
-    assert receiver._lost_square == [0.0]
-    assert not receiver._disturbed
+        receiver.pop()
+    assert receiver.ledger.lost_squares == [0.0]
+    assert not receiver.ledger.disturbed
     for _ in range(2):
         sender.push((0.5,))
-        receiver.take()
+        receiver.pop()
     for _ in range(4):
         sender.push((0.5,))
         assert receiver.receive(*sender.contents())
-        receiver.take()
+        receiver.pop()
     through = sender.contents()[3][0]
-    assert receiver._lost_square[0] <= 0.25 * 2 - receiver._history[receiver.heard % 1024][2][0] - 10 * UNIT * through
+    assert receiver.ledger.lost_squares[0] <= 0.25 * 2 - receiver.ledger.settled_fillings[0] - 10 * UNIT * through
     assert RESERVE_FRACTION * through < 0.25, "what was lost is larger than what is kept"
 
 
@@ -229,7 +229,7 @@ def test_a_force_that_is_held_for_hours_is_no_energy_made() -> None:
     first, held = Fraction(4483.7 / ROOT * ROOT), Fraction(HELD_N / ROOT / ROOT * ROOT)
     for frames, energy in ((20_000, ends.client.made_j), (19_999, ends.port._receiver.played_j)):  # one is under way
         true = (26 * first**2 + frames * held**2) * Fraction(FRAME_S / 2)
-        assert abs(Fraction(energy) - true) <= Fraction(rounding_share(M)) * true
+        assert abs(Fraction(energy) - true) <= Fraction(rounding_fraction(M)) * true
 
 
 def test_energy_that_was_made_is_seen_to_a_nanojoule() -> None:

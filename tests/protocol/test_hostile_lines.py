@@ -40,19 +40,19 @@ def lines_of(act: Callable[[], Any]) -> int:
 def begun(frames: int | str = 2) -> LineReceiver:
     receiver = LineReceiver(1, frames, FRAME_S)  # type: ignore[arg-type]
     assert receiver.receive(0, (0.1,), (0.0,), (0.0,))
-    receiver.take()
+    receiver.pop()
     return receiver
 
 
 def far_ahead(receiver: LineReceiver, chance: random.Random) -> Iterator[int]:
     """Numbers as far ahead as anything can be."""
     for _ in range(4):
-        yield receiver.heard + chance.randint(line.HISTORY // 2, line.FURTHEST_JUMP)
+        yield receiver.acknowledged + chance.randint(line.HISTORY // 2, line.FURTHEST_JUMP)
 
 
 def just_ahead(receiver: LineReceiver, chance: random.Random) -> Iterator[int]:
     for _ in range(4):
-        yield receiver.heard + chance.randint(4, line.HISTORY)
+        yield receiver.acknowledged + chance.randint(4, line.HISTORY)
 
 
 @pytest.mark.parametrize("numbers", [far_ahead, just_ahead])
@@ -61,7 +61,7 @@ def test_a_take_costs_the_same_whatever_totals_wait(numbers: Callable[..., Itera
     for _ in range(1000):
         for number in numbers(receiver, chance):
             receiver.receive(number, (0.1,), (0.0,), (0.0,))
-        worst = max(worst, lines_of(receiver.take))
+        worst = max(worst, lines_of(receiver.pop))
     assert worst < HONEST_LINES
 
 
@@ -69,7 +69,7 @@ def test_the_first_take_of_a_line_goes_over_no_more_than_its_window() -> None:
     chance, receiver = random.Random(2), LineReceiver(1, "auto", FRAME_S)
     for number in [8000, *(chance.randint(0, line.FURTHEST_JUMP) for _ in range(A_SECOND))]:
         receiver.receive(number, (0.1,) * line.MOST_FRAMES, (0.0,), (0.0,))
-    assert lines_of(receiver.take) < 12 * (2 * line.HISTORY + line.MOST_FRAMES)
+    assert lines_of(receiver.pop) < 12 * (2 * line.HISTORY + line.MOST_FRAMES)
 
 
 def test_a_sender_that_is_everywhere_leaves_no_more_latenesses_than_are_bounded() -> None:
@@ -81,7 +81,7 @@ def test_a_sender_that_is_everywhere_leaves_no_more_latenesses_than_are_bounded(
         for _ in range(4):
             depth.arrived(chance.randint(-2 * playout.DEEPEST, 2 * playout.DEEPEST))
         depth.decide(chance.randint(1, playout.DEEPEST), True, True)
-        most = max(most, len(depth._bins))
+        most = max(most, len(depth.bins))
     assert depth.skipped > playout.DEEPEST
     assert most <= playout.MOST_BINS
 
@@ -90,10 +90,10 @@ def test_no_take_in_a_gap_costs_more_than_those_latenesses() -> None:
     receiver, chance, worst = begun("auto"), random.Random(4), 0
     newest = 1
     for _ in range(3000):
-        newest = max(newest + 2, receiver.heard + 239) | 1  # every other frame is missing when its time comes
+        newest = max(newest + 2, receiver.acknowledged + 239) | 1  # every other frame is missing when its time comes
         receiver.receive(newest, (0.1,), (0.0,), (0.0,))
-        receiver.receive(max(0, receiver.heard - chance.randint(1, 256)), (0.1,), (0.0,), (0.0,))
-        worst = max(worst, lines_of(receiver.take))
+        receiver.receive(max(0, receiver.acknowledged - chance.randint(1, 256)), (0.1,), (0.0,), (0.0,))
+        worst = max(worst, lines_of(receiver.pop))
     assert worst < HONEST_LINES + 12 * playout.MOST_BINS
 
 
@@ -112,13 +112,13 @@ def test_totals_are_used_as_when_all_were_gone_over() -> None:
             for due, contents in on_way:
                 if due == now and receiver.receive(*contents) and contents[0] > settled:
                     known[contents[0]] = contents[2:]
-            before = receiver.heard
-            receiver.take(chance.choice((1, 1, 1, 1, 3)))
-            cursor = receiver.heard
+            before = receiver.acknowledged
+            receiver.pop(chance.choice((1, 1, 1, 1, 3)))
+            cursor = receiver.acknowledged
             if cursor == before:  # a repeat
                 continue
             usable = [number for number in known if settled < number <= cursor and number > cursor - line.HISTORY]
             if usable:
                 settled = max(usable)
             known = {number: totals for number, totals in known.items() if number > cursor}
-            assert receiver._settled == settled
+            assert receiver.ledger.settled == settled

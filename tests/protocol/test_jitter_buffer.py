@@ -62,9 +62,9 @@ class Scene:
             for arrival in sorted(one for one in self.flight if one[0] <= now_s):
                 self.flight.remove(arrival)
                 assert self.receiver.receive(*self.contents[arrival[1]])  # type: ignore[misc]
-            self.receiver.take()
-            if self.receiver.heard:
-                self.offsets.append(self.take + 1 - self.receiver.heard)
+            self.receiver.pop()
+            if self.receiver.acknowledged:
+                self.offsets.append(self.take + 1 - self.receiver.acknowledged)
             self.take += 1
 
     @property
@@ -116,13 +116,13 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Roa
     played: list[int] = []
     account = books.receiver.playout_account()
     moves = 0
-    real = books.receiver.take
+    real = books.receiver.pop
 
     def take(frames: int = 1) -> tuple[float, ...]:
         nonlocal account, moves
-        before = books.receiver.heard
+        before = books.receiver.acknowledged
         wave = real(frames)
-        after, now = books.receiver.heard, books.receiver.playout_account()
+        after, now = books.receiver.acknowledged, books.receiver.playout_account()
         moved = now.repeated - account.repeated, now.skipped - account.skipped
         assert moved in ((0, 0), (1, 0), (0, 1))
         if cursors and before:
@@ -133,7 +133,7 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Roa
         account, moves = now, moves + sum(moved)
         return wave
 
-    books.receiver.take = take  # type: ignore[method-assign]
+    books.receiver.pop = take  # type: ignore[method-assign]
     drive(books, road, noise(1, seed), frames=400, seed=seed)
     assert played == sorted(set(played))
     assert (account.least_frames <= account.depth_frames <= account.most_frames) or not played
@@ -171,8 +171,8 @@ def test_the_page_s_vector() -> None:
             contents.append(sender.contents())
             if brings != "-":
                 assert receiver.receive(*contents[take - int(brings)])
-            receiver.take()
-            played = receiver.heard - 1 if receiver.heard and not receiver.gap else None
+            receiver.pop()
+            played = receiver.acknowledged - 1 if receiver.acknowledged and not receiver.gap else None
             assert played == (None if plays == "-" else take - int(plays)), take
         account = receiver.playout_account()
         assert [account.repeated, account.skipped] == [int(number) for number in moves.split()]
@@ -210,7 +210,7 @@ def test_a_sender_that_has_fallen_far_behind_is_waited_for() -> None:
     for number in range(129, 4000):
         first = number - 7
         scene.receiver.receive(first, (0.1,) * 8, (0.1 * first,), (0.01 * first,))
-        scene.receiver.take()
+        scene.receiver.pop()
         if number > 129 and not scene.receiver.gap:
             break
     account = scene.receiver.playout_account()

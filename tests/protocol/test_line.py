@@ -21,10 +21,10 @@ TOLERANCE = 1e-12
 
 
 class HoldLast(LineReceiver):
-    """What most implementations do in a gap: hold the last wave."""
+    """A receiver that holds the last wave in a gap, as most implementations do."""
 
-    def _fill(self, fades: Frame, late: Frame | None, silent: bool) -> tuple[Frame, Frame]:
-        return self._last, fades
+    def _fill(self, late: Frame | None, silent: bool) -> Frame:
+        return self._last
 
 
 @dataclass
@@ -54,10 +54,10 @@ class Books:
         self._sent_squares.append(tuple(a + b * b for a, b in zip(before, wave, strict=True)))
         return self.sender.contents()
 
-    def take(self, frames: int = 1) -> Frame:
-        wave = self.receiver.take(frames)
+    def pop(self, frames: int = 1) -> Frame:
+        wave = self.receiver.pop(frames)
         self.played.append(wave)
-        allowed = self._sent_squares[min(self.receiver.heard, len(self.sent))]
+        allowed = self._sent_squares[min(self.receiver.acknowledged, len(self.sent))]
         for axis, value in enumerate(wave):
             self.played_squares[axis] += value * value
             excess = self.played_squares[axis] - allowed[axis]
@@ -73,12 +73,12 @@ class Books:
         assert self.worst <= self.tank + TOLERANCE
         count = self.receiver.count()
         assert count.sent == count.applied + count.late + count.lost
-        assert count.sent <= min(self.receiver.heard, len(self.sent)), "what was never made is never counted"
+        assert count.sent <= min(self.receiver.acknowledged, len(self.sent)), "what was never made is never counted"
         if count.pending:
-            assert count.sent == self.receiver.heard
+            assert count.sent == self.receiver.acknowledged
         assert min(count.applied, count.late, count.lost, count.pending, count.duplicate) >= 0
         assert count.applied + count.late <= count.received <= count.sent + count.pending
-        if self.receiver.heard:
+        if self.receiver.acknowledged:
             assert count.sent + count.pending <= len(self.sent)
         joules = 0.5 * FRAME_S * sum(self.played_squares)
         assert self.receiver.played_j == pytest.approx(joules, rel=1e-9, abs=1e-15)
@@ -123,7 +123,7 @@ def drive(books: Books, road: Road, waves: Iterator[Frame], frames: int, seed: i
         if random.random() < road.skip:
             missed += 1
         else:
-            books.take(1 + missed)
+            books.pop(1 + missed)
             missed = 0
 
 
@@ -191,13 +191,13 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(frames=st.integers(1, 3))
     def take(self, frames: int) -> None:
-        self.books.take(frames)
+        self.books.pop(frames)
 
     @precondition(lambda self: self.books.sent)
     @rule(silent=st.integers(1, 40))
     def wait(self, silent: int) -> None:
         for _ in range(silent):
-            self.books.take()
+            self.books.pop()
 
     @invariant()
     def nothing_is_created(self) -> None:
@@ -237,7 +237,7 @@ def test_redundancy_repairs_every_gap_shorter_than_itself_within_the_playout_del
         contents = books.send(next(waves))
         if number % 4 == 3:  # three datagrams of four are lost
             books.receiver.receive(*contents)
-        books.take()
+        books.pop()
     count = books.receiver.count()
     assert (count.late, count.lost) == (0, 0)
     assert [wave for wave in books.played if any(wave)] == [wave for wave in books.sent[:197] if any(wave)]
@@ -252,7 +252,7 @@ def test_debt_is_repaid_when_the_waves_go_quiet(seed: int, tank_j: float) -> Non
     deficit = abs(books.deficit())
     for _ in range(500):
         books.receiver.receive(*books.send((0.0,)))
-        books.take()
+        books.pop()
     books.check()
     assert books.receiver.count().lost > 50
     assert abs(books.deficit()) < 0.01 * max(1.0, deficit)
@@ -264,7 +264,7 @@ def test_repayment_is_slow() -> None:
         contents = books.send((1.0,) if number < 20 else (0.0,))
         if not 5 <= number < 20:
             books.receiver.receive(*contents)
-        books.take()
+        books.pop()
     compensated = [wave[0] for wave in books.played[20:]]
     assert max(compensated) == COMPENSATION_LIMIT
     assert min(compensated) >= 0.0
@@ -279,7 +279,7 @@ def test_a_drifting_clock_is_followed_without_energy(sender_period: float, drift
     assert len(books.sent) - 4000 == pytest.approx(drift, abs=1)
     account = books.receiver.playout_account()
     assert account.repeated + account.skipped == pytest.approx(20, abs=3)
-    assert books.delay - 1 <= len(books.sent) - books.receiver.heard <= books.delay + 2
+    assert books.delay - 1 <= len(books.sent) - books.receiver.acknowledged <= books.delay + 2
     count = books.receiver.count()
     assert count.applied >= 0.99 * count.sent
 
@@ -296,14 +296,14 @@ def test_a_first_datagram_that_came_late_is_put_right() -> None:
     books = Books(delay=2, redundancy=1)
     road = Road(delay=5, first_extra=50)
     drive(books, road, hand(1, 0), frames=100, seed=0)
-    late_start = len(books.sent) - books.receiver.heard
+    late_start = len(books.sent) - books.receiver.acknowledged
     books.check()
     for _ in range(8 * REALIGN_WINDOW):
         books.receiver.receive(*books.send((0.25,)))
-        books.take()
+        books.pop()
     books.check()
-    assert len(books.sent) - books.receiver.heard == books.delay <= late_start
-    assert books.receiver.count().sent == books.receiver.heard
+    assert len(books.sent) - books.receiver.acknowledged == books.delay <= late_start
+    assert books.receiver.count().sent == books.receiver.acknowledged
 
 
 def test_the_playout_begins_with_the_newest_frame_of_the_first_border() -> None:
@@ -312,11 +312,11 @@ def test_the_playout_begins_with_the_newest_frame_of_the_first_border() -> None:
     for _ in range(40):
         contents = books.send((0.5,))
     books.receiver.receive(*contents)
-    assert books.take() == (0.5 + COMPENSATION_LIMIT,)  # frame 38 of 0 to 39
-    assert (books.receiver.heard, books.receiver.count().lost) == (39, 38)
+    assert books.pop() == (0.5 + COMPENSATION_LIMIT,)  # frame 38 of 0 to 39
+    assert (books.receiver.acknowledged, books.receiver.count().lost) == (39, 38)
     for _ in range(2000):
         books.receiver.receive(*books.send((0.0,)))
-        books.take()
+        books.pop()
     books.check()
     assert books.deficit() == pytest.approx(0.0, abs=1e-6)
 
@@ -331,7 +331,7 @@ def test_holding_the_last_wave_creates_energy_where_the_line_does_not() -> None:
             contents = books.send(next(waves))
             if not 18 <= number < 40:  # the hand stops while nothing comes through
                 books.receiver.receive(*contents)
-            books.take()
+            books.pop()
         worst[kind] = books.worst
     assert worst[LineReceiver] <= TOLERANCE
     assert worst[HoldLast] > 0.5
@@ -341,11 +341,11 @@ def test_a_tank_lets_the_last_wave_fade_and_no_more() -> None:
     books = Books(delay=0, redundancy=1, tank_j=0.5 * FRAME_S, concealment="tank")  # 1 W
     for _ in range(10):
         books.receiver.receive(*books.send((1.0,)))
-        books.take()
+        books.pop()
     gap = []
     for _ in range(30):
         books.send((0.0,))
-        gap.append(books.take()[0])
+        gap.append(books.pop()[0])
     assert gap[0] == FADE
     assert sum(value * value for value in gap) == pytest.approx(1.0)
     assert gap == sorted(gap, reverse=True)
@@ -355,21 +355,21 @@ def test_a_tank_lets_the_last_wave_fade_and_no_more() -> None:
 def test_without_bank_or_tank_a_gap_is_a_matched_termination() -> None:
     books = Books(delay=0, redundancy=1)
     books.receiver.receive(*books.send((1.0,)))
-    assert books.take() == (1.0,)
-    assert [books.take() for _ in range(5)] == [(0.0,)] * 5
+    assert books.pop() == (1.0,)
+    assert [books.pop() for _ in range(5)] == [(0.0,)] * 5
 
 
 def test_passed_over_frames_are_late_or_lost_and_their_debt_is_known() -> None:
     books = Books(delay=4, redundancy=8)
     for _ in range(5):
         books.receiver.receive(*books.send((0.5,)))
-    assert books.take() == (0.5,)
-    assert books.take(frames=4) == (0.5,)
+    assert books.pop() == (0.5,)
+    assert books.pop(frames=4) == (0.5,)
     count = books.receiver.count()
     assert (count.sent, count.applied, count.late, count.lost) == (5, 2, 3, 0)
     for _ in range(600):
         books.receiver.receive(*books.send((0.0,)))
-        books.take()
+        books.pop()
     assert books.deficit() == pytest.approx(0.0, abs=1e-3)
 
 
@@ -386,7 +386,7 @@ def test_passed_over_frames_are_late_or_lost_and_their_debt_is_known() -> None:
 def test_contents_of_another_line_change_nothing(first: int, waves: Frame, total: Frame, square: Frame) -> None:
     receiver = LineReceiver(2, 0, FRAME_S)
     assert not receiver.receive(first, waves, total, square)
-    assert receiver.take() == (0.0, 0.0)
+    assert receiver.pop() == (0.0, 0.0)
     assert receiver.count() == LineReceiver(2, 0, FRAME_S).count()
 
 
@@ -398,7 +398,7 @@ def test_jumps_are_measured_from_the_playout_so_that_they_cannot_add_up() -> Non
     assert receiver.receive(far + ahead, (0.1,), (0.0,), (0.0,))
     for outside in (far + ahead + 1, far - ahead - 1):
         assert not receiver.receive(outside, (0.1,), (0.0,), (0.0,))
-    receiver.take()  # frame `far + ahead`
+    receiver.pop()  # frame `far + ahead`
     assert receiver.receive(far + 2 * ahead + 1, (0.1,), (0.0,), (0.0,))
     assert not receiver.receive(far + 2 * ahead + 2, (0.1,), (0.0,), (0.0,))
 
@@ -409,13 +409,13 @@ def test_a_datagram_has_no_more_frames_than_the_largest_redundancy() -> None:
     assert receiver.receive(0, (0.1,) * line.MOST_FRAMES, (0.0,), (0.0,))
 
 
-def test_marks_come_with_the_frame_they_speak_of() -> None:
+def test_metadata_come_with_the_frame_they_belong_to() -> None:
     sender, receiver = LineSender(1, 2), LineReceiver(1, 1, FRAME_S)
-    marks = []
+    metadata = []
     for number in range(6):
         sender.push((0.1,))
         if number != 3:
             receiver.receive(*sender.contents(), (float(number), 2.0 * number, number))
-        receiver.take()
-        marks.append(receiver.mark)
-    assert marks == [None, (0.0, 0.0, 0), (1.0, 2.0, 1), (2.0, 4.0, 2), None, (4.0, 8.0, 4)]
+        receiver.pop()
+        metadata.append(receiver.metadata)
+    assert metadata == [None, (0.0, 0.0, 0), (1.0, 2.0, 1), (2.0, 4.0, 2), None, (4.0, 8.0, 4)]

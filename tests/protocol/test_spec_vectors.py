@@ -160,7 +160,7 @@ def test_the_line_plays_what_the_page_says() -> None:
             contents = (int(first), tuple(json.loads(waves)), (float(total),), (float(squares),))
             assert sender.contents() == contents
             assert receiver.receive(*contents)
-        assert receiver.take()[0] == pytest.approx(float(played), abs=1e-15)
+        assert receiver.pop()[0] == pytest.approx(float(played), abs=1e-15)
         count = receiver.count()
         assert [count.sent, count.applied, count.late, count.lost] == [int(number) for number in counts.split()]
 

@@ -28,7 +28,7 @@ from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
@@ -87,7 +87,7 @@ class WaveCoupling:
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
         self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
-        self._rounding = rounding_share(rates.ticks_per_frame)
+        self._rounding = rounding_fraction(rates.ticks_per_frame)
         self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)
 
@@ -227,17 +227,17 @@ class WaveCoupling:
         if any(self._written_off):
             receiver.write_off([e / self._ticks_per_frame for e in self._written_off])
             self._written_off = [0.0] * len(self._written_off)
-        self.returning = wave = receiver.take()
+        self.returning = wave = receiver.pop()
         most = self._most_wave
         self.implausible = max(wave) > most or min(wave) < -most
         if self.implausible:
             self.returning = tuple([min(max(v, -most), most) for v in wave])
-        self._share = receiver.share
+        self._share = receiver.gain
         self.down_reserve.elapse()
-        if receiver.mark is not None:
-            made_j, _, heard = receiver.mark
+        if receiver.metadata is not None:
+            made_j, _, heard = receiver.metadata
             margin = made_j - receiver.played_j + self._rounding * made_j
-            self.down_reserve.see(margin)
+            self.down_reserve.update(margin)
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
             if heard:
@@ -280,14 +280,14 @@ class WaveCoupling:
     ) -> Waves:  # fmt: skip
         first, waves, total, squares = self._sender.contents()
         return Waves(
-            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.heard, stamp,
+            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.acknowledged, stamp,
             origin_m + position_m,
         )  # fmt: skip
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, Waves) or len(message.state) != len(self.object_state):
             return False
-        mark = (message.made_j, message.port_j, message.heard)
+        mark = (message.made_j, message.port_j, message.acknowledged)
         taken = self._receiver.receive(message.first, message.waves, message.total, message.squares, mark)
         if taken:
             self.object_state = message.state

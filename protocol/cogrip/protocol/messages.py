@@ -109,7 +109,7 @@ class Waves(Message, frozen=True, tag=4):
     squares: Annotated[tuple[Total, ...], Axes]  # sum of their squares, per axis [W]
     made_j: Total  # energy of this direction's waves where they are made, up to the newest frame
     port_j: Total  # energy that went into the line at the sender's port, up to the newest frame
-    heard: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
+    acknowledged: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
     stamp: Stamp
     state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
     # client: hand's position before frame 0, then after the newest frame [m]; server: object's position [m], velocity [m/s]
@@ -123,7 +123,7 @@ class State(Message, frozen=True, tag=5):
     position_m: Annotated[tuple[Metres, ...], Axes]
     velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
     port_j: Total
-    heard: Counter
+    acknowledged: Counter
     stamp: Stamp
 
 
@@ -178,7 +178,7 @@ class Power(Message, frozen=True, tag=10):
     entered_j: Annotated[tuple[Entered, ...], Axes]  # what has gone into the channel here, the inward flow alone
     taken_j: Annotated[tuple[Entered, ...], Axes]  # what has come out of it here, the outward flow alone
     port_j: Total  # what has gone in here less what has come out, all axes
-    heard: Counter  # number of the other direction's message that was taken last, plus 1; 0: none yet
+    acknowledged: Counter  # number of the other direction's message that was taken last, plus 1; 0: none yet
     stamp: Stamp
 
     def of_axes(self, axes: int) -> bool:
