@@ -25,6 +25,7 @@ from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.protocol.accounts import ClientAccount, LinkCount, PlayoutAccount, TickCount
 from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.messages import Hello, Stamp, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
@@ -50,7 +51,7 @@ class ClientCore:
         self.up_ms: float | None = None
         self.down_ms: float | None = None
         self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
-        self._work_excess_j = 0.0  # of that over the true sum, as `CompensatedSum` adds
+        self._work_error_j = 0.0  # of that over the true sum
         self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
         self.least_leak_j = 0.0
         self.peak_force_n = self.peak_step_n = 0.0
@@ -337,10 +338,7 @@ class ClientCore:
                 step = place - before[axis]
                 work += force[axis] * step
                 mean.append(step * rate)
-            work -= self._work_excess_j
-            worked = self.work_j + work
-            self._work_excess_j = (worked - self.work_j) - work
-            self.work_j = worked
+            self.work_j, self._work_error_j = add_compensated(self.work_j, self._work_error_j, work)
         first = self.tick - elapsed + 1
         border, velocity = False, self.velocity_mps
         faulty, hold = self.safety.state == "fault", 1.0

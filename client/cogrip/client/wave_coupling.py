@@ -34,6 +34,7 @@ from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.waves import device_gain, wave_of
 
 RELAX_RAD_S = 100.0  # w
 LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05  # what slips beyond stays where it is
@@ -51,7 +52,7 @@ class WaveCoupling:
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates, coupling = seat.object.axes, seat.rates, seat.coupling
         self._b = coupling.impedance_nspm
-        self._root = sqrt(2.0 * self._b)
+        self._root = device_gain(self._b)
         self._half_tick_s = 0.5 * rates.tick_s
         self._ticks_per_frame = rates.ticks_per_frame
         self._from_displacement = coupling.encoder == "displacement"
@@ -108,7 +109,7 @@ class WaveCoupling:
 
     def fit(self, record: Capability, lag_s: float) -> None:
         """Go by this device. Waves are believed up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
-        self._most_wave = (self._b * record.speed_mps + 2.0 * record.peak_force_n) / self._root
+        self._most_wave = wave_of(self._b, record.speed_mps, 2.0 * record.peak_force_n)
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
@@ -244,7 +245,7 @@ class WaveCoupling:
                 self._loops.add(self._frame - heard)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
-        """F = b xdot - sqrt(2b) v [N] (P eq. 16), with the velocity estimated now."""
+        """F = b xdot - sqrt(2b) v [N] (`waves.device_force`, inline in the tick), with the velocity estimated now."""
         b, root, share = self._b, self._root, self._share
         if share != 1.0:
             b *= share * share
