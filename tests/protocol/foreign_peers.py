@@ -96,20 +96,20 @@ class Pair:
             elif self.server.listen(datagram):
                 self._heard = True
                 self.server.accept()
-            answers += self.server.take()
+            answers += self.server.pop_datagrams()
         return answers
 
     def to_client(self, datagrams: list[bytes]) -> list[bytes]:
         answers: list[bytes] = []
         for datagram in datagrams:
             self.client.feed(datagram)
-            answers += self.client.take()
+            answers += self.client.pop_datagrams()
         return answers
 
     def shake(self, direction: Callable[[int, list[bytes]], list[bytes]] = lambda _, datagrams: datagrams) -> "Pair":
         """Let the handshake go as far as it goes. way: what arrives of a flight, by its number."""
-        self.client.dial()
-        datagrams = list(self.client.take())
+        self.client.connect()
+        datagrams = list(self.client.pop_datagrams())
         for number in range(10):
             self.flights.append(datagrams)
             datagrams = (self.to_client if number % 2 else self.to_server)(direction(number, datagrams))

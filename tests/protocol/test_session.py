@@ -57,13 +57,13 @@ def test_closed_is_the_end_and_a_seat_can_always_be_taken_again() -> None:
     assert "closed" not in {state for state, _ in CLIENT}
     assert all(
         "silence" in {event for at, event in CLIENT if at == state}
-        for state in ("calling", "seated", "resuming", "leaving")
+        for state in ("connecting", "seated", "resuming", "leaving")
     )
     assert {after for (state, event), after in SEAT.items() if state == "seated" and event != "resume"} == {"free"}
 
 
 events = st.one_of(
-    st.sampled_from(["call", "poll", "leave"]),
+    st.sampled_from(["connect", "poll", "leave"]),
     st.integers(1, 3_000).map(lambda ms: ms * MS),
     st.sampled_from(
         [
@@ -98,8 +98,8 @@ def test_a_client_moves_along_its_table_and_nowhere_else(steps: list[str | int |
     client, now_ns = Watched(hello()), 0
     for step in steps:
         before = client.state
-        if step == "call":
-            client.call(now_ns)
+        if step == "connect":
+            client.connect(now_ns)
         elif step == "leave":
             client.leave("enough", None, now_ns)
         elif isinstance(step, bytes):
@@ -113,12 +113,12 @@ def test_a_client_moves_along_its_table_and_nowhere_else(steps: list[str | int |
 
 def test_hellos_are_repeated_until_the_client_gives_up() -> None:
     client = ClientSession(hello())
-    client.call(0)
+    client.connect(0)
     for now_ns in range(0, GIVE_UP_NS, 10 * MS):
         client.poll(now_ns)
-    assert (client.state, len(client.outbox)) == ("calling", GIVE_UP_NS // HELLO_EVERY_NS)
+    assert (client.state, len(client.outbox)) == ("connecting", GIVE_UP_NS // HELLO_EVERY_NS)
     client.poll(GIVE_UP_NS - 1)
-    assert client.state == "calling"
+    assert client.state == "connecting"
     client.poll(GIVE_UP_NS)
     assert (client.state, client.failed) == ("closed", "no server answered within 3 s")
 
@@ -199,7 +199,7 @@ def test_a_kick_that_talks_of_a_stop_is_a_kick() -> None:
 
 def test_a_lost_welcome_is_said_again_for_the_same_session() -> None:
     client, core = ClientSession(hello()), server()
-    client.call(0)
+    client.connect(0)
     core.receive(client.outbox.popleft(), "anna's", 0)
     core.outbox.clear()
     client.poll(HELLO_EVERY_NS)
@@ -239,7 +239,7 @@ def both_print(client: ClientSession, core: ServerCore) -> str:
 )
 def test_a_refusal_has_a_reason_that_both_sides_print(change: dict[str, object], code: str, text: str) -> None:
     client, core = ClientSession(hello(**change)), server()
-    client.call(0)
+    client.connect(0)
     exchange(client, core, 0)
     reason = both_print(client, core)
     assert text in reason
@@ -251,13 +251,13 @@ def test_a_taken_seat_and_a_full_room_are_refused() -> None:
     _, core = seated()
     core.events.clear()
     second = ClientSession(hello(nonce=8))
-    second.call(0)
+    second.connect(0)
     exchange(second, core, 0, "ben's")
     assert "the seat of 'anna' is taken" in both_print(second, core)
     for nonce in (9, 10):
         core.events.clear()
         third = ClientSession(hello("", nonce))
-        third.call(0)
+        third.connect(0)
         exchange(third, core, 0, f"address {nonce}")
     assert "the room is full: all 2 seats are taken" in both_print(third, core)
 
@@ -273,7 +273,7 @@ def test_a_device_with_too_few_axes_is_refused() -> None:
 def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print() -> None:
     """Tag, magic, version, software and nonce have their places for ever; the rest may change."""
     client, core = ClientSession(hello()), server()
-    client.call(0)
+    client.connect(0)
     head = msgpack.packb([1, MAGIC, 9, "2.0", 7, {"new": 1}])
     padding = bytes(HELLO_BYTES - len(head) - 3)
     core.receive(b"\x97" + head[1:] + b"\xc5" + len(padding).to_bytes(2, "big") + padding, "anna's", 0)
@@ -294,7 +294,7 @@ def test_strangers_who_ask_briefly_get_no_answer() -> None:
 def test_no_answer_is_longer_than_the_question_and_every_refusal_is_read(room: str, name: str) -> None:
     """Names may hold anything: a repr of them may be ten times as long."""
     client, core = ClientSession(hello(name=name, room=room)), server()
-    client.call(0)
+    client.connect(0)
     core.receive(client.outbox.popleft(), "stranger", 0)
     [(_, answer)] = core.outbox
     assert len(answer) <= HELLO_BYTES

@@ -71,7 +71,7 @@ def test_the_old_way_may_be_heard_again_by_itself() -> None:
     client, _ = quiet()
     message = client.receive(waves(100), 5 + 800 * MS)
     assert isinstance(message, Waves)
-    assert (client.state, client.away_ns, client.resumed, client.renewed) == ("seated", 800 * MS, 1, 0)
+    assert (client.state, client.silence_ns, client.resumed, client.renewed) == ("seated", 800 * MS, 1, 0)
     assert client.last_received_ns == 5 + 800 * MS
 
 
@@ -114,7 +114,7 @@ def test_one_who_was_shown_out_does_not_come_back() -> None:
     core.kick("anna")
     core.outbox.clear()
     second = ClientSession(hello(nonce=8))
-    second.call(6)
+    second.connect(6)
     exchange(second, core, 6, "another's")
     exchange(client, core, 5 + QUIET_NS, "another address")
     assert client.state == "closed"
@@ -149,9 +149,9 @@ def test_only_a_welcome_to_our_own_hello_is_an_answer() -> None:
     client, _ = seated(tickets=True)
     assert client.welcome is not None
     ours = messages.encode(client.welcome)
-    assert client.answers(ours)
+    assert client.is_welcome(ours)
     for other in (messages.encode(msgspec.structs.replace(client.welcome, nonce=8)), waves(100), b"noise", ours[:40]):
-        assert not client.answers(other)
+        assert not client.is_welcome(other)
     assert client.state == "seated", "asking changes nothing"
 
 
@@ -165,7 +165,7 @@ def view(session: int, number: int = 1) -> bytes:
 @pytest.mark.parametrize("role", ["player", "observer"])
 def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
     client, core = ClientSession(hello(role=role)), server(tickets=True)
-    client.call(0)
+    client.connect(0)
     exchange(client, core, 0)
     assert client.welcome is not None
     session = client.welcome.session
@@ -178,7 +178,7 @@ def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
 
 def test_an_observer_comes_back_to_the_same_place() -> None:
     client, core = ClientSession(hello("", role="observer")), server(tickets=True)
-    client.call(0)
+    client.connect(0)
     exchange(client, core, 0, "olaf's")
     client.poll(QUIET_NS)
     exchange(client, core, QUIET_NS, "another address")

@@ -33,15 +33,15 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
     table = rows(section("11.1"), "number")
     assert dtls.CIPHERS.decode() == ":".join(row[2] for row in table)
     association = dtls.Association(dtls.client_context("0" * 64, lambda _: None))
-    association.dial()
-    (hello,) = association.take()
+    association.connect()
+    (hello,) = association.pop_datagrams()
     assert hello[25:27] == bytes.fromhex("fefd")
     assert hello[59:61] == b"\0\0"  # neither session id nor cookie
     size = int.from_bytes(hello[61:63], "big")
     offered = [hello[63 + at : 65 + at].hex() for at in range(0, size, 2)]
     assert [each for each in offered if each != "00ff"] == [row[0] for row in table]  # 00ff is no suite: RFC 5746
     assert hello[63 + size : 65 + size] == b"\x01\0"  # no compression
-    assert max(int(row[3]) for row in table) == messages.SEAL_BYTES
+    assert max(int(row[3]) for row in table) == messages.DTLS_BYTES
 
 
 @pytest.mark.parametrize(("what", "numbers", "where"), rows(SECURITY.partition("## Numbers")[2], "what"))

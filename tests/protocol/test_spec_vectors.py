@@ -385,7 +385,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
     for answer, code in answers:
         assert len(answer) <= messages.HELLO_BYTES
         called = ClientSession(fit)
-        called.call(0)
+        called.connect(0)
         called.receive(answer, 0)
         assert (f"[{code}]" in called.failed) if code else called.state == "seated"
         seen |= {code} - {""}

@@ -326,7 +326,7 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(fold
     wire.rest(1.1)
     assert wire.listener.counts()["open"] == 1
     assert wire.listener.dropped["no seat in time"] == 1
-    assert ben.failed == "the other end closed the seal"
+    assert ben.failed == "the other end closed the DTLS association"
     assert anna.ready(PEER)
     wire.seats.discard(ANNA)  # Anna left: some seconds for what remains to be said, then it is over
     wire.talk(ANNA)
@@ -344,7 +344,7 @@ def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> No
     wire.rest(1.2)
     assert wire.listener.counts()["open"] == 0
     assert wire.listener.dropped["no hello in time"] == 1
-    assert ben.failed == "the other end closed the seal"
+    assert ben.failed == "the other end closed the DTLS association"
 
 
 def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
@@ -376,8 +376,8 @@ def test_closing_tells_the_other_end(folder: Path) -> None:
     wire.listener.close(ANNA)
     ben.close(PEER)
     wire.rest()
-    assert anna.failed == "the other end closed the seal"
-    assert wire.listener.dropped["seal ended: the other end closed the seal"] == 1
+    assert anna.failed == "the other end closed the DTLS association"
+    assert wire.listener.dropped["seal ended: the other end closed the DTLS association"] == 1
     assert wire.listener.counts() == {"open": 0, "half open": 0}
     assert not wire.listener.send(b"x", ANNA)
     assert not wire.listener.ready(ANNA)

@@ -73,7 +73,7 @@ class ClientCore:
 
     def call(self, now_ns: int) -> None:
         """Ask the server for a seat."""
-        self.session.call(now_ns)
+        self.session.connect(now_ns)
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
@@ -95,7 +95,7 @@ class ClientCore:
         if not coupling.receive(message):
             self.session.drop("unfit")
         elif coupling.newest > before:
-            self.session.took(now_ns)
+            self.session.mark_fresh(now_ns)
 
     def _time(self, stamp: Stamp, now_ns: int) -> None:
         """What a stamp tells of the ways and the clocks."""
@@ -107,13 +107,13 @@ class ClientCore:
             return
         self.rtt.add(rtt_ns)
         self.rtt_ms = rtt_ns * 1e-6
-        assert clock.back_ns is not None
-        self.down.add(clock.back_ns)
-        self.down_ms = clock.back_ns * 1e-6
+        assert clock.return_ns is not None
+        self.down.add(clock.return_ns)
+        self.down_ms = clock.return_ns * 1e-6
         if clock.fresh:
-            assert clock.there_ns is not None
-            self.up.add(clock.there_ns)
-            self.up_ms = clock.there_ns * 1e-6
+            assert clock.forward_ns is not None
+            self.up.add(clock.forward_ns)
+            self.up_ms = clock.forward_ns * 1e-6
 
     def _take_seat(self, seat: SeatSettings, session: int) -> None:
         axes, rates = seat.object.axes, seat.rates
@@ -396,7 +396,7 @@ class ClientCore:
             if (
                 coupling.played
             ):  # records come in clumps: what was in hand, and is played in its time, is as good as new
-                self.session.took(now_ns)
+                self.session.mark_fresh(now_ns)
         self._acted = self.tick
         if self.session.state == "resuming" or self.session.stale(now_ns):
             self.safety.event("stale", "nothing new from the server")

@@ -70,10 +70,11 @@ class StateReceiver(Generic[M]):
 
     @property
     def lost(self) -> int:
-        """States that never arrived, as far as is known."""
+        """States that have not arrived, as far as is known."""
         return self._newest + 1 - (self._waiting is not None) - self._applied - self._late
 
     def count(self) -> LinkCount:
+        """Return how many states met which fate."""
         waiting = self._waiting is not None
         sent = self._newest + 1 - waiting
         return LinkCount(

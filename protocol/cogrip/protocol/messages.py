@@ -15,8 +15,8 @@ from cogrip.protocol.settings import SeatNumber, SeatSettings
 PROTOCOL_VERSION = 3
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
-SEAL_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GCM nonce 8 and tag 16
-MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - SEAL_BYTES
+DTLS_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GCM nonce 8 and tag 16
+MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
 HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
 TEXT_BYTES = 300  # senders cut a text to this
 SHORT = 40  # characters of a ShortText
