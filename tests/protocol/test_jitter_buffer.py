@@ -163,8 +163,8 @@ def test_the_page_s_vector() -> None:
     sender, receiver = LineSender(1, 2), LineReceiver(1, "auto", FRAME_S)
     contents = []
     take = 0
-    for takes, brings, plays, moves in rows(section("15.7"), "takes"):
-        first, last = (int(number) for number in takes.split(" to "))
+    for pops, brings, plays, moves in rows(section("15.7"), "pops"):
+        first, last = (int(number) for number in pops.split(" to "))
         assert first == take
         for take in range(first, last + 1):
             sender.push((1.0,))
