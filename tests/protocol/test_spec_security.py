@@ -42,8 +42,8 @@ def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
 
 
 MODULES = (
-    control, dtls_channel, dtls_records, loop, messages, metrics_process, rate_limit, reader, receiver, room, seat_limits, settings,
-    tokens, world,
+    control, dtls_channel, dtls_records, loop, messages, metrics_process, rate_limit, reader, receiver, room, seat_limits,
+    settings, tokens, world,
 )  # fmt: skip
 
 
