@@ -17,19 +17,19 @@ COOKIE = b"c" * 16
 
 
 def server_side(identity: Identity) -> SSL.Context:
-    """Of our own server, with one cookie for everyone."""
+    """Context of our own server, with one cookie for everyone."""
     return server_context(identity, lambda _: COOKIE, lambda _, cookie: cookie == COOKIE)
 
 
 def client_side(identity: Identity) -> SSL.Context:
-    """Of our own client, who knows this server."""
+    """Context of our own client, which knows this server."""
     return client_context(identity.fingerprint, lambda _: None)
 
 
 def foreign(
     *, version: int = dtls.DTLS1_2, ciphers: bytes = b"ALL:@SECLEVEL=0", identity: Identity | None = None
 ) -> SSL.Context:
-    """Of a peer that trusts everyone."""
+    """Context of a peer that trusts everyone."""
     context = SSL.Context(SSL.DTLS_METHOD)
     context.set_min_proto_version(version)
     context.set_max_proto_version(version)

@@ -1,4 +1,4 @@
-"""What stamps tell of clocks and ways: never wrong by more than it says, and exactly as wrong as the ways are unequal."""
+"""Clock offset and one-way delays by stamps: the error is within the stated bound, and half the asymmetry of the delays."""
 
 import heapq
 from random import Random
@@ -188,14 +188,14 @@ nanoseconds = st.integers(0, 2**63 - 1)
     st.lists(st.tuples(st.builds(Stamp, nanoseconds, nanoseconds, nanoseconds), st.integers(0, 10 * S)), max_size=20)
 )
 def test_whatever_a_peer_says_is_a_number_or_nothing(said: list[tuple[Stamp, int]]) -> None:
-    """A wild stamp is no reading: nothing of it is kept but that it was wild."""
-    clock, now_ns, wild = Clock(), 10**12, 0
+    """A implausible stamp is no reading: nothing of it is kept but that it was implausible."""
+    clock, now_ns, implausible = Clock(), 10**12, 0
     for stamp, wait_ns in said:
         now_ns += wait_ns
         rtt_ns = clock.read(stamp, now_ns)
         assert rtt_ns is None or 0 <= rtt_ns < MOST_RTT_NS
-        wild += rtt_ns is None and stamp.echo_ns != 0
-        assert clock.implausible == wild
+        implausible += rtt_ns is None and stamp.echo_ns != 0
+        assert clock.implausible == implausible
         if clock.offset_ns is not None:
             assert clock.uncertainty_ns is not None
             assert 0 <= clock.uncertainty_ns <= MOST_RTT_NS
@@ -205,11 +205,11 @@ def test_whatever_a_peer_says_is_a_number_or_nothing(said: list[tuple[Stamp, int
         assert 0 <= answer.held_ns < 2**63
 
 
-@pytest.mark.parametrize("wild", [Stamp(5, 2 * S, 0), Stamp(5, 1, 2 * S), Stamp(5, S - 1, 2**63 - 1)])
-def test_a_wild_stamp_moves_no_bound(wild: Stamp) -> None:
+@pytest.mark.parametrize("implausible", [Stamp(5, 2 * S, 0), Stamp(5, 1, 2 * S), Stamp(5, S - 1, 2**63 - 1)])
+def test_a_implausible_stamp_moves_no_bound(implausible: Stamp) -> None:
     clock = exchanged([(MS, MS)] * 3)
     before = (clock.offset_ns, clock.uncertainty_ns, clock.forward_ns, clock.return_ns)
-    assert clock.read(wild, S) is None
+    assert clock.read(implausible, S) is None
     assert (clock.offset_ns, clock.uncertainty_ns, clock.forward_ns, clock.return_ns) == before
     assert clock.implausible == 1
 
@@ -223,3 +223,18 @@ def test_a_lie_that_could_be_true_is_forgotten_once_the_truth_is_told() -> None:
     clock.read(Stamp(now_ns - MS + AHEAD_NS, now_ns - 2 * MS, 0), now_ns)
     assert clock.contradictions == 2
     assert clock.offset_ns == AHEAD_NS
+
+
+def test_no_echo_no_round_trip_and_an_impossible_one_is_none() -> None:
+    clock = Clock()
+    assert clock.stamp(5) == Stamp(5, 0, 0)
+    assert clock.read(Stamp(9), 10) is None
+    assert clock.read(Stamp(9, 20, 0), 10) is None
+    assert clock.read(Stamp(9, 1, 0), 1 + 60_000_000_000) is None
+
+
+def test_an_overtaken_stamp_does_not_set_the_echo_back() -> None:
+    clock = Clock()
+    clock.read(Stamp(200), 10)
+    clock.read(Stamp(100), 11)
+    assert clock.stamp(15) == Stamp(15, 200, 5)

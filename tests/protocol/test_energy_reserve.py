@@ -1,4 +1,4 @@
-"""Laws of an energy reserve: the newest, the least after the first second, and the margin, which is the least of all."""
+"""Laws of an energy reserve: newest balance, least after the first second, and margin, the least of all."""
 
 from math import inf
 
@@ -26,7 +26,7 @@ def test_the_least_after_the_first_second_is_that_of_the_frames_after_it(network
         assert reserve.reported_j is None or reserve.reported_j >= margin
 
 
-def test_a_ledger_that_is_never_seen_tells_nothing() -> None:
+def test_a_ledger_without_a_balance_reports_nothing() -> None:
     reserve = EnergyReserve(128)
     for _ in range(1000):
         reserve.elapse()

@@ -1,4 +1,4 @@
-"""A peer may send what it likes: no take does more work for it. Work is counted in lines of code that run, not in time."""
+"""Hostile peers: no datagrams make a pop do more work. Work is counted in lines of code that run, not in time."""
 
 import random
 import sys
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cogrip.protocol.line import jitter_buffer as playout
+from cogrip.protocol.line import jitter_buffer
 from cogrip.protocol.line import receiver as line
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
 from cogrip.protocol.line.receiver import LineReceiver
@@ -20,7 +20,7 @@ HONEST_LINES = 300  # more than a take runs on any network that the tests have
 
 
 def lines_of(act: Callable[[], Any]) -> int:
-    """Lines of Python that run in `act`."""
+    """Return how many lines of Python run in `act`."""
     count = 0
 
     def trace(frame: FrameType, event: str, _: Any) -> Any:
@@ -45,7 +45,7 @@ def begun(frames: int | str = 2) -> LineReceiver:
 
 
 def far_ahead(receiver: LineReceiver, chance: random.Random) -> Iterator[int]:
-    """Numbers as far ahead as anything can be."""
+    """Yield numbers as far ahead as possible."""
     for _ in range(4):
         yield receiver.acknowledged + chance.randint(line.HISTORY // 2, line.FURTHEST_JUMP)
 
@@ -56,7 +56,7 @@ def just_ahead(receiver: LineReceiver, chance: random.Random) -> Iterator[int]:
 
 
 @pytest.mark.parametrize("numbers", [far_ahead, just_ahead])
-def test_a_take_costs_the_same_whatever_totals_wait(numbers: Callable[..., Iterator[int]]) -> None:
+def test_a_pop_costs_the_same_whatever_totals_wait(numbers: Callable[..., Iterator[int]]) -> None:
     receiver, chance, worst = begun(), random.Random(1), 0
     for _ in range(1000):
         for number in numbers(receiver, chance):
@@ -65,7 +65,7 @@ def test_a_take_costs_the_same_whatever_totals_wait(numbers: Callable[..., Itera
     assert worst < HONEST_LINES
 
 
-def test_the_first_take_of_a_line_goes_over_no_more_than_its_window() -> None:
+def test_the_first_pop_of_a_line_costs_no_more_than_its_window() -> None:
     chance, receiver = random.Random(2), LineReceiver(1, "auto", FRAME_S)
     for number in [8000, *(chance.randint(0, line.FURTHEST_JUMP) for _ in range(A_SECOND))]:
         receiver.receive(number, (0.1,) * line.MOST_FRAMES, (0.0,), (0.0,))
@@ -79,14 +79,14 @@ def test_a_sender_that_is_everywhere_leaves_no_more_latenesses_than_are_bounded(
         20_000
     ):  # the playout follows wherever it is led, and every lateness there has been is kept for a while
         for _ in range(4):
-            depth.arrived(chance.randint(-2 * playout.DEEPEST, 2 * playout.DEEPEST))
-        depth.decide(chance.randint(1, playout.DEEPEST), True, True)
+            depth.arrived(chance.randint(-2 * jitter_buffer.DEEPEST, 2 * jitter_buffer.DEEPEST))
+        depth.decide(chance.randint(1, jitter_buffer.DEEPEST), True, True)
         most = max(most, len(depth.bins))
-    assert depth.skipped > playout.DEEPEST
-    assert most <= playout.MOST_BINS
+    assert depth.skipped > jitter_buffer.DEEPEST
+    assert most <= jitter_buffer.MOST_BINS
 
 
-def test_no_take_in_a_gap_costs_more_than_those_latenesses() -> None:
+def test_no_pop_in_a_gap_costs_more_than_those_latenesses() -> None:
     receiver, chance, worst = begun("auto"), random.Random(4), 0
     newest = 1
     for _ in range(3000):
@@ -94,7 +94,7 @@ def test_no_take_in_a_gap_costs_more_than_those_latenesses() -> None:
         receiver.receive(newest, (0.1,), (0.0,), (0.0,))
         receiver.receive(max(0, receiver.acknowledged - chance.randint(1, 256)), (0.1,), (0.0,), (0.0,))
         worst = max(worst, lines_of(receiver.pop))
-    assert worst < HONEST_LINES + 12 * playout.MOST_BINS
+    assert worst < HONEST_LINES + 12 * jitter_buffer.MOST_BINS
 
 
 def test_totals_are_used_as_when_all_were_gone_over() -> None:

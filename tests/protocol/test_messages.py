@@ -180,7 +180,7 @@ def test_round_trip(message: AnyMessage) -> None:
 
 
 def read(datagram: bytes) -> AnyMessage | None:
-    """What decoding gives, None for MalformedError; any other error is a bug."""
+    """Return the decoded message, None for MalformedError; any other error is a bug."""
     foreign_version(datagram)
     nonce_of(datagram)
     try:

@@ -1,4 +1,4 @@
-"""What a recording keeps of a hello and a welcome: never a token, of a ticket its mark."""
+"""Secrets in recordings: no token of a hello, and only the hash of a ticket."""
 
 import msgspec
 import pytest

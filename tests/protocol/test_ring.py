@@ -96,7 +96,7 @@ class Interleaving(RuleBasedStateMachine):
 
     @rule(data=st.data())
     def put_while_taking(self, data: st.DataObject) -> None:
-        """What comes meanwhile is left for the next time."""
+        """Messages that come meanwhile are left for the next read."""
         there = len(self.queue)
         for number, message in enumerate(self.writer.take()):
             assert message == self.queue[0]

@@ -1,7 +1,5 @@
 """The session: its tables, its timers, and two ends that talk."""
 
-from collections.abc import Sequence
-
 import msgpack
 import pytest
 from hypothesis import given
@@ -9,7 +7,6 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import (
     HELLO_BYTES,
     MAGIC,
@@ -175,18 +172,19 @@ def test_a_goodbye_without_an_answer_ends_too() -> None:
     assert (client.state, client.failed) == ("closed", "")
 
 
-def test_a_server_that_stops_says_why() -> None:
+@pytest.mark.parametrize(
+    ("reason", "failed", "ended"),
+    [
+        ("maintenance", "the server said goodbye: maintenance", ""),
+        ("the server was stopped (SIGTERM)", "", "the server was stopped (SIGTERM)"),
+    ],
+    ids=["failure", "stopped on purpose"],
+)
+def test_a_server_that_stops_says_why(reason: str, failed: str, ended: str) -> None:
     client, core = seated()
-    core.stop("maintenance")
+    core.stop(reason)
     exchange(client, core, 1)
-    assert (client.state, client.failed, client.ended) == ("closed", "the server said goodbye: maintenance", "")
-
-
-def test_a_server_that_is_told_to_end_is_no_failure() -> None:
-    client, core = seated()
-    core.stop("the server was stopped (SIGTERM)")
-    exchange(client, core, 1)
-    assert (client.state, client.failed, client.ended) == ("closed", "", "the server was stopped (SIGTERM)")
+    assert (client.state, client.failed, client.ended) == ("closed", failed, ended)
 
 
 def test_a_kick_that_talks_of_a_stop_is_a_kick() -> None:
@@ -282,7 +280,7 @@ def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print
     assert both_print(client, core).startswith("the client speaks protocol 9, the server 3")
 
 
-def test_strangers_who_ask_briefly_get_no_answer() -> None:
+def test_short_hellos_get_no_answer() -> None:
     core = server()
     for datagram in (messages.encode(hello()), msgpack.packb([1, MAGIC, 9, "2.0", 7, {}]), b"\x91" * 1232, waves(100)):
         core.receive(datagram, "stranger", 0)
@@ -311,41 +309,6 @@ def test_long_texts_are_cut_so_that_they_are_read() -> None:
     reply = messages.decode(refusal(1, "full", "long " * 100))
     assert isinstance(reply, Refuse)
     assert len(reply.reason) == messages.TEXT_BYTES
-
-
-def round_trips(stamps: Sequence[tuple[int, int]]) -> list[int | None]:
-    """(delay there, delay back) one after another; the far end's clock is 10^6 s ahead and answers after 3 ms."""
-    near, far, now_ns, out = Clock(), Clock(), 1_000 * MS, []
-    ahead_ns = 10**15
-    for there, back in stamps:
-        asked = near.stamp(now_ns)
-        now_ns += there
-        far.read(asked, now_ns + ahead_ns)
-        now_ns += 3 * MS
-        answer = far.stamp(now_ns + ahead_ns)
-        now_ns += back
-        out.append(near.read(answer, now_ns))
-    return out
-
-
-@given(st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), min_size=1, max_size=5))
-def test_round_trip_is_exact_whatever_the_clocks_say(delays: list[tuple[int, int]]) -> None:
-    assert round_trips(delays) == [there + back for there, back in delays]
-
-
-def test_no_echo_no_round_trip_and_an_impossible_one_is_none() -> None:
-    clock = Clock()
-    assert clock.stamp(5) == Stamp(5, 0, 0)
-    assert clock.read(Stamp(9), 10) is None
-    assert clock.read(Stamp(9, 20, 0), 10) is None
-    assert clock.read(Stamp(9, 1, 0), 1 + 60_000_000_000) is None
-
-
-def test_an_overtaken_stamp_does_not_set_the_echo_back() -> None:
-    clock = Clock()
-    clock.read(Stamp(200), 10)
-    clock.read(Stamp(100), 11)
-    assert clock.stamp(15) == Stamp(15, 200, 5)
 
 
 def test_heartbeats_keep_their_pace() -> None:

@@ -1,4 +1,4 @@
-"""A session whose server fell silent: it asks for its seat again, and what comes of that; and one that only looks on."""
+"""Resumption of a session whose server fell silent, and sessions of observers."""
 
 import msgspec
 import pytest
@@ -26,7 +26,7 @@ def said(client: ClientSession) -> list[messages.AnyMessage]:
 
 
 def quiet(now_ns: int = 5) -> tuple[ClientSession, ServerCore]:
-    """A client that has just noticed that its server is silent."""
+    """Return a client that has just noticed that its server is silent."""
     client, core = seated(now_ns, tickets=True)
     client.outbox.clear()
     client.poll(now_ns + QUIET_NS)
@@ -57,7 +57,7 @@ def test_nothing_but_hellos_goes_out_meanwhile() -> None:
     assert not client.outbox
 
 
-def test_after_ten_seconds_nobody_is_sought_any_more() -> None:
+def test_a_client_gives_up_after_ten_seconds() -> None:
     client, _ = quiet()
     for now_ns in range(5 + QUIET_NS, 5 + RESUME_GIVE_UP_NS, 50 * MS):
         client.poll(now_ns)
@@ -67,7 +67,7 @@ def test_after_ten_seconds_nobody_is_sought_any_more() -> None:
     assert (client.state, client.failed) == ("closed", "no server for 10 s")
 
 
-def test_the_old_way_may_be_heard_again_by_itself() -> None:
+def test_the_old_path_may_come_back_by_itself() -> None:
     client, _ = quiet()
     message = client.receive(waves(100), 5 + 800 * MS)
     assert isinstance(message, Waves)
@@ -109,7 +109,7 @@ def test_a_seat_that_timed_out_is_had_again_by_its_ticket() -> None:
     assert core.rooms[0].seats[0].state == "seated"
 
 
-def test_one_who_was_shown_out_does_not_come_back() -> None:
+def test_one_who_was_kicked_does_not_come_back() -> None:
     client, core = quiet()
     core.kick("anna")
     core.outbox.clear()
@@ -122,7 +122,7 @@ def test_one_who_was_shown_out_does_not_come_back() -> None:
 
 
 @pytest.mark.parametrize("other", [{"user": "ben"}, {"seat": 1}, {"rendered_npm": 5.0}])
-def test_another_seat_is_not_gone_on_with(other: dict[str, object]) -> None:
+def test_another_seat_is_not_accepted(other: dict[str, object]) -> None:
     client, _ = quiet()
     client.outbox.clear()
     assert client.welcome is not None
@@ -155,7 +155,7 @@ def test_only_a_welcome_to_our_own_hello_is_an_answer() -> None:
     assert client.state == "seated", "asking changes nothing"
 
 
-# Looking on -----------------------------------------------------------------------------------------------------------
+# Observers ------------------------------------------------------------------------------------------------------------
 
 
 def view(session: int, number: int = 1) -> bytes:

@@ -1,4 +1,4 @@
-"""What SPEC.md and docs/security.md say of seal, budgets, join links and limits of a seat, held against the code."""
+"""DTLS, budgets, join links and limits of a seat: SPEC.md and docs/security.md against the code."""
 
 import re
 from typing import Any
@@ -26,7 +26,7 @@ def test_budgets_are_those_of_the_page() -> None:
 
 
 def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
-    """What a client's first datagram offers, read by hand: headers 13 and 12, version 2, random 32, session id, cookie."""
+    """Parse a client's first datagram by hand: headers 13 and 12, version 2, random 32, session id, cookie."""
     table = rows(section("11.1"), "number")
     assert dtls.CIPHERS.decode() == ":".join(row[2] for row in table)
     association = dtls.Association(dtls.client_context("0" * 64, lambda _: None))

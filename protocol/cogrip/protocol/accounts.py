@@ -79,9 +79,7 @@ class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     controlled: Fraction = 0.0  # ticks in which the device port changed the force, or rendered less than was asked
     # largest energy given to the hand beyond what came in, what the line gave and what the device's damping takes
     leak_j: float = 0.0
-    margin_j: float | None = (
-        None  # least of the port's energy balance, its stated reserve included; below 0: not passive
-    )
+    margin_j: float | None = None  # least energy balance of the port, its reserve included; below 0: not passive
     let_go: int = 0  # times that the force was released: it oscillated, stayed at its limit, or ran out of energy
     reserve_j: float | None = None  # least of the energy that the port could still give, after the first second
 

@@ -76,13 +76,7 @@ class StateReceiver(Generic[M]):
     def count(self) -> LinkCount:
         """Return how many states met which fate."""
         waiting = self._waiting is not None
-        sent = self._newest + 1 - waiting
         return LinkCount(
-            sent=sent,
-            received=self._received,
-            applied=self._applied,
-            lost=self.lost,
-            late=self._late,
-            duplicate=self._duplicate,
-            pending=int(waiting),
-        )
+            sent=self._newest + 1 - waiting, received=self._received, applied=self._applied, lost=self.lost, late=self._late,
+            duplicate=self._duplicate, pending=int(waiting),
+        )  # fmt: skip

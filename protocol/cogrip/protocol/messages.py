@@ -152,9 +152,8 @@ class View(Message, frozen=True, tag=9):
 
     session: Session
     number: Counter  # of the room's step
-    object: Annotated[
-        tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)
-    ]  # position [m], velocity [m/s]
+    # position [m], velocity [m/s]
+    object: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
     seats: Annotated[tuple[SeatNumber, ...], msgspec.Meta(max_length=VIEWED_SEATS)]  # who holds it
     proxies_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]  # seat by seat, axis by axis
     forces_n: Annotated[tuple[Newtons, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]
@@ -166,15 +165,10 @@ class Power(Message, frozen=True, tag=10):
 
     session: Session
     number: Counter
-    position_m: Annotated[
-        tuple[Metres, ...], Axes
-    ]  # client: where the hand has taken its proxy to; server: the object's
-    velocity_mps: Annotated[
-        tuple[MetresPerSecond, ...], Axes
-    ]  # client: the hand's mean over the frame; server: the object's
-    force_n: Annotated[
-        tuple[Newtons, ...], Axes
-    ]  # client: on the hand, of the last tick; server: to be given to the hand
+    # client: of its proxy, mean over the frame, on the hand at the last tick; server: of the object, force for the hand
+    position_m: Annotated[tuple[Metres, ...], Axes]
+    velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
+    force_n: Annotated[tuple[Newtons, ...], Axes]
     entered_j: Annotated[tuple[Entered, ...], Axes]  # energy into the channel here, inward flow only
     taken_j: Annotated[tuple[Entered, ...], Axes]  # energy out of it here, outward flow only
     port_j: Total  # energy in less energy out here, all axes

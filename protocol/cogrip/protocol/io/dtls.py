@@ -38,9 +38,7 @@ ERROR_TEXTS = (  # (part of OpenSSL's text, our text); the first part that is fo
     ("alert", "the other end broke the handshake off"),
 )
 OTHER_ERROR = "the handshake went wrong"
-FINAL = frozenset(
-    (NOT_TRUSTED, WRONG_CERTIFICATE, NO_CIPHER, NO_VERSION)
-)  # another handshake would end in the same way
+FINAL = (NOT_TRUSTED, WRONG_CERTIFICATE, NO_CIPHER, NO_VERSION)  # another handshake would end in the same way
 
 
 def server_context(

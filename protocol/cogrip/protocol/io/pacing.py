@@ -25,20 +25,9 @@ class Pacer:
     """
 
     __slots__ = (
-        "_clock",
-        "_deadline_ns",
-        "_next",
-        "_sleep",
-        "_started_ns",
-        "late_ns",
-        "lateness",
-        "rate_hz",
-        "run",
-        "skipped",
-        "spin_ns",
-        "t0_ns",
-        "work",
-    )
+        "_clock", "_deadline_ns", "_next", "_sleep", "_started_ns", "late_ns", "lateness", "rate_hz", "run", "skipped",
+        "spin_ns", "t0_ns", "work",
+    )  # fmt: skip
 
     def __init__(
         self,

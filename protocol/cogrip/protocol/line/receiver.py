@@ -272,14 +272,9 @@ class LineReceiver:
     def count(self) -> LinkCount:
         """Return how many frames met which fate."""
         return LinkCount(
-            sent=self._sent,
-            received=self._received,
-            applied=self._applied,
-            lost=self.lost,
-            late=self._late,
-            duplicate=self._duplicate,
-            pending=max(0, self._newest + 1 - self._due_frames),
-        )
+            sent=self._sent, received=self._received, applied=self._applied, lost=self.lost, late=self._late,
+            duplicate=self._duplicate, pending=max(0, self._newest + 1 - self._due_frames),
+        )  # fmt: skip
 
     @property
     def playout_frames(self) -> int:

@@ -74,17 +74,18 @@ class Header(msgspec.Struct, frozen=True):
             key: value if isinstance(value, str) else msgspec.json.encode(value).decode()
             for key, value in msgspec.structs.asdict(self).items()
         }
-        return {**texts, CHECK: _check(texts)}
+        return {**texts, CHECK: checksum(texts)}
 
 
-def _check(texts: dict[str, str]) -> str:
+def checksum(texts: dict[str, str]) -> str:
+    """Return the checksum of a header's texts."""
     return str(zlib.crc32("\n".join(f"{key}={texts[key]}" for key in sorted(texts)).encode()))
 
 
 def header_of(metadata: dict[str, str]) -> Header:
     """Return the header in a file's metadata. Raises ValueError (msgspec's too) if it is none, or damaged."""
     texts = {key: value for key, value in metadata.items() if key != CHECK}
-    if metadata.get(CHECK) != _check(texts):
+    if metadata.get(CHECK) != checksum(texts):
         raise ValueError("its checksum does not fit; it is damaged")
     fields: dict[str, Any] = {}
     for field in msgspec.structs.fields(Header):
