@@ -1,4 +1,4 @@
-"""Peers that speak DTLS in ways that cogrip does not: old versions, other ciphers, other certificates, renegotiation."""
+"""DTLS peers unlike cogrip's: old versions, other ciphers, other certificates, renegotiation."""
 
 from collections.abc import Callable
 

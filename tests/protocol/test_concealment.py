@@ -20,7 +20,7 @@ from cogrip.protocol.line.concealment import (
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
 
-from tests.protocol.test_line import FRAME_S, TOLERANCE, Books, Road, drive, hand, noise
+from tests.protocol.test_line import FRAME_S, TOLERANCE, CheckedLine, Conditions, drive, hand, noise
 
 BEST: Concealed = "elastic"
 
@@ -34,34 +34,34 @@ class AnyOrder(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.books = Books(axes=2, delay=1, redundancy=2, concealment=self.concealment, tank_j=self.tank_j)
+        self.checked = CheckedLine(axes=2, delay=1, redundancy=2, concealment=self.concealment, tank_j=self.tank_j)
 
     @rule(target=datagrams, value=st.sampled_from([0.0, 1.0, -1.0, 0.25, 3.0]))
     def send(self, value: float) -> tuple[int, Frame, Frame, Frame]:
-        return self.books.send((value, -0.5 * value))
+        return self.checked.send((value, -0.5 * value))
 
     @rule(datagram=datagrams)
     def arrive(self, datagram: tuple[int, Frame, Frame, Frame]) -> None:
-        assert self.books.receiver.receive(*datagram)
+        assert self.checked.receiver.receive(*datagram)
 
     @rule(frames=st.integers(1, 3))
     def pop(self, frames: int) -> None:
-        self.books.pop(frames)
+        self.checked.pop(frames)
 
     @rule(value=st.floats(-2.0, 2.0))
     def write_off(self, value: float) -> None:
-        self.books.receiver.write_off((value, -value))
+        self.checked.receiver.write_off((value, -value))
 
-    @precondition(lambda self: self.books.sent)
+    @precondition(lambda self: self.checked.sent)
     @rule(silent=st.integers(1, 40))
     def wait(self, silent: int) -> None:
         for _ in range(silent):
-            self.books.pop()
+            self.checked.pop()
 
     @invariant()
     def nothing_is_created(self) -> None:
-        self.books.check()
-        assert 0.0 <= self.books.receiver.gain <= 1.0
+        self.checked.check()
+        assert 0.0 <= self.checked.receiver.gain <= 1.0
 
 
 class AnyOrderTank(AnyOrder):
@@ -77,23 +77,23 @@ TestAnyOrderTank = AnyOrderTank.TestCase
 
 @pytest.mark.parametrize("name", CONCEALMENTS)
 def test_a_clean_line_never_asks(name: Concealed) -> None:
-    books = Books(axes=2, delay=2, concealment=name)
-    drive(books, Road(delay=0), hand(2, 0), frames=300, seed=0)
-    assert books.played[2:] == books.sent[:298]
-    assert books.receiver.gain == 1.0
+    checked = CheckedLine(axes=2, delay=2, concealment=name)
+    drive(checked, Conditions(delay=0), hand(2, 0), frames=300, seed=0)
+    assert checked.played[2:] == checked.sent[:298]
+    assert checked.receiver.gain == 1.0
 
 
-def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], Books]:
+def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], CheckedLine]:
     """Return the waves played to a hand that moves on through `silent` lost frames, after an earlier gap, and then rests."""
-    books = Books(delay=2, redundancy=4, concealment=name)
+    checked = CheckedLine(delay=2, redundancy=4, concealment=name)
     waves = stroke()
     for number in range(260 + silent + rest):
-        contents = books.send((next(waves) if number < 260 + silent else 0.0,))
+        contents = checked.send((next(waves) if number < 260 + silent else 0.0,))
         if not 40 <= number < 60 and not 200 <= number < 200 + silent:
-            books.receiver.receive(*contents)
-        books.pop()
-    books.check()
-    return [wave[0] for wave in books.played], books
+            checked.receiver.receive(*contents)
+        checked.pop()
+    checked.check()
+    return [wave[0] for wave in checked.played], checked
 
 
 def stroke() -> Iterator[float]:
@@ -130,33 +130,33 @@ def test_compensation_that_costs_energy_is_bounded() -> None:
 
 def test_a_datagram_that_is_missing_while_no_frame_is_changes_nothing() -> None:
     """Its frames came with the next one: what is played is what was sent, to the bit."""
-    books, sent = Books(delay=2, redundancy=4), []
+    checked, sent = CheckedLine(delay=2, redundancy=4), []
     for number in range(300):
         sent.append((0.3 * sin(number / 9.0),))
-        contents = books.send(sent[-1])
+        contents = checked.send(sent[-1])
         if number % 7:
-            books.receiver.receive(*contents)
-        books.pop()
-    assert books.receiver.count().lost == books.receiver.count().late == 0
-    assert [tuple(wave) for wave in books.played[2:]] == sent[:-2]
+            checked.receiver.receive(*contents)
+        checked.pop()
+    assert checked.receiver.count().lost == checked.receiver.count().late == 0
+    assert [tuple(wave) for wave in checked.played[2:]] == sent[:-2]
 
 
 def test_after_the_first_gap_a_reserve_is_charged_for_the_next_one_and_then_the_line_is_clear() -> None:
     """A part of the waves is withheld until the reserve covers a fade."""
-    books, waves = Books(delay=2, redundancy=4), stroke()
+    checked, waves = CheckedLine(delay=2, redundancy=4), stroke()
     for number in range(1200):
-        contents = books.send((next(waves),))
+        contents = checked.send((next(waves),))
         if not 10 <= number < 16:
-            books.receiver.receive(*contents)
-        books.pop()
-    played = [wave[0] for wave in books.played]
-    assert books.receiver.count().lost == 3
+            checked.receiver.receive(*contents)
+        checked.pop()
+    played = [wave[0] for wave in checked.played]
+    assert checked.receiver.count().lost == 3
     assert played[2:12] == [0.3] * 10
     assert min(played[40:]) >= 0.3 * (1.0 - CHARGE_FRACTION) - 1e-12
     assert played[-1] == pytest.approx(0.3, rel=1e-3)
     saved = sum(0.3**2 - value * value for value in played[2:])
     assert saved == pytest.approx(TARGET_FRAMES * 0.3**2, rel=0.3)
-    books.check()
+    checked.check()
 
 
 @pytest.mark.parametrize("frame_s", [1 / 32, 1 / 128, 1 / 1024])
@@ -173,19 +173,19 @@ def test_the_times_do_not_depend_on_the_frame_rate(frame_s: float) -> None:
 
 def test_what_the_end_has_written_off_is_withheld_as_it_comes() -> None:
     """A hand moved on 12 sqrt(W) frames through an outage without a force; the waves that answer it afterwards are not felt."""
-    books = Books(delay=0, redundancy=4)
+    checked = CheckedLine(delay=0, redundancy=4)
     for number in range(300):
         if number == 100:
             for _ in range(40):
-                books.receiver.write_off((0.3,))
+                checked.receiver.write_off((0.3,))
         wave = 0.3 if 150 <= number < 190 else 0.0
-        books.receiver.receive(*books.send((wave,)))
-        books.pop()
-    played = [wave[0] for wave in books.played]
+        checked.receiver.receive(*checked.send((wave,)))
+        checked.pop()
+    played = [wave[0] for wave in checked.played]
     felt = sum(abs(value) for value in played[150:190])
     assert felt < 0.75 * 40 * 0.3, "less than has come"
     assert abs(sum(played[100:])) < 1.5, "12 have come and 12 were written off before"
-    books.check()
+    checked.check()
 
 
 @given(
@@ -226,11 +226,11 @@ def test_forged_totals_bring_no_more_than_honest_waves_could(name: Concealed, si
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(sorted(CONCEALMENTS)), st.sampled_from([noise, hand]), st.integers(0, 2**32))
 def test_outages_create_nothing(name: Concealed, signal: type, seed: int) -> None:
-    books, waves = Books(axes=2, delay=6, redundancy=4, concealment=name), signal(2, seed)
+    checked, waves = CheckedLine(axes=2, delay=6, redundancy=4, concealment=name), signal(2, seed)
     for number in range(500):
-        contents = books.send(next(waves))
+        contents = checked.send(next(waves))
         if number % 120 < 90 and (number * 7 + seed) % 5:
-            books.receiver.receive(*contents)
-        books.pop()
-    books.check()
-    assert books.worst <= TOLERANCE
+            checked.receiver.receive(*contents)
+        checked.pop()
+    checked.check()
+    assert checked.worst <= TOLERANCE

@@ -12,9 +12,9 @@ frames = st.lists(st.tuples(st.integers(1, 5), st.none() | energies), max_size=6
 
 
 @given(st.integers(1, 40), frames)
-def test_the_least_after_the_first_second_is_that_of_the_frames_after_it(network_hz: int, told: list) -> None:  # type: ignore[type-arg]
+def test_the_least_after_the_first_second_is_that_of_the_frames_after_it(network_hz: int, balances: list) -> None:  # type: ignore[type-arg]
     reserve, passed, margin, later = EnergyReserve(network_hz), 0, 0.0, inf
-    for count, value in told:
+    for count, value in balances:
         passed += count
         reserve.elapse(count)
         if value is not None:

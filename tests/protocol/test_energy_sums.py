@@ -81,7 +81,7 @@ def hard(random: Random, frames: int, largest: float) -> list[float]:
 
 
 def pulled(random: Random, frames: int, largest: float) -> list[float]:
-    """A steady pull, whose losses cost more to pay than they carried: the bank is spent to the last."""
+    """A steady pull, whose losses cost more to compensate than they carried: the reserve is spent to the last."""
     size = random.uniform(0.3, 3.0)
     return [largest * random.uniform(0.5, 1.0) for _ in range(64)] + [size] * frames
 
@@ -175,7 +175,7 @@ def test_without_the_fraction_that_is_kept_back_a_line_would_lend_it(monkeypatch
 
 
 def test_a_reserve_is_not_filled_by_rounding() -> None:
-    """Both ends add up alike: where nothing is lost nothing is owed, to the last bit; where something is, a share is kept."""
+    """Both ends add up alike: a clean line has no deficit, to the last bit; after a loss a fraction is kept."""
     sender, receiver = LineSender(1, 2), LineReceiver(1, 0, FRAME_S)
     for wave in hard(Random(3), 2000, 1e4):
         sender.push((wave,))

@@ -31,7 +31,7 @@ from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.session.link import HOLD_MS
 
 from tests.protocol.spec_page import rows, section
-from tests.protocol.test_line import FRAME_S, Books, Road, drive, noise, roads
+from tests.protocol.test_line import FRAME_S, CheckedLine, Conditions, drive, networks, noise
 
 HZ = 128
 
@@ -82,32 +82,32 @@ def gamma(random: Random, mean_s: float) -> float:
 
 
 @settings(max_examples=60, deadline=None)
-@given(roads, st.integers(0, 2**32))
-def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Road, seed: int) -> None:
-    books = Books(delay="auto", redundancy=4)  # type: ignore[arg-type]
+@given(networks, st.integers(0, 2**32))
+def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(conditions: Conditions, seed: int) -> None:
+    checked = CheckedLine(delay="auto", redundancy=4)  # type: ignore[arg-type]
     cursors: list[int] = []
     played: list[int] = []
-    account = books.receiver.playout_account()
+    account = checked.receiver.playout_account()
     moves = 0
-    real = books.receiver.pop
+    real = checked.receiver.pop
 
-    def take(frames: int = 1) -> tuple[float, ...]:
+    def pop(frames: int = 1) -> tuple[float, ...]:
         nonlocal account, moves
-        before = books.receiver.acknowledged
+        before = checked.receiver.acknowledged
         wave = real(frames)
-        after, now = books.receiver.acknowledged, books.receiver.playout_account()
+        after, now = checked.receiver.acknowledged, checked.receiver.playout_account()
         moved = now.repeated - account.repeated, now.skipped - account.skipped
         assert moved in ((0, 0), (1, 0), (0, 1))
         if cursors and before:
             assert after - before == frames - moved[0] + moved[1]
-        if after and not books.receiver.gap:
+        if after and not checked.receiver.gap:
             played.append(after)
         cursors.append(after)
         account, moves = now, moves + sum(moved)
         return wave
 
-    books.receiver.pop = take  # type: ignore[method-assign]
-    drive(books, road, noise(1, seed), frames=400, seed=seed)
+    checked.receiver.pop = pop  # type: ignore[method-assign]
+    drive(checked, conditions, noise(1, seed), frames=400, seed=seed)
     assert played == sorted(set(played))
     assert (account.least_frames <= account.depth_frames <= account.most_frames) or not played
     assert moves == account.repeated + account.skipped
@@ -115,11 +115,11 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Roa
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.integers(-40, 40), st.booleans(), st.booleans()), max_size=300))
-def test_whatever_is_heard_moves_are_single_and_shallower_ones_apart(heard: list[tuple[int, bool, bool]]) -> None:
+def test_whatever_arrives_moves_are_single_and_skips_apart(arrivals: list[tuple[int, bool, bool]]) -> None:
     playout = AdaptiveJitterBuffer(1.0 / HZ)
     playout.begin(3)
     skips = []
-    for take, (lead, here, fresh) in enumerate(heard):
+    for take, (lead, here, fresh) in enumerate(arrivals):
         if fresh:
             playout.arrived(lead)
         move = playout.decide(lead, here, fresh)
@@ -164,12 +164,12 @@ def test_a_constant_link_loses_nothing_and_is_held_by_no_frame_more(hz: int, del
     assert set(scene.offsets) == {one_way(1e3 * delay_s, 0, Rates(hz, hz)).frames}
 
 
-def test_a_longer_way_is_followed_within_a_fifth_of_a_second() -> None:
+def test_a_longer_path_is_followed_within_a_fifth_of_a_second() -> None:
     scene = Scene()
     scene.run(10.0, lambda _: 0.020)
     scene.run(0.2, lambda _: 0.050)
     assert scene.offsets[-1] == 7
-    assert scene.late <= 16  # 8 takes to be sure, and as many as the way has become longer, 4
+    assert scene.late <= 16  # 8 pops to be sure, and as many as the path has become longer, 4
     lost = scene.late
     scene.run(5.0, lambda _: 0.050)
     assert (scene.late, scene.depth(5.0)) == (lost, 7.0)
@@ -193,7 +193,7 @@ def test_a_sender_that_has_fallen_far_behind_is_waited_for() -> None:
     assert number < 129 + 2.1 * 12 * HZ
 
 
-def test_a_shorter_way_is_followed_within_six_seconds_and_one_frame_at_a_time() -> None:
+def test_a_shorter_path_is_followed_within_six_seconds_and_one_frame_at_a_time() -> None:
     scene = Scene()
     random = Random(1)
     scene.run(20.0, lambda _: 0.050 + gamma(random, 0.004))
@@ -203,7 +203,7 @@ def test_a_shorter_way_is_followed_within_six_seconds_and_one_frame_at_a_time() 
     assert scene.receiver.playout_account().skipped - skipped == before - scene.offsets[-1]
 
 
-def test_a_way_longer_than_the_weight_of_everything_lost_is_followed_too() -> None:
+def test_a_path_longer_than_the_weight_of_everything_lost_is_followed_too() -> None:
     scene = Scene()
     scene.run(5.0, lambda _: 0.020)
     scene.run(3.0, lambda _: 0.020 + 1.5 * WEIGHT_S)

@@ -27,7 +27,7 @@ class HoldLast(LineReceiver):
 
 
 @dataclass
-class Books:
+class CheckedLine:
     """A sender and a receiver with the true energy of every frame. delay: playout delay, or "auto"."""
 
     axes: int = 1
@@ -87,7 +87,7 @@ class Books:
 
 
 @dataclass(frozen=True)
-class Road:
+class Conditions:
     """A link in ticks of a tenth of a frame, and two loops that may miss frames or drift."""
 
     loss: float = 0.0
@@ -101,28 +101,30 @@ class Road:
     receiver_period: float = 10.0
 
 
-def drive(books: Books, road: Road, waves: Iterator[Frame], frames: int, seed: int) -> None:
+def drive(checked: CheckedLine, conditions: Conditions, waves: Iterator[Frame], frames: int, seed: int) -> None:
     """Run the line for `frames` receiver frames."""
     random = Random(seed)
     flight: list[tuple[float, int, tuple[int, Frame, Frame, Frame]]] = []
     number, lost, missed = 0, False, 0
     for k in range(frames):
-        now = k * road.receiver_period + 0.5
-        while number * road.sender_period <= now:
-            contents = books.send(next(waves))
-            lost = random.random() < ((1.0 - 1.0 / road.burst) if lost and road.burst > 1.0 else road.loss)
-            copies = 0 if lost else 1 + (random.random() < road.duplicate)
+        now = k * conditions.receiver_period + 0.5
+        while number * conditions.sender_period <= now:
+            contents = checked.send(next(waves))
+            lost = random.random() < (
+                (1.0 - 1.0 / conditions.burst) if lost and conditions.burst > 1.0 else conditions.loss
+            )
+            copies = 0 if lost else 1 + (random.random() < conditions.duplicate)
             for _ in range(copies):
-                extra = random.randint(0, road.jitter) + (road.first_extra if not number else 0)
-                flight.append((number * road.sender_period + road.delay + extra, number, contents))
+                extra = random.randint(0, conditions.jitter) + (conditions.first_extra if not number else 0)
+                flight.append((number * conditions.sender_period + conditions.delay + extra, number, contents))
             number += 1
         for arrival in sorted(one for one in flight if one[0] <= now):
             flight.remove(arrival)
-            assert books.receiver.receive(*arrival[2])
-        if random.random() < road.skip:
+            assert checked.receiver.receive(*arrival[2])
+        if random.random() < conditions.skip:
             missed += 1
         else:
-            books.pop(1 + missed)
+            checked.pop(1 + missed)
             missed = 0
 
 
@@ -143,8 +145,8 @@ def hand(axes: int, seed: int) -> Iterator[Frame]:
         number += 1
 
 
-roads = st.builds(
-    Road,
+networks = st.builds(
+    Conditions,
     loss=st.sampled_from([0.0, 0.05, 0.3, 0.6]),
     burst=st.sampled_from([1.0, 4.0, 20.0]),
     duplicate=st.sampled_from([0.0, 0.3]),
@@ -155,7 +157,7 @@ roads = st.builds(
     sender_period=st.sampled_from([9.7, 10.0, 10.3]),
 )
 lines = st.builds(
-    Books,
+    CheckedLine,
     axes=st.integers(1, 3),
     delay=st.integers(0, 12) | st.just("auto"),
     redundancy=st.integers(1, 8),
@@ -165,70 +167,72 @@ lines = st.builds(
 
 
 @settings(max_examples=200, deadline=None)
-@given(lines, roads, st.sampled_from([noise, hand]), st.integers(0, 2**32))
-def test_no_link_creates_energy_or_loses_count(books: Books, road: Road, signal: type, seed: int) -> None:
-    drive(books, road, signal(books.axes, seed), frames=300, seed=seed)
-    books.check()
+@given(lines, networks, st.sampled_from([noise, hand]), st.integers(0, 2**32))
+def test_no_link_creates_energy_or_loses_count(
+    checked: CheckedLine, conditions: Conditions, signal: type, seed: int
+) -> None:
+    drive(checked, conditions, signal(checked.axes, seed), frames=300, seed=seed)
+    checked.check()
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_every_frame_plays_at_most_once_and_in_order(seed: int) -> None:
-    books = Books(delay=3, redundancy=3, concealment="zero")  # what it plays is a frame or 0
-    road = Road(loss=0.3, burst=3.0, duplicate=0.5, jitter=60, skip=0.1, sender_period=9.9)
-    drive(books, road, ((float(number),) for number in range(1, 10**6)), frames=600, seed=seed)
-    played = [wave[0] for wave in books.played if wave[0]]
+    checked = CheckedLine(delay=3, redundancy=3, concealment="zero")  # what it plays is a frame or 0
+    conditions = Conditions(loss=0.3, burst=3.0, duplicate=0.5, jitter=60, skip=0.1, sender_period=9.9)
+    drive(checked, conditions, ((float(number),) for number in range(1, 10**6)), frames=600, seed=seed)
+    played = [wave[0] for wave in checked.played if wave[0]]
     assert played == sorted(set(played))
-    assert len(played) == books.receiver.count().applied
-    assert books.receiver.count().late > 0
-    assert books.receiver.count().lost > 0
+    assert len(played) == checked.receiver.count().applied
+    assert checked.receiver.count().late > 0
+    assert checked.receiver.count().lost > 0
 
 
 @pytest.mark.parametrize("delay", [0, 1, 4])
 def test_a_clean_link_is_a_pure_delay(delay: int) -> None:
-    books = Books(axes=2, delay=delay, redundancy=8)
-    drive(books, Road(delay=0), hand(2, 0), frames=200, seed=0)
-    assert books.played == [(0.0, 0.0)] * delay + books.sent[: 200 - delay]
-    count = books.receiver.count()
+    checked = CheckedLine(axes=2, delay=delay, redundancy=8)
+    drive(checked, Conditions(delay=0), hand(2, 0), frames=200, seed=0)
+    assert checked.played == [(0.0, 0.0)] * delay + checked.sent[: 200 - delay]
+    count = checked.receiver.count()
     assert (count.applied, count.late, count.lost, count.duplicate) == (200 - delay, 0, 0, 0)
     assert count.pending == delay
 
 
 def test_redundancy_repairs_every_gap_shorter_than_itself_within_the_playout_delay() -> None:
-    books = Books(delay=3, redundancy=4, concealment="tank")
+    checked = CheckedLine(delay=3, redundancy=4, concealment="tank")
     waves = hand(1, 0)
     for number in range(200):
-        contents = books.send(next(waves))
+        contents = checked.send(next(waves))
         if number % 4 == 3:  # three datagrams of four are lost
-            books.receiver.receive(*contents)
-        books.pop()
-    count = books.receiver.count()
+            checked.receiver.receive(*contents)
+        checked.pop()
+    count = checked.receiver.count()
     assert (count.late, count.lost) == (0, 0)
-    assert [wave for wave in books.played if any(wave)] == [wave for wave in books.sent[:197] if any(wave)]
+    assert [wave for wave in checked.played if any(wave)] == [wave for wave in checked.sent[:197] if any(wave)]
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("tank_j", [0.0, 1e-3])
 def test_the_deficit_is_compensated_when_the_waves_go_quiet(seed: int, tank_j: float) -> None:
-    books = Books(delay=2, redundancy=2, tank_j=tank_j)
+    checked = CheckedLine(delay=2, redundancy=2, tank_j=tank_j)
     waves = hand(1, seed)
-    drive(books, Road(loss=0.3, burst=4.0, jitter=20), waves, frames=400, seed=seed)
-    deficit = abs(books.deficit())
+    drive(checked, Conditions(loss=0.3, burst=4.0, jitter=20), waves, frames=400, seed=seed)
+    deficit = abs(checked.deficit())
     for _ in range(500):
-        books.receiver.receive(*books.send((0.0,)))
-        books.pop()
-    books.check()
-    assert books.receiver.count().lost > 50
-    assert abs(books.deficit()) < 0.01 * max(1.0, deficit)
+        checked.receiver.receive(*checked.send((0.0,)))
+        checked.pop()
+    checked.check()
+    assert checked.receiver.count().lost > 50
+    assert abs(checked.deficit()) < 0.01 * max(1.0, deficit)
 
 
 def test_compensation_is_slow() -> None:
-    books = Books(delay=0, redundancy=1, concealment="repaid")
+    checked = CheckedLine(delay=0, redundancy=1, concealment="repaid")
     for number in range(60):
-        contents = books.send((1.0,) if number < 20 else (0.0,))
+        contents = checked.send((1.0,) if number < 20 else (0.0,))
         if not 5 <= number < 20:
-            books.receiver.receive(*contents)
-        books.pop()
-    compensated = [wave[0] for wave in books.played[20:]]
+            checked.receiver.receive(*contents)
+        checked.pop()
+    compensated = [wave[0] for wave in checked.played[20:]]
     assert max(compensated) == COMPENSATION_LIMIT
     assert min(compensated) >= 0.0
 
@@ -236,104 +240,104 @@ def test_compensation_is_slow() -> None:
 @pytest.mark.parametrize(("sender_period", "drift"), [(9.95, 20), (10.05, -20)], ids=["sender fast", "sender slow"])
 def test_a_drifting_clock_is_followed_without_energy(sender_period: float, drift: int) -> None:
     """Half a percent of drift is 20 frames in 4000: the playout moves as many frames, and stays near D."""
-    books = Books(delay=2, redundancy=4)
-    drive(books, Road(sender_period=sender_period), noise(1, 7), frames=4000, seed=1)
-    books.check()
-    assert len(books.sent) - 4000 == pytest.approx(drift, abs=1)
-    account = books.receiver.playout_account()
+    checked = CheckedLine(delay=2, redundancy=4)
+    drive(checked, Conditions(sender_period=sender_period), noise(1, 7), frames=4000, seed=1)
+    checked.check()
+    assert len(checked.sent) - 4000 == pytest.approx(drift, abs=1)
+    account = checked.receiver.playout_account()
     assert account.repeated + account.skipped == pytest.approx(20, abs=3)
-    assert books.delay - 1 <= len(books.sent) - books.receiver.acknowledged <= books.delay + 2
-    count = books.receiver.count()
+    assert checked.delay - 1 <= len(checked.sent) - checked.receiver.acknowledged <= checked.delay + 2
+    count = checked.receiver.count()
     assert count.applied >= 0.99 * count.sent
 
 
 def test_steady_clocks_are_left_alone() -> None:
-    books = Books(delay=4, redundancy=4)
-    drive(books, Road(jitter=30), hand(1, 0), frames=3000, seed=3)
-    account = books.receiver.playout_account()
+    checked = CheckedLine(delay=4, redundancy=4)
+    drive(checked, Conditions(jitter=30), hand(1, 0), frames=3000, seed=3)
+    account = checked.receiver.playout_account()
     assert (account.repeated, account.skipped) == (0, 0)
 
 
 def test_a_first_datagram_that_came_late_is_put_right() -> None:
     """A late first datagram sets the playout delay five frames too long; later windows bring it back to D, one frame each."""
-    books = Books(delay=2, redundancy=1)
-    road = Road(delay=5, first_extra=50)
-    drive(books, road, hand(1, 0), frames=100, seed=0)
-    late_start = len(books.sent) - books.receiver.acknowledged
-    books.check()
+    checked = CheckedLine(delay=2, redundancy=1)
+    conditions = Conditions(delay=5, first_extra=50)
+    drive(checked, conditions, hand(1, 0), frames=100, seed=0)
+    late_start = len(checked.sent) - checked.receiver.acknowledged
+    checked.check()
     for _ in range(8 * REALIGN_WINDOW):
-        books.receiver.receive(*books.send((0.25,)))
-        books.pop()
-    books.check()
-    assert len(books.sent) - books.receiver.acknowledged == books.delay <= late_start
-    assert books.receiver.count().sent == books.receiver.acknowledged
+        checked.receiver.receive(*checked.send((0.25,)))
+        checked.pop()
+    checked.check()
+    assert len(checked.sent) - checked.receiver.acknowledged == checked.delay <= late_start
+    assert checked.receiver.count().sent == checked.receiver.acknowledged
 
 
 def test_the_playout_begins_with_the_newest_frame_of_the_first_border() -> None:
     """Frames sent before the receiver began are lost; their deficit is known and compensated as slowly as any."""
-    books = Books(delay=1, redundancy=2, concealment="repaid")
+    checked = CheckedLine(delay=1, redundancy=2, concealment="repaid")
     for _ in range(40):
-        contents = books.send((0.5,))
-    books.receiver.receive(*contents)
-    assert books.pop() == (0.5 + COMPENSATION_LIMIT,)  # frame 38 of 0 to 39
-    assert (books.receiver.acknowledged, books.receiver.count().lost) == (39, 38)
+        contents = checked.send((0.5,))
+    checked.receiver.receive(*contents)
+    assert checked.pop() == (0.5 + COMPENSATION_LIMIT,)  # frame 38 of 0 to 39
+    assert (checked.receiver.acknowledged, checked.receiver.count().lost) == (39, 38)
     for _ in range(2000):
-        books.receiver.receive(*books.send((0.0,)))
-        books.pop()
-    books.check()
-    assert books.deficit() == pytest.approx(0.0, abs=1e-6)
+        checked.receiver.receive(*checked.send((0.0,)))
+        checked.pop()
+    checked.check()
+    assert checked.deficit() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_holding_the_last_wave_creates_energy_where_the_line_does_not() -> None:
     """Reason not to fill a gap with the last wave (theory 3.5)."""
     worst = {}
     for kind in (LineReceiver, HoldLast):
-        books = Books(delay=2, redundancy=2, kind=kind)
+        checked = CheckedLine(delay=2, redundancy=2, kind=kind)
         waves = ((value,) for value in [1.0] * 20 + [0.0] * 10**6)
         for number in range(60):
-            contents = books.send(next(waves))
+            contents = checked.send(next(waves))
             if not 18 <= number < 40:  # the hand stops while nothing comes through
-                books.receiver.receive(*contents)
-            books.pop()
-        worst[kind] = books.worst
+                checked.receiver.receive(*contents)
+            checked.pop()
+        worst[kind] = checked.worst
     assert worst[LineReceiver] <= TOLERANCE
     assert worst[HoldLast] > 0.5
 
 
 def test_a_tank_lets_the_last_wave_fade_and_no_more() -> None:
-    books = Books(delay=0, redundancy=1, tank_j=0.5 * FRAME_S, concealment="tank")  # 1 W
+    checked = CheckedLine(delay=0, redundancy=1, tank_j=0.5 * FRAME_S, concealment="tank")  # 1 W
     for _ in range(10):
-        books.receiver.receive(*books.send((1.0,)))
-        books.pop()
+        checked.receiver.receive(*checked.send((1.0,)))
+        checked.pop()
     gap = []
     for _ in range(30):
-        books.send((0.0,))
-        gap.append(books.pop()[0])
+        checked.send((0.0,))
+        gap.append(checked.pop()[0])
     assert gap[0] == FADE
     assert sum(value * value for value in gap) == pytest.approx(1.0)
     assert gap == sorted(gap, reverse=True)
-    books.check()
+    checked.check()
 
 
 def test_without_reserve_or_tank_a_gap_is_a_matched_termination() -> None:
-    books = Books(delay=0, redundancy=1)
-    books.receiver.receive(*books.send((1.0,)))
-    assert books.pop() == (1.0,)
-    assert [books.pop() for _ in range(5)] == [(0.0,)] * 5
+    checked = CheckedLine(delay=0, redundancy=1)
+    checked.receiver.receive(*checked.send((1.0,)))
+    assert checked.pop() == (1.0,)
+    assert [checked.pop() for _ in range(5)] == [(0.0,)] * 5
 
 
 def test_passed_over_frames_are_late_or_lost_and_their_deficit_is_known() -> None:
-    books = Books(delay=4, redundancy=8)
+    checked = CheckedLine(delay=4, redundancy=8)
     for _ in range(5):
-        books.receiver.receive(*books.send((0.5,)))
-    assert books.pop() == (0.5,)
-    assert books.pop(frames=4) == (0.5,)
-    count = books.receiver.count()
+        checked.receiver.receive(*checked.send((0.5,)))
+    assert checked.pop() == (0.5,)
+    assert checked.pop(frames=4) == (0.5,)
+    count = checked.receiver.count()
     assert (count.sent, count.applied, count.late, count.lost) == (5, 2, 3, 0)
     for _ in range(600):
-        books.receiver.receive(*books.send((0.0,)))
-        books.pop()
-    assert books.deficit() == pytest.approx(0.0, abs=1e-3)
+        checked.receiver.receive(*checked.send((0.0,)))
+        checked.pop()
+    assert checked.deficit() == pytest.approx(0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -283,7 +283,7 @@ def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print
 def test_short_hellos_get_no_answer() -> None:
     core = server()
     for datagram in (messages.encode(hello()), msgpack.packb([1, MAGIC, 9, "2.0", 7, {}]), b"\x91" * 1232, waves(100)):
-        core.receive(datagram, "stranger", 0)
+        core.receive(datagram, "unknown", 0)
     assert not core.outbox
     assert core.dropped == {"short hello": 2, "malformed": 1, "not seated": 1}
 
@@ -293,7 +293,7 @@ def test_no_answer_is_longer_than_the_question_and_every_refusal_is_read(room: s
     """Names may hold anything: a repr of them may be ten times as long."""
     client, core = ClientSession(hello(name=name, room=room)), server()
     client.connect(0)
-    core.receive(client.outbox.popleft(), "stranger", 0)
+    core.receive(client.outbox.popleft(), "unknown", 0)
     [(_, answer)] = core.outbox
     assert len(answer) <= HELLO_BYTES
     client.receive(answer, 0)

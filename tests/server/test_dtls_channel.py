@@ -157,7 +157,7 @@ def test_a_call_that_nobody_answers_gives_up_in_words(folder: Path) -> None:
     wire = Wire(folder, fault=lambda _: "drop")
     call = wire.call()
     wire.until(lambda: bool(call.failed), within_s=10.1)
-    assert call.failed == f"no sealed server answered within 10 s: {NO_ANSWER_CURE}"
+    assert call.failed == f"no encrypted server answered within 10 s: {NO_ANSWER_CURE}"
     assert call.dropped["handshake begun again"] >= 10
 
 
@@ -189,7 +189,7 @@ def test_a_plain_refusal_is_a_hint_and_no_more(folder: Path) -> None:
     wire.listener.poll(wire.now_ns)
     for second in range(11):
         call.poll(second * 1_000_000_000)
-    assert call.failed.endswith("without a seal came, perhaps from anyone: go away [full]")
+    assert call.failed.endswith("unencrypted came, perhaps from anyone: go away [full]")
 
 
 def test_plain_datagrams_into_a_seal_are_dropped_on_both_sides(folder: Path) -> None:

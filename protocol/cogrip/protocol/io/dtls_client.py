@@ -15,7 +15,7 @@ PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # wait for an answer to h
 GIVE_UP_NS = 10_000_000_000
 SHOWN_DIGITS = 16
 NO_ANSWER_CURE = (
-    "is it running and sealed, and is its UDP port open and forwarded on the way? A plain server is joined by HOST:PORT"
+    "is it running with DTLS, and is its UDP port open and forwarded? An unencrypted server is joined by HOST:PORT"
 )
 
 
@@ -108,7 +108,7 @@ class DtlsClient:
         if association is None:
             self._begun_ns = now_ns
         elif now_ns - self._begun_ns >= GIVE_UP_NS:
-            self.failed = self._why(f"no sealed server answered within {GIVE_UP_NS / 1e9:g} s: {NO_ANSWER_CURE}")
+            self.failed = self._why(f"no encrypted server answered within {GIVE_UP_NS / 1e9:g} s: {NO_ANSWER_CURE}")
             return
         elif now_ns - self._answered_ns < PATIENCE_NS[min(self._attempts, len(PATIENCE_NS)) - 1]:
             association.poll()
@@ -163,5 +163,5 @@ class DtlsClient:
 
     def _why(self, reason: str) -> str:
         trouble = f"; the last handshake: {self._last_error}" if self._last_error else ""
-        hint = f"; without a seal came, perhaps from anyone: {self._hint}" if self._hint else ""
+        hint = f"; unencrypted came, perhaps from anyone: {self._hint}" if self._hint else ""
         return f"{reason}{trouble}{hint}"

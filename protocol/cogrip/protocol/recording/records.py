@@ -58,7 +58,7 @@ class Datagram(Record, frozen=True, gc=False):
 
 
 class Command(Record, frozen=True, gc=False):
-    """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room where nobody sits."""
+    """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room without people."""
 
     verb: str
     reason: str = ""  # or the room
