@@ -16,7 +16,7 @@ from typing import NamedTuple
 from cogrip.protocol.channel import PEER, Channel
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.line.sender import LineSender
-from cogrip.protocol.messages import SEAL_BYTES, Hello, Stamp, Waves, encode
+from cogrip.protocol.messages import DTLS_BYTES, Hello, Stamp, Waves, encode
 from cogrip.protocol.session import ClientSession, make_hello
 from cogrip.protocol.settings import SeatSettings
 
@@ -110,7 +110,7 @@ class Person:
         session, channel = self.session, self.channel
         channel.poll(now_ns)
         if session.state == "idle" and channel.ready(PEER):
-            session.call(now_ns)
+            session.connect(now_ns)
         session.poll(now_ns)
         session.heartbeat(now_ns)
         while session.outbox:
@@ -172,7 +172,7 @@ class Person:
 class Echoed(Person):
     """Sends datagrams of the same size to somebody who sends them back: there is no session."""
 
-    seal = bytes(SEAL_BYTES)
+    seal = bytes(DTLS_BYTES)
     number = 2**62  # as long as a session's
 
     @property

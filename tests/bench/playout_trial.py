@@ -94,11 +94,11 @@ def play(arrived: Arrivals, frames: Frames) -> Played:
         contents.append(sender.contents())
         for datagram in datagrams:
             receiver.receive(*contents[datagram])
-        receiver.take()
+        receiver.pop()
         if receiver.gap:
             gaps += 1
-        elif receiver.heard:
-            delays += number + 1 - receiver.heard
+        elif receiver.acknowledged:
+            delays += number + 1 - receiver.acknowledged
             played += 1
     count = receiver.count()
     return Played(delays / max(1, played), count.sent, count.late, count.lost, gaps, receiver.playout_account())

@@ -242,7 +242,7 @@ class Caller:
         ))  # fmt: skip
 
     def call(self, now_ns: int) -> None:
-        self.session.call(now_ns)
+        self.session.connect(now_ns)
 
     def poll(self, now_ns: int) -> None:
         self.session.poll(now_ns)

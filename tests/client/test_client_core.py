@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from cogrip.client.core import RECKON_S
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.protocol import messages
-from cogrip.protocol.line.concealment import FASTEST
+from cogrip.protocol.line.concealment import ELASTIC_LIMIT
 from cogrip.protocol.messages import Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
@@ -185,7 +185,7 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
     assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is paid back of the first frame"
     assert force[silent[-1]] == 0.0
     assert client.core.safety.state == "live"
-    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + FASTEST), "what was lost is still being paid back"
+    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + ELASTIC_LIMIT), "what was lost is still being paid back"
     assert client.core.safety.reason == ""
     assert max(abs(np.diff(force[768:]))) < ROOT * 0.3 / (0.3 * DEVICE_HZ / M), "it ramps in, it does not jump"
 

@@ -25,10 +25,10 @@ def control_of(axes: int = 1, **tables: Any) -> PassivityControl:
     return PassivityControl(seat_settings(settings, 0))
 
 
-def power(number: int, force: float, entered: float, taken: float = 0.0, axes: int = 1, heard: int = 0) -> Power:
+def power(number: int, force: float, entered: float, taken: float = 0.0, axes: int = 1, acknowledged: int = 0) -> Power:
     row = (0.0,) * axes
     return Power(
-        7, number, row, row, (force,) * axes, (entered,) * axes, (taken,) * axes, 0.0, heard, Stamp(number + 1)
+        7, number, row, row, (force,) * axes, (entered,) * axes, (taken,) * axes, 0.0, acknowledged, Stamp(number + 1)
     )  # fmt: skip
 
 
@@ -200,7 +200,7 @@ def test_the_newest_message_stands_and_sums_lose_nothing() -> None:
     control.start_frame()
     control.start_frame()
     assert (control._wanted, control.left_j) == ((1.0,), (pytest.approx(0.3),))
-    hear(control, 9, 2.0, 0.5, heard=3)
+    hear(control, 9, 2.0, 0.5, acknowledged=3)
     assert control.left_j[0] == pytest.approx(0.5)
     assert control.loop_frames() == 1.0  # this end's frame 4, which answers 3
     count = control.count()

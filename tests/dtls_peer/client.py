@@ -142,7 +142,7 @@ class DtlsPeer:
     # what goes out
 
     def put(self, *records: bytes) -> None:
-        """In one datagram."""
+        """Join records to one datagram."""
         self.outbox.append((PEER, b"".join(records)))
 
     def record(self, kind: int, body: bytes, epoch: int | None = None, number: int | None = None) -> bytes:

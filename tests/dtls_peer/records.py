@@ -172,7 +172,7 @@ class Protection:
 def protections(
     suite: Suite, master: bytes, client_random: bytes, server_random: bytes
 ) -> tuple[Protection, Protection]:
-    """Of the client's records and of the server's, from the key block of section 6.3."""
+    """Return keys and nonces of the client's and the server's records, from the key block of section 6.3."""
     key, iv = suite.key_bytes, suite.iv_bytes
     block = prf(suite, master, b"key expansion", server_random + client_random, 2 * (key + iv))
     ours = Protection(suite, block[:key], block[2 * key : 2 * key + iv])

@@ -39,7 +39,7 @@ def say_and_leave(port: int, reason: str, account: ClientAccount) -> None:
         end.connect(("127.0.0.1", port))
         end.settimeout(0.05)
         until_s = time.monotonic() + LIMIT_S
-        session.call(time.monotonic_ns())
+        session.connect(time.monotonic_ns())
         while session.state != "closed" and time.monotonic() < until_s:
             while session.outbox:
                 end.send(session.outbox.popleft())

@@ -182,7 +182,7 @@ def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start,
     assert f"fingerprint {link.fingerprint[:16]}…, the link names {fingerprint[:16]}…" in wrong_server.said
     assert "the other end does not trust this certificate" in sealed.said
     assert to_plain.end() == 1
-    assert "no sealed server answered" in to_plain.said
+    assert "no encrypted server answered" in to_plain.said
     assert anna.popen.poll() is None, "she holds on through all of it"
     anna.popen.send_signal(signal.SIGINT)
     assert anna.end() == 0, anna.said

@@ -1,4 +1,4 @@
-"""Peers that speak DTLS in ways that cogrip does not: old versions, other ciphers, other certificates, renegotiation."""
+"""DTLS peers unlike cogrip's: old versions, other ciphers, other certificates, renegotiation."""
 
 from collections.abc import Callable
 
@@ -17,19 +17,19 @@ COOKIE = b"c" * 16
 
 
 def server_side(identity: Identity) -> SSL.Context:
-    """Of our own server, with one cookie for everyone."""
+    """Context of our own server, with one cookie for everyone."""
     return server_context(identity, lambda _: COOKIE, lambda _, cookie: cookie == COOKIE)
 
 
 def client_side(identity: Identity) -> SSL.Context:
-    """Of our own client, who knows this server."""
+    """Context of our own client, which knows this server."""
     return client_context(identity.fingerprint, lambda _: None)
 
 
 def foreign(
     *, version: int = dtls.DTLS1_2, ciphers: bytes = b"ALL:@SECLEVEL=0", identity: Identity | None = None
 ) -> SSL.Context:
-    """Of a peer that trusts everyone."""
+    """Context of a peer that trusts everyone."""
     context = SSL.Context(SSL.DTLS_METHOD)
     context.set_min_proto_version(version)
     context.set_max_proto_version(version)
@@ -96,20 +96,20 @@ class Pair:
             elif self.server.listen(datagram):
                 self._heard = True
                 self.server.accept()
-            answers += self.server.take()
+            answers += self.server.pop_datagrams()
         return answers
 
     def to_client(self, datagrams: list[bytes]) -> list[bytes]:
         answers: list[bytes] = []
         for datagram in datagrams:
             self.client.feed(datagram)
-            answers += self.client.take()
+            answers += self.client.pop_datagrams()
         return answers
 
     def shake(self, direction: Callable[[int, list[bytes]], list[bytes]] = lambda _, datagrams: datagrams) -> "Pair":
         """Let the handshake go as far as it goes. way: what arrives of a flight, by its number."""
-        self.client.dial()
-        datagrams = list(self.client.take())
+        self.client.connect()
+        datagrams = list(self.client.pop_datagrams())
         for number in range(10):
             self.flights.append(datagrams)
             datagrams = (self.to_client if number % 2 else self.to_server)(direction(number, datagrams))

@@ -15,18 +15,18 @@ from cogrip.protocol.io import certificate, dtls
 from cogrip.protocol.io.certificate import Identity
 from cogrip.protocol.io.dtls import (
     CLOSED,
-    ELSE,
     NO_CIPHER,
     NO_VERSION,
-    NOT_THE_ONE,
     NOT_TRUSTED,
+    OTHER_ERROR,
+    WRONG_CERTIFICATE,
     client_context,
     cookie_in,
-    in_words,
+    error_text,
     is_client_hello,
     packed,
 )
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, SEAL_BYTES
+from cogrip.protocol.messages import DTLS_BYTES, MAX_DATAGRAM_BYTES
 
 from tests.protocol.foreign_peers import (
     COOKIE,
@@ -72,7 +72,7 @@ def pair(identity: Identity) -> Pair:
 @given(messages=st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=8))
 def test_what_is_sent_is_what_comes_out(pair: Pair, messages: list[bytes]) -> None:
     datagrams = [pair.client.send(message) for message in messages]
-    assert all(len(datagram) == len(m) + SEAL_BYTES for datagram, m in zip(datagrams, messages, strict=True))
+    assert all(len(datagram) == len(m) + DTLS_BYTES for datagram, m in zip(datagrams, messages, strict=True))
     assert [message for datagram in datagrams for message in pair.server.feed(datagram)] == messages
     together = b"".join([pair.server.send(message) for message in messages])
     assert list(pair.client.feed(together)) == messages  # several records in one datagram are allowed
@@ -92,7 +92,7 @@ def test_closing_is_heard(identity: Identity) -> None:
     pair = ours(identity).shake()
     pair.client.close()
     pair.client.close()
-    (alert,) = pair.client.take()
+    (alert,) = pair.client.pop_datagrams()
     assert pair.server.feed(alert) == ()
     assert pair.server.failed == CLOSED
 
@@ -165,7 +165,7 @@ def test_a_last_flight_that_is_lost_is_sent_again(identity: Identity) -> None:
         assert time.monotonic_ns() < end_ns
         time.sleep(0.02)  # until the condition holds
         pair.client.poll()
-        again = list(pair.client.take())
+        again = list(pair.client.pop_datagrams())
     assert pair.to_client(pair.to_server(again)) == []
     assert pair.client.ready
     assert list(pair.server.feed(pair.client.send(b"hello"))) == [b"hello"]
@@ -207,13 +207,13 @@ def test_a_client_that_trusts_everyone_gets_in_by_the_allowed_ciphers_alone(iden
     for cipher in dtls.CIPHERS.split(b":"):
         pair = Pair(foreign(ciphers=cipher), server_side(identity)).shake()
         assert pair.client.ready
-        assert len(pair.client.send(b"x" * 100)) <= 100 + SEAL_BYTES
+        assert len(pair.client.send(b"x" * 100)) <= 100 + DTLS_BYTES
 
 
 def test_another_certificate_is_refused_and_both_sides_hear_of_it(identity: Identity, tmp_path: Path) -> None:
     found: list[str] = []
     pair = Pair(client_context("0" * 64, found.append), server_side(identity)).shake()
-    assert pair.client.failed == NOT_THE_ONE
+    assert pair.client.failed == WRONG_CERTIFICATE
     assert pair.server.failed == NOT_TRUSTED
     assert set(found) == {identity.fingerprint}
 
@@ -224,7 +224,7 @@ def test_the_right_certificate_behind_another_one_does_not_help(identity: Identi
     context = foreign(identity=other)
     context.add_extra_chain_cert(identity.certificate)
     pair = Pair(client_side(identity), context).shake()
-    assert pair.client.failed == NOT_THE_ONE
+    assert pair.client.failed == WRONG_CERTIFICATE
     assert not pair.client.ready
 
 
@@ -237,11 +237,11 @@ def test_renegotiation_is_refused(identity: Identity, asks: str) -> None:
         pair = Pair(client_side(identity), foreign(identity=identity)).shake()
         asking, asked = pair.server, pair.client
     asking._connection.renegotiate()
-    asking._shake()
+    asking._handshake()
     asking._drain()
-    for datagram in asking.take():
+    for datagram in asking.pop_datagrams():
         assert asked.feed(datagram) == ()
-    assert all(datagram[0] == ALERT for datagram in asked.take())
+    assert all(datagram[0] == ALERT for datagram in asked.pop_datagrams())
     if not asked.failed:
         assert list(pair.server.feed(pair.client.send(b"on"))) in ([b"on"], [])
     assert asked._connection.total_renegotiations() == 0
@@ -274,6 +274,6 @@ def test_records_are_packed_whole(sizes: tuple[int, ...]) -> None:
 
 
 def test_words_are_of_a_bounded_number() -> None:
-    assert in_words(SSL.Error([("SSL routines", "", "tlsv1 alert protocol version")])) == NO_VERSION
-    assert in_words(SSL.Error([("SSL routines", "", "something new")])) == ELSE
-    assert in_words(ValueError()) == ELSE
+    assert error_text(SSL.Error([("SSL routines", "", "tlsv1 alert protocol version")])) == NO_VERSION
+    assert error_text(SSL.Error([("SSL routines", "", "something new")])) == OTHER_ERROR
+    assert error_text(ValueError()) == OTHER_ERROR

@@ -1,4 +1,4 @@
-"""Which records of a client a server's DTLS library may see: both sides of each bound."""
+"""Filter of a client's DTLS records: both sides of each bound."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""Laws of an energy reserve: the newest, the least after the first second, and the margin, which is the least of all."""
+"""Laws of an energy reserve: newest balance, least after the first second, and margin, the least of all."""
 
 from math import inf
 
@@ -12,22 +12,22 @@ frames = st.lists(st.tuples(st.integers(1, 5), st.none() | energies), max_size=6
 
 
 @given(st.integers(1, 40), frames)
-def test_the_least_after_the_first_second_is_that_of_the_frames_after_it(network_hz: int, told: list) -> None:  # type: ignore[type-arg]
+def test_the_least_after_the_first_second_is_that_of_the_frames_after_it(network_hz: int, balances: list) -> None:  # type: ignore[type-arg]
     reserve, passed, margin, later = EnergyReserve(network_hz), 0, 0.0, inf
-    for count, value in told:
+    for count, value in balances:
         passed += count
         reserve.elapse(count)
         if value is not None:
-            reserve.see(value)
+            reserve.update(value)
             margin = min(margin, value)
             later = min(later, value) if passed >= network_hz else later
             assert reserve.now_j == value >= margin
-        assert reserve.told_j == known(later)
-        assert reserve.told_j is None or reserve.told_j >= margin
+        assert reserve.reported_j == known(later)
+        assert reserve.reported_j is None or reserve.reported_j >= margin
 
 
-def test_a_ledger_that_is_never_seen_tells_nothing() -> None:
+def test_a_ledger_without_a_balance_reports_nothing() -> None:
     reserve = EnergyReserve(128)
     for _ in range(1000):
         reserve.elapse()
-    assert (reserve.now_j, reserve.told_j) == (None, None)
+    assert (reserve.now_j, reserve.reported_j) == (None, None)

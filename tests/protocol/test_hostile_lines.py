@@ -1,4 +1,4 @@
-"""A peer may send what it likes: no take does more work for it. Work is counted in lines of code that run, not in time."""
+"""Hostile peers: no datagrams make a pop do more work. Work is counted in lines of code that run, not in time."""
 
 import random
 import sys
@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from cogrip.protocol.line import jitter_buffer
+from cogrip.protocol.line import receiver as line
 from cogrip.protocol.line.jitter_buffer import AdaptiveJitterBuffer
 from cogrip.protocol.line.receiver import LineReceiver
-from cogrip.protocol.line.receiver import jitter_buffer as playout
-from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.line.sender import LineSender
 
 FRAME_S = 1.0 / 128.0
@@ -20,7 +20,7 @@ HONEST_LINES = 300  # more than a take runs on any network that the tests have
 
 
 def lines_of(act: Callable[[], Any]) -> int:
-    """Lines of Python that run in `act`."""
+    """Return how many lines of Python run in `act`."""
     count = 0
 
     def trace(frame: FrameType, event: str, _: Any) -> Any:
@@ -40,36 +40,36 @@ def lines_of(act: Callable[[], Any]) -> int:
 def begun(frames: int | str = 2) -> LineReceiver:
     receiver = LineReceiver(1, frames, FRAME_S)  # type: ignore[arg-type]
     assert receiver.receive(0, (0.1,), (0.0,), (0.0,))
-    receiver.take()
+    receiver.pop()
     return receiver
 
 
 def far_ahead(receiver: LineReceiver, chance: random.Random) -> Iterator[int]:
-    """Numbers as far ahead as anything can be."""
+    """Yield numbers as far ahead as possible."""
     for _ in range(4):
-        yield receiver.heard + chance.randint(line.HISTORY // 2, line.FURTHEST_JUMP)
+        yield receiver.acknowledged + chance.randint(line.HISTORY // 2, line.FURTHEST_JUMP)
 
 
 def just_ahead(receiver: LineReceiver, chance: random.Random) -> Iterator[int]:
     for _ in range(4):
-        yield receiver.heard + chance.randint(4, line.HISTORY)
+        yield receiver.acknowledged + chance.randint(4, line.HISTORY)
 
 
 @pytest.mark.parametrize("numbers", [far_ahead, just_ahead])
-def test_a_take_costs_the_same_whatever_totals_wait(numbers: Callable[..., Iterator[int]]) -> None:
+def test_a_pop_costs_the_same_whatever_totals_wait(numbers: Callable[..., Iterator[int]]) -> None:
     receiver, chance, worst = begun(), random.Random(1), 0
     for _ in range(1000):
         for number in numbers(receiver, chance):
             receiver.receive(number, (0.1,), (0.0,), (0.0,))
-        worst = max(worst, lines_of(receiver.take))
+        worst = max(worst, lines_of(receiver.pop))
     assert worst < HONEST_LINES
 
 
-def test_the_first_take_of_a_line_goes_over_no_more_than_its_window() -> None:
+def test_the_first_pop_of_a_line_costs_no_more_than_its_window() -> None:
     chance, receiver = random.Random(2), LineReceiver(1, "auto", FRAME_S)
     for number in [8000, *(chance.randint(0, line.FURTHEST_JUMP) for _ in range(A_SECOND))]:
         receiver.receive(number, (0.1,) * line.MOST_FRAMES, (0.0,), (0.0,))
-    assert lines_of(receiver.take) < 12 * (2 * line.HISTORY + line.MOST_FRAMES)
+    assert lines_of(receiver.pop) < 12 * (2 * line.HISTORY + line.MOST_FRAMES)
 
 
 def test_a_sender_that_is_everywhere_leaves_no_more_latenesses_than_are_bounded() -> None:
@@ -79,22 +79,22 @@ def test_a_sender_that_is_everywhere_leaves_no_more_latenesses_than_are_bounded(
         20_000
     ):  # the playout follows wherever it is led, and every lateness there has been is kept for a while
         for _ in range(4):
-            depth.arrived(chance.randint(-2 * playout.DEEPEST, 2 * playout.DEEPEST))
-        depth.decide(chance.randint(1, playout.DEEPEST), True, True)
-        most = max(most, len(depth._bins))
-    assert depth.skipped > playout.DEEPEST
-    assert most <= playout.MOST_BINS
+            depth.arrived(chance.randint(-2 * jitter_buffer.DEEPEST, 2 * jitter_buffer.DEEPEST))
+        depth.decide(chance.randint(1, jitter_buffer.DEEPEST), True, True)
+        most = max(most, len(depth.bins))
+    assert depth.skipped > jitter_buffer.DEEPEST
+    assert most <= jitter_buffer.MOST_BINS
 
 
-def test_no_take_in_a_gap_costs_more_than_those_latenesses() -> None:
+def test_no_pop_in_a_gap_costs_more_than_those_latenesses() -> None:
     receiver, chance, worst = begun("auto"), random.Random(4), 0
     newest = 1
     for _ in range(3000):
-        newest = max(newest + 2, receiver.heard + 239) | 1  # every other frame is missing when its time comes
+        newest = max(newest + 2, receiver.acknowledged + 239) | 1  # every other frame is missing when its time comes
         receiver.receive(newest, (0.1,), (0.0,), (0.0,))
-        receiver.receive(max(0, receiver.heard - chance.randint(1, 256)), (0.1,), (0.0,), (0.0,))
-        worst = max(worst, lines_of(receiver.take))
-    assert worst < HONEST_LINES + 12 * playout.MOST_BINS
+        receiver.receive(max(0, receiver.acknowledged - chance.randint(1, 256)), (0.1,), (0.0,), (0.0,))
+        worst = max(worst, lines_of(receiver.pop))
+    assert worst < HONEST_LINES + 12 * jitter_buffer.MOST_BINS
 
 
 def test_totals_are_used_as_when_all_were_gone_over() -> None:
@@ -112,13 +112,13 @@ def test_totals_are_used_as_when_all_were_gone_over() -> None:
             for due, contents in on_way:
                 if due == now and receiver.receive(*contents) and contents[0] > settled:
                     known[contents[0]] = contents[2:]
-            before = receiver.heard
-            receiver.take(chance.choice((1, 1, 1, 1, 3)))
-            cursor = receiver.heard
+            before = receiver.acknowledged
+            receiver.pop(chance.choice((1, 1, 1, 1, 3)))
+            cursor = receiver.acknowledged
             if cursor == before:  # a repeat
                 continue
             usable = [number for number in known if settled < number <= cursor and number > cursor - line.HISTORY]
             if usable:
                 settled = max(usable)
             known = {number: totals for number, totals in known.items() if number > cursor}
-            assert receiver._settled == settled
+            assert receiver.ledger.settled == settled

@@ -1,4 +1,4 @@
-"""Playout that follows the jitter: laws on any network, scenes that it must come through, and the page's vector."""
+"""Adaptive jitter buffer: laws on any network, scenarios, and the vector of SPEC.md 15.7."""
 
 from itertools import pairwise
 from random import Random
@@ -31,24 +31,24 @@ from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.session.link import HOLD_MS
 
 from tests.protocol.spec_page import rows, section
-from tests.protocol.test_line import FRAME_S, Books, Road, drive, hand, noise
+from tests.protocol.test_line import FRAME_S, CheckedLine, Conditions, drive, networks, noise
 
 HZ = 128
 
 
 class Scene:
-    """A line whose datagrams come as late as they are told to."""
+    """A line whose datagrams have given delays."""
 
     def __init__(self, redundancy: int = 8, hz: int = HZ) -> None:
         self.sender, self.receiver = LineSender(1, redundancy), LineReceiver(1, "auto", 1.0 / hz)
         self.hz = hz
         self.flight: list[tuple[float, int]] = []
         self.contents: list[object] = []
-        self.offsets: list[int] = []  # take less the frame played, at every take
+        self.offsets: list[int] = []  # pop less the frame played, at every pop
         self.take = 0
 
     def run(self, seconds: float, delay_s: object, clock: float = 1.0) -> None:
-        """delay_s: of each datagram, None where it is lost. clock: the sender's period, by the receiver's."""
+        """Run the line. delay_s: of each datagram, None where it is lost. clock: the sender's period over the receiver's."""
         assert callable(delay_s)
         for _ in range(round(seconds * self.hz)):
             now_s = self.take / self.hz + 1e-9
@@ -62,9 +62,9 @@ class Scene:
             for arrival in sorted(one for one in self.flight if one[0] <= now_s):
                 self.flight.remove(arrival)
                 assert self.receiver.receive(*self.contents[arrival[1]])  # type: ignore[misc]
-            self.receiver.take()
-            if self.receiver.heard:
-                self.offsets.append(self.take + 1 - self.receiver.heard)
+            self.receiver.pop()
+            if self.receiver.acknowledged:
+                self.offsets.append(self.take + 1 - self.receiver.acknowledged)
             self.take += 1
 
     @property
@@ -72,7 +72,7 @@ class Scene:
         return self.receiver.count().late
 
     def depth(self, seconds: float) -> float:
-        """Mean offset of the last seconds."""
+        """Return the mean offset of the last seconds."""
         last = self.offsets[-round(seconds * self.hz) :]
         return sum(last) / len(last)
 
@@ -81,60 +81,33 @@ def gamma(random: Random, mean_s: float) -> float:
     return random.gammavariate(2.0, 0.5 * mean_s)
 
 
-auto_lines = st.builds(
-    Books,
-    axes=st.integers(1, 3),
-    delay=st.just("auto"),
-    redundancy=st.integers(1, 8),
-    tank_j=st.sampled_from([0.0, 1e-3]),
-)
-rough_roads = st.builds(
-    Road,
-    loss=st.sampled_from([0.0, 0.05, 0.3, 0.6]),
-    burst=st.sampled_from([1.0, 4.0, 20.0]),
-    duplicate=st.sampled_from([0.0, 0.3]),
-    delay=st.integers(0, 60),
-    jitter=st.sampled_from([0, 5, 40, 120]),
-    first_extra=st.sampled_from([0, 50]),
-    skip=st.sampled_from([0.0, 0.1]),
-    sender_period=st.sampled_from([9.7, 10.0, 10.3]),
-)
-
-
 @settings(max_examples=60, deadline=None)
-@given(auto_lines, rough_roads, st.sampled_from([noise, hand]), st.integers(0, 2**32))
-def test_no_link_creates_energy_or_loses_count(books: Books, road: Road, signal: type, seed: int) -> None:
-    drive(books, road, signal(books.axes, seed), frames=300, seed=seed)
-    books.check()
-
-
-@settings(max_examples=60, deadline=None)
-@given(rough_roads, st.integers(0, 2**32))
-def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Road, seed: int) -> None:
-    books = Books(delay="auto", redundancy=4)  # type: ignore[arg-type]
+@given(networks, st.integers(0, 2**32))
+def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(conditions: Conditions, seed: int) -> None:
+    checked = CheckedLine(delay="auto", redundancy=4)  # type: ignore[arg-type]
     cursors: list[int] = []
     played: list[int] = []
-    account = books.receiver.playout_account()
+    account = checked.receiver.playout_account()
     moves = 0
-    real = books.receiver.take
+    real = checked.receiver.pop
 
-    def take(frames: int = 1) -> tuple[float, ...]:
+    def pop(frames: int = 1) -> tuple[float, ...]:
         nonlocal account, moves
-        before = books.receiver.heard
+        before = checked.receiver.acknowledged
         wave = real(frames)
-        after, now = books.receiver.heard, books.receiver.playout_account()
+        after, now = checked.receiver.acknowledged, checked.receiver.playout_account()
         moved = now.repeated - account.repeated, now.skipped - account.skipped
         assert moved in ((0, 0), (1, 0), (0, 1))
         if cursors and before:
             assert after - before == frames - moved[0] + moved[1]
-        if after and not books.receiver.gap:
+        if after and not checked.receiver.gap:
             played.append(after)
         cursors.append(after)
         account, moves = now, moves + sum(moved)
         return wave
 
-    books.receiver.take = take  # type: ignore[method-assign]
-    drive(books, road, noise(1, seed), frames=400, seed=seed)
+    checked.receiver.pop = pop  # type: ignore[method-assign]
+    drive(checked, conditions, noise(1, seed), frames=400, seed=seed)
     assert played == sorted(set(played))
     assert (account.least_frames <= account.depth_frames <= account.most_frames) or not played
     assert moves == account.repeated + account.skipped
@@ -142,11 +115,11 @@ def test_depth_changes_one_frame_at_a_time_and_nothing_is_played_twice(road: Roa
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.integers(-40, 40), st.booleans(), st.booleans()), max_size=300))
-def test_whatever_is_heard_moves_are_single_and_shallower_ones_apart(heard: list[tuple[int, bool, bool]]) -> None:
+def test_whatever_arrives_moves_are_single_and_skips_apart(arrivals: list[tuple[int, bool, bool]]) -> None:
     playout = AdaptiveJitterBuffer(1.0 / HZ)
     playout.begin(3)
     skips = []
-    for take, (lead, here, fresh) in enumerate(heard):
+    for take, (lead, here, fresh) in enumerate(arrivals):
         if fresh:
             playout.arrived(lead)
         move = playout.decide(lead, here, fresh)
@@ -163,16 +136,16 @@ def test_the_page_s_vector() -> None:
     sender, receiver = LineSender(1, 2), LineReceiver(1, "auto", FRAME_S)
     contents = []
     take = 0
-    for takes, brings, plays, moves in rows(section("15.7"), "takes"):
-        first, last = (int(number) for number in takes.split(" to "))
+    for pops, brings, plays, moves in rows(section("15.7"), "pops"):
+        first, last = (int(number) for number in pops.split(" to "))
         assert first == take
         for take in range(first, last + 1):
             sender.push((1.0,))
             contents.append(sender.contents())
             if brings != "-":
                 assert receiver.receive(*contents[take - int(brings)])
-            receiver.take()
-            played = receiver.heard - 1 if receiver.heard and not receiver.gap else None
+            receiver.pop()
+            played = receiver.acknowledged - 1 if receiver.acknowledged and not receiver.gap else None
             assert played == (None if plays == "-" else take - int(plays)), take
         account = receiver.playout_account()
         assert [account.repeated, account.skipped] == [int(number) for number in moves.split()]
@@ -191,26 +164,26 @@ def test_a_constant_link_loses_nothing_and_is_held_by_no_frame_more(hz: int, del
     assert set(scene.offsets) == {one_way(1e3 * delay_s, 0, Rates(hz, hz)).frames}
 
 
-def test_a_longer_way_is_followed_within_a_fifth_of_a_second() -> None:
+def test_a_longer_path_is_followed_within_a_fifth_of_a_second() -> None:
     scene = Scene()
     scene.run(10.0, lambda _: 0.020)
     scene.run(0.2, lambda _: 0.050)
     assert scene.offsets[-1] == 7
-    assert scene.late <= 16  # 8 takes to be sure, and as many as the way has become longer, 4
+    assert scene.late <= 16  # 8 pops to be sure, and as many as the path has become longer, 4
     lost = scene.late
     scene.run(5.0, lambda _: 0.050)
     assert (scene.late, scene.depth(5.0)) == (lost, 7.0)
 
 
 def test_a_sender_that_has_fallen_far_behind_is_waited_for() -> None:
-    """By more frames than a receiver remembers the missing ones of."""
+    """The sender is behind by more frames than a receiver remembers."""
     scene = Scene()
     scene.run(1.0, lambda _: 0.020)
     scene.run(12.0, lambda _: None)
     for number in range(129, 4000):
         first = number - 7
         scene.receiver.receive(first, (0.1,) * 8, (0.1 * first,), (0.01 * first,))
-        scene.receiver.take()
+        scene.receiver.pop()
         if number > 129 and not scene.receiver.gap:
             break
     account = scene.receiver.playout_account()
@@ -220,7 +193,7 @@ def test_a_sender_that_has_fallen_far_behind_is_waited_for() -> None:
     assert number < 129 + 2.1 * 12 * HZ
 
 
-def test_a_shorter_way_is_followed_within_six_seconds_and_one_frame_at_a_time() -> None:
+def test_a_shorter_path_is_followed_within_six_seconds_and_one_frame_at_a_time() -> None:
     scene = Scene()
     random = Random(1)
     scene.run(20.0, lambda _: 0.050 + gamma(random, 0.004))
@@ -230,7 +203,7 @@ def test_a_shorter_way_is_followed_within_six_seconds_and_one_frame_at_a_time() 
     assert scene.receiver.playout_account().skipped - skipped == before - scene.offsets[-1]
 
 
-def test_a_way_longer_than_the_weight_of_everything_lost_is_followed_too() -> None:
+def test_a_path_longer_than_the_weight_of_everything_lost_is_followed_too() -> None:
     scene = Scene()
     scene.run(5.0, lambda _: 0.020)
     scene.run(3.0, lambda _: 0.020 + 1.5 * WEIGHT_S)
@@ -328,9 +301,8 @@ def test_what_is_set_is_what_is_expected() -> None:
     assert expected_frames(Playout(frames="auto"), LinkProfile(delay_ms=33.0), rates) == 0
     assert expected_frames(Playout(frames="auto"), LinkProfile(loss=0.5), rates) > 0
     assert expected_frames(Playout(frames="auto"), LinkProfile(reorder=0.2), rates) > 0
-    assert (
-        expected_frames(Playout(frames="auto", redundancy=1), LinkProfile(loss=0.5), rates) == 0
-    )  # nothing comes again
+    without_repetition = Playout(frames="auto", redundancy=1)
+    assert expected_frames(without_repetition, LinkProfile(loss=0.5), rates) == 0
 
 
 def test_compensation_counts_the_frames_that_auto_will_hold() -> None:

@@ -19,7 +19,7 @@ def test_newest_wins_and_every_state_has_one_fate(events: list[int | None]) -> N
     newest, taken = -1, -1
     for event in events:
         if event is None:
-            assert receiver.take() == (newest > taken)
+            assert receiver.pop() == (newest > taken)
             taken = newest
             assert (receiver.latest.number if receiver.latest else -1) == taken
         else:
@@ -29,21 +29,21 @@ def test_newest_wins_and_every_state_has_one_fate(events: list[int | None]) -> N
         assert count.sent == count.applied + count.late + count.lost
         assert count.received == count.applied + count.late + count.pending
         assert min(count.lost, count.late, count.pending, count.duplicate) >= 0
-        assert receiver.heard == taken + 1
+        assert receiver.acknowledged == taken + 1
 
 
 def test_fates_by_name() -> None:
     receiver = StateReceiver()
     for number in (0, 0):
         receiver.receive(state(number))
-    receiver.take()
+    receiver.pop()
     for number in (2, 4, 3):  # 2 is overtaken before it is taken, 3 comes after a newer one, 1 never
         receiver.receive(state(number))
-    receiver.take()
+    receiver.pop()
     count = receiver.count()
     assert (count.sent, count.received, count.applied) == (5, 4, 2)
     assert (count.late, count.lost, count.duplicate, count.pending) == (2, 1, 1, 0)
-    assert not receiver.take()
+    assert not receiver.pop()
 
 
 def test_numbers_out_of_the_window_change_nothing() -> None:

@@ -16,7 +16,7 @@ def test_it_is_the_median_of_the_newest(window: int, loops: list[int]) -> None:
         meter.add(loop)
         if 1 <= loop <= MOST_LOOP_FRAMES:
             kept.append(loop)
-        assert meter.wild == number + 1 - len(kept)
+        assert meter.implausible == number + 1 - len(kept)
         assert meter.median() == (median_low(kept[-window:]) if kept else None)
         assert meter.full == (len(kept) >= window)
 

@@ -23,6 +23,7 @@ from cogrip.protocol.accounts import (
 )
 from cogrip.protocol.messages import (
     DEVICE_BYTES,
+    DTLS_BYTES,
     HELLO_BYTES,
     LEAVE_TEXT_BYTES,
     MAGIC,
@@ -30,7 +31,6 @@ from cogrip.protocol.messages import (
     MAX_MESSAGE_BYTES,
     NO_BOUND,
     PROTOCOL_VERSION,
-    SEAL_BYTES,
     TEXT_BYTES,
     VIEWED_SEATS,
     AnyMessage,
@@ -180,7 +180,7 @@ def test_round_trip(message: AnyMessage) -> None:
 
 
 def read(datagram: bytes) -> AnyMessage | None:
-    """What decoding gives, None for MalformedError; any other error is a bug."""
+    """Return the decoded message, None for MalformedError; any other error is a bug."""
     foreign_version(datagram)
     nonce_of(datagram)
     try:
@@ -306,7 +306,7 @@ def test_the_largest_legal_message_is_read(name: str) -> None:
 
 
 def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
-    assert MAX_MESSAGE_BYTES + SEAL_BYTES == MAX_DATAGRAM_BYTES
+    assert MAX_MESSAGE_BYTES + DTLS_BYTES == MAX_DATAGRAM_BYTES
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1178,

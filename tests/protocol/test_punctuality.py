@@ -1,4 +1,4 @@
-"""What doctor concludes from what it measured; the measuring itself is a benchmark and is only run, not judged."""
+"""Conclusions of the doctor from its measurements; measuring itself is a benchmark and is only run, not judged."""
 
 import dataclasses
 

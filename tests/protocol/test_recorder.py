@@ -39,7 +39,7 @@ def text(number: int) -> bytes:
 
 @pytest.fixture
 def words() -> Words:
-    """What the session was told."""
+    """Reports to the session."""
     return []
 
 
@@ -97,7 +97,7 @@ def put_until(recorder: Recorder, first: int, reached: Callable[[], object]) -> 
 
 
 def numbers_in(path: Path, *, complete: bool | None = None) -> list[int]:
-    """Which of our messages are in the file, in its order, and whether it was closed."""
+    """Return the numbers of our messages in the file, in order, and whether it was closed."""
     recording = open_recording(path)
     numbers = [message.time_ns for message in recording.messages() if message.topic == EVENT]
     if complete is not None:  # and nobody is writing it now
@@ -107,7 +107,7 @@ def numbers_in(path: Path, *, complete: bool | None = None) -> list[int]:
 
 
 def flushed(path: Path) -> list[int]:
-    """As `numbers_in`, of a file that may not have its header yet."""
+    """Return `numbers_in` of a file that may not have its header yet."""
     try:
         return numbers_in(path)
     except RecordingError:
@@ -343,7 +343,7 @@ for name in ("client-anna", "client-ben"):
 
 
 def namespace() -> list[str] | str:
-    """How to run a command with mounts of its own, or why not."""
+    """Return a command prefix that gives a process mounts of its own, or why there is none."""
     if not shutil.which("unshare"):
         return "no `unshare` here"
     for command in (["unshare", "--mount"], ["unshare", "--user", "--map-root-user", "--mount"]):

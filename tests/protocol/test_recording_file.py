@@ -1,6 +1,5 @@
-"""The file of a recording: written, read by us and by others, cut anywhere, damaged anywhere, or not one at all."""
+"""Recording files: written, read by this and other readers, cut anywhere, damaged anywhere, or no recording."""
 
-import base64
 import io
 import json
 import struct
@@ -20,8 +19,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
-from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, _check, header_of, versions_here
+from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, checksum, header_of, versions_here
 from cogrip.protocol.recording.reader import (
     MOST_CHUNK_BYTES,
     MOST_PACKED,
@@ -31,10 +29,11 @@ from cogrip.protocol.recording.reader import (
     RecordingError,
     open_recording,
 )
-from cogrip.protocol.recording.records import KINDS, Record, SeatStep, Step
-from cogrip.protocol.recording.schema import NOT_SHOWN, json_schema
+from cogrip.protocol.recording.records import KINDS, Record, SeatStep
 from cogrip.protocol.recording.sink import encode, topics
 from cogrip.protocol.recording.writer import RecordingWriter
+
+from tests.protocol.test_recording_schema import fits
 
 EPOCH_NS = 1_700_000_000_123_456_789
 KINDS_SMALL = ("event", "command")
@@ -88,7 +87,7 @@ HEADER_END = SMALL_PLACES[0].start
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a test puts its file; the next example overwrites it."""
+    """Path of a test's file; the next example overwrites it."""
     return tmp_path_factory.mktemp("recordings") / "client-anna.mcap"
 
 
@@ -99,7 +98,7 @@ def read(path: Path, data: bytes) -> tuple[Recording, list[Message]]:
 
 
 def read_or_refused(path: Path, data: bytes) -> tuple[Recording | None, list[Message]]:
-    """As `read`; None where the file is refused, in words that name it."""
+    """Return `read`; None where the file is refused with an error that names it."""
     path.write_bytes(data)
     try:
         recording = open_recording(path)
@@ -146,87 +145,6 @@ def messages(draw: st.DrawFn) -> list[tuple[str, int, Record]]:
     kinds = draw(st.lists(st.sampled_from(sorted(KINDS)), max_size=12))
     times = st.integers(0, 2**63 - 1 - EPOCH_NS)
     return [(kind, draw(times), draw(records(KINDS[kind]))) for kind in kinds]
-
-
-def fits(value: Any, schema: dict[str, Any]) -> bool:
-    """Is this what the schema says? Every key is there; null stands only where the schema has `nullable`."""
-    if value is None:
-        return schema.get("nullable", False)
-    match schema["type"]:
-        case "object":
-            properties = schema["properties"]
-            return (
-                isinstance(value, dict)
-                and set(schema["required"]) == set(properties) == value.keys() - set(NOT_SHOWN)
-                and all(fits(value[key], each) for key, each in properties.items())
-            )
-        case "array":
-            return isinstance(value, list) and all(fits(each, schema["items"]) for each in value)
-        case "string":
-            if schema.get("contentEncoding") == "base64":
-                base64.b64decode(value, validate=True)
-            return isinstance(value, str)
-        case "boolean":
-            return isinstance(value, bool)
-        case "integer":
-            return isinstance(value, int) and not isinstance(value, bool)
-        case "number":
-            return isinstance(value, int | float) and not isinstance(value, bool)
-    raise AssertionError(f"no viewer knows the type {schema['type']!r}")
-
-
-SEAT = SeatStep("anna", True, (0.0, None), (0.0, 1.0), None, 0.5, 0.5, 0.5, 0)
-
-
-def test_the_validator_tells_what_does_not_fit():
-    schema = json.loads(json_schema(KINDS["step"]))
-    whole = json.loads(encode(Step(1, (0.5,), (0.0,), (SEAT,))))
-    assert fits(whole, schema)
-    assert not fits([], schema)
-    for wrong in (
-        {"step": 1.5}, {"step": True}, {"step": None}, {"object_m": 0.5}, {"object_m": ["far"]}, {"more": 1},
-        {"seats": [{**whole["seats"][0], "seated": 1}]}, {"seats": [{"user": "anna"}]},
-    ):  # fmt: skip
-        assert not fits({**whole, **wrong}, schema), wrong
-    for key in whole:
-        assert not fits({each: value for each, value in whole.items() if each != key}, schema), key
-
-
-def viewer_types(schema: dict[str, Any]) -> None:
-    """Rules of Foxglove's own parser of schemas, field by field: else it refuses the whole channel."""
-    for name, field in schema["properties"].items():
-        assert field["type"] in ("boolean", "string", "number", "integer", "object", "array"), name
-        inner = field["items"] if field["type"] == "array" else field
-        assert field["type"] != "array" or inner["type"] in ("boolean", "string", "number", "integer", "object"), name
-        if inner["type"] == "object":
-            viewer_types(inner)
-
-
-@pytest.mark.parametrize("kind", sorted(KINDS))
-def test_every_field_has_a_type_that_viewers_know_a_unit_and_a_description(kind):
-    schema = json.loads(json_schema(KINDS[kind]))
-    viewer_types(schema)
-    seats = schema["properties"].get("seats", {"items": {"properties": {}}})["items"]["properties"]
-    for name, field in {**schema["properties"], **seats}.items():
-        assert field["title"] == name
-        assert name in DESCRIPTIONS, f"give {name} a line in cogrip.protocol.recording.descriptions"
-        unit = unit_of(name)
-        assert field["description"] == f"{DESCRIPTIONS[name]} [{unit}]" if unit else DESCRIPTIONS[name]
-    assert set(seats) == ({"user", "seated"} | set(SeatStep.__struct_fields__) if kind == "step" else set())
-
-
-def test_units_are_read_off_names():
-    units = {
-        "position_m": "m",
-        "object_mps": "m/s",
-        "work_us": "µs",
-        "rtt_ms": "ms",
-        "margin_j": "J",
-        "wave_up": "sqrt(W)",
-    }
-    assert {name: unit_of(name) for name in units} == units
-    assert [unit_of(name) for name in ("ticks", "frames", "step", "user", "address")] == [""] * 5
-    assert unit_of("age_ticks") == "device ticks"
 
 
 @given(messages(), st.sets(st.integers(0, 12)))
@@ -421,7 +339,7 @@ def test_every_byte_of_one_chunk_and_its_index_flipped_costs_at_most_that_chunk(
 
 @pytest.mark.parametrize("size", [0, 1, 2**16, 2**31, 2**40, 2**63, 2**64 - 1])
 def test_a_chunk_that_says_it_is_of_any_size_costs_no_more_than_itself(path, size):
-    """In the record, in its frame and in the compressed data's own frame header."""
+    """The size is set in the record, in its frame and in the compressed data's own frame header."""
     place = SMALL_PLACES[3]
     for at in (place.start + 1, place.start + 9 + 16, place.start + 9 + 36):
         damaged = bytearray(SMALL)
@@ -575,7 +493,7 @@ def test_chunks_that_unpack_to_far_more_than_was_ever_written_are_not_opened(pat
 )
 def test_a_header_that_no_session_has_is_refused(path, changes, words):
     texts = {key: value for key, value in header().metadata().items() if key != CHECK} | changes
-    path.write_bytes(foreign(lambda writer: writer.add_metadata(NAME, {**texts, CHECK: _check(texts)})))
+    path.write_bytes(foreign(lambda writer: writer.add_metadata(NAME, {**texts, CHECK: checksum(texts)})))
     with pytest.raises(RecordingError) as refused:
         open_recording(path)
     assert words in str(refused.value)

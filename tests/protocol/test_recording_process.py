@@ -40,7 +40,7 @@ class Desk:
             self.put_messages += 1
 
     def in_file(self) -> list[int]:
-        """Which of our messages are there, in the file's order."""
+        """Return the numbers of our messages, in the file's order."""
         return [message.time_ns for message in open_recording(self.path).messages() if message.topic == EVENT]
 
 
@@ -118,7 +118,7 @@ def test_of_a_file_that_cannot_be_put_back_nothing_counts_as_saved(desk, noticed
 
 
 def test_a_file_that_is_removed_after_the_disk_was_full_is_put_back(desk, limit_files):
-    """It was said that what was written stays readable."""
+    """The report says that what was written stays readable."""
     desk.put(100)
     desk.task.take()
     desk.task.flush()

@@ -1,4 +1,4 @@
-"""What a recording keeps of a hello and a welcome: never a token, of a ticket its mark."""
+"""Secrets in recordings: no token of a hello, and only the hash of a ticket."""
 
 import msgspec
 import pytest
@@ -22,12 +22,12 @@ WELCOME = Welcome(3, 7, 5, "d", "1", seat_settings(resolve({}), 0), TICKET)
 SECRETS = (TOKEN.encode(), TICKET.encode())
 
 
-def mark(ticket: str) -> str:
+def ticket_hash(ticket: str) -> str:
     return f"m{len(ticket)}"
 
 
 def kept(message: bytes) -> bytes:
-    out = without_secrets(message, mark)
+    out = without_secrets(message, ticket_hash)
     assert not any(secret in out for secret in SECRETS)
     return out
 
@@ -47,7 +47,7 @@ def test_a_welcome_keeps_a_mark() -> None:
 def test_what_holds_no_secret_is_kept_as_it_is() -> None:
     bare = messages.padded(msgspec.structs.replace(HELLO, token="", ticket=""))
     for message in (bare, messages.encode(Heartbeat(1, Stamp(1))), b"", b"\x90", b"\xdc", bytes(40), b"\x91\x01"):
-        assert without_secrets(message, mark) == message
+        assert without_secrets(message, ticket_hash) == message
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_a_broken_hello_is_kept_without_them(junk: bytes, at: int, value: int) -
     """Cut, lengthened, or with a byte after the magic changed: a core makes the same of what is kept."""
     whole = messages.padded(HELLO)
     for broken in (whole[:at], whole + junk, whole[:at] + bytes([value]) + whole[at + 1 :]):
-        out = without_secrets(broken, mark)
+        out = without_secrets(broken, ticket_hash)
         for secret in SECRETS:  # one that was broken itself is none any more
             assert secret not in out
         try:

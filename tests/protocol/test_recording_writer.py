@@ -320,7 +320,7 @@ def test_half_a_write_to_a_full_spool_is_taken_back(tmp_path):
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a test puts its file; the next example overwrites it."""
+    """Path of a test's file; the next example overwrites it."""
     return tmp_path_factory.mktemp("pieces") / "file"
 
 

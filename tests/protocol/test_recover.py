@@ -1,4 +1,4 @@
-"""What is whole of a recording that was cut short or damaged is saved, nothing else, and nothing is changed."""
+"""Recovery of recordings that were cut short or damaged: all intact messages, nothing else, nothing changed."""
 
 import platform
 import shutil
@@ -39,7 +39,7 @@ class Chunk:
 
 
 def chunks_of(path: Path) -> list[Chunk]:
-    """Where the chunks are, as the mcap package reads the file's index."""
+    """Return the chunks by the file's index, as the mcap package reads it."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
@@ -76,7 +76,7 @@ def joined(chunks: Sequence[Chunk]) -> list[Message]:
 
 
 def played(path: Path) -> Verdict:
-    """How a file plays again; of another processor's the last bits differ."""
+    """Return the verdict of a replay; skip files of other processors, whose last bits differ."""
     recording = open_recording(path)
     if recording.header.versions.machine != platform.machine():
         pytest.skip(f"recorded on {recording.header.versions.machine}, this is {platform.machine()}")

@@ -16,7 +16,7 @@ from cogrip.protocol.io.ring import LOST, Ring, make_ring
 CAPACITY = 4096  # of the smallest ring
 HEAD = 16  # bytes of a message beside its payload
 MOST = CAPACITY - HEAD
-MARKS = 512  # bytes that words of losses may take: one for each stretch of them
+LOSS_BYTES = 512  # that messages on losses may take, one for each gap
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def padded(size: int) -> int:
 
 
 class Interleaving(RuleBasedStateMachine):
-    """Any order of puts and takes against a plain queue."""
+    """Any order of puts and takes against a queue."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -76,7 +76,7 @@ class Interleaving(RuleBasedStateMachine):
             # what is in the ring and what should go in pass its end once at most, and the rest that is skipped there is shorter
             # than the message that skipped it; the word of what was lost before may be in the ring or have to go in first
             longest = max([size, *[len(payload) for _, _, payload in self.queue]])
-            assert padded(size) + padded(longest) + MARKS > self.free(), "there was room"
+            assert padded(size) + padded(longest) + LOSS_BYTES > self.free(), "there was room"
 
     @rule()
     def take_all(self) -> None:
@@ -96,7 +96,7 @@ class Interleaving(RuleBasedStateMachine):
 
     @rule(data=st.data())
     def put_while_taking(self, data: st.DataObject) -> None:
-        """What comes meanwhile is left for the next time."""
+        """Messages that come meanwhile are left for the next read."""
         there = len(self.queue)
         for number, message in enumerate(self.writer.take()):
             assert message == self.queue[0]
@@ -164,7 +164,7 @@ def test_words_and_the_end_go_the_other_way(ends):
     assert not loop.said
     writer.say("the disk is full: \N{CROSS MARK}")
     writer.say("and again")
-    assert loop.said == "the disk is full: \N{CROSS MARK}", "the first words stay"
+    assert loop.said == "the disk is full: \N{CROSS MARK}", "the first report stays"
     assert not writer.finished
     loop.finish()
     assert writer.finished

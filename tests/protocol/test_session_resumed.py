@@ -1,4 +1,4 @@
-"""A session whose server fell silent: it asks for its seat again, and what comes of that; and one that only looks on."""
+"""Resumption of a session whose server fell silent, and sessions of observers."""
 
 import msgspec
 import pytest
@@ -26,7 +26,7 @@ def said(client: ClientSession) -> list[messages.AnyMessage]:
 
 
 def quiet(now_ns: int = 5) -> tuple[ClientSession, ServerCore]:
-    """A client that has just noticed that its server is silent."""
+    """Return a client that has just noticed that its server is silent."""
     client, core = seated(now_ns, tickets=True)
     client.outbox.clear()
     client.poll(now_ns + QUIET_NS)
@@ -57,7 +57,7 @@ def test_nothing_but_hellos_goes_out_meanwhile() -> None:
     assert not client.outbox
 
 
-def test_after_ten_seconds_nobody_is_sought_any_more() -> None:
+def test_a_client_gives_up_after_ten_seconds() -> None:
     client, _ = quiet()
     for now_ns in range(5 + QUIET_NS, 5 + RESUME_GIVE_UP_NS, 50 * MS):
         client.poll(now_ns)
@@ -67,11 +67,11 @@ def test_after_ten_seconds_nobody_is_sought_any_more() -> None:
     assert (client.state, client.failed) == ("closed", "no server for 10 s")
 
 
-def test_the_old_way_may_be_heard_again_by_itself() -> None:
+def test_the_old_path_may_come_back_by_itself() -> None:
     client, _ = quiet()
     message = client.receive(waves(100), 5 + 800 * MS)
     assert isinstance(message, Waves)
-    assert (client.state, client.away_ns, client.resumed, client.renewed) == ("seated", 800 * MS, 1, 0)
+    assert (client.state, client.silence_ns, client.resumed, client.renewed) == ("seated", 800 * MS, 1, 0)
     assert client.last_received_ns == 5 + 800 * MS
 
 
@@ -109,12 +109,12 @@ def test_a_seat_that_timed_out_is_had_again_by_its_ticket() -> None:
     assert core.rooms[0].seats[0].state == "seated"
 
 
-def test_one_who_was_shown_out_does_not_come_back() -> None:
+def test_one_who_was_kicked_does_not_come_back() -> None:
     client, core = quiet()
     core.kick("anna")
     core.outbox.clear()
     second = ClientSession(hello(nonce=8))
-    second.call(6)
+    second.connect(6)
     exchange(second, core, 6, "another's")
     exchange(client, core, 5 + QUIET_NS, "another address")
     assert client.state == "closed"
@@ -122,7 +122,7 @@ def test_one_who_was_shown_out_does_not_come_back() -> None:
 
 
 @pytest.mark.parametrize("other", [{"user": "ben"}, {"seat": 1}, {"rendered_npm": 5.0}])
-def test_another_seat_is_not_gone_on_with(other: dict[str, object]) -> None:
+def test_another_seat_is_not_accepted(other: dict[str, object]) -> None:
     client, _ = quiet()
     client.outbox.clear()
     assert client.welcome is not None
@@ -149,13 +149,13 @@ def test_only_a_welcome_to_our_own_hello_is_an_answer() -> None:
     client, _ = seated(tickets=True)
     assert client.welcome is not None
     ours = messages.encode(client.welcome)
-    assert client.answers(ours)
+    assert client.is_welcome(ours)
     for other in (messages.encode(msgspec.structs.replace(client.welcome, nonce=8)), waves(100), b"noise", ours[:40]):
-        assert not client.answers(other)
+        assert not client.is_welcome(other)
     assert client.state == "seated", "asking changes nothing"
 
 
-# Looking on -----------------------------------------------------------------------------------------------------------
+# Observers ------------------------------------------------------------------------------------------------------------
 
 
 def view(session: int, number: int = 1) -> bytes:
@@ -165,7 +165,7 @@ def view(session: int, number: int = 1) -> bytes:
 @pytest.mark.parametrize("role", ["player", "observer"])
 def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
     client, core = ClientSession(hello(role=role)), server(tickets=True)
-    client.call(0)
+    client.connect(0)
     exchange(client, core, 0)
     assert client.welcome is not None
     session = client.welcome.session
@@ -178,7 +178,7 @@ def test_views_are_for_observers_and_waves_are_not(role: str) -> None:
 
 def test_an_observer_comes_back_to_the_same_place() -> None:
     client, core = ClientSession(hello("", role="observer")), server(tickets=True)
-    client.call(0)
+    client.connect(0)
     exchange(client, core, 0, "olaf's")
     client.poll(QUIET_NS)
     exchange(client, core, QUIET_NS, "another address")

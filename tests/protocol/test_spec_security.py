@@ -1,4 +1,4 @@
-"""What SPEC.md and docs/security.md say of seal, budgets, join links and limits of a seat, held against the code."""
+"""DTLS, budgets, join links and limits of a seat: SPEC.md and docs/security.md against the code."""
 
 import re
 from typing import Any
@@ -9,13 +9,10 @@ import pytest
 from cogrip.protocol import dtls_records, messages, settings
 from cogrip.protocol.io import dtls
 from cogrip.protocol.join_link import JoinLink, LinkError, parse_link
-from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line import receiver
 from cogrip.protocol.recording import reader
-from cogrip.server import loop, room, tokens
-from cogrip.server import rate_limit as rate_limiter
-from cogrip.server import seat_limits as limits
-from cogrip.server.io import control, metrics_process
-from cogrip.server.io import dtls_channel as sealed_channel
+from cogrip.server import loop, rate_limit, room, seat_limits, tokens
+from cogrip.server.io import control, dtls_channel, metrics_process
 from cogrip.server.rate_limit import LIMITS, Budget
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 from cogrip.server.worlds import world
@@ -29,42 +26,30 @@ def test_budgets_are_those_of_the_page() -> None:
 
 
 def test_suites_are_those_of_the_page_and_of_the_wire() -> None:
-    """What a client's first datagram offers, read by hand: headers 13 and 12, version 2, random 32, session id, cookie."""
+    """Parse a client's first datagram by hand: headers 13 and 12, version 2, random 32, session id, cookie."""
     table = rows(section("11.1"), "number")
     assert dtls.CIPHERS.decode() == ":".join(row[2] for row in table)
     association = dtls.Association(dtls.client_context("0" * 64, lambda _: None))
-    association.dial()
-    (hello,) = association.take()
+    association.connect()
+    (hello,) = association.pop_datagrams()
     assert hello[25:27] == bytes.fromhex("fefd")
     assert hello[59:61] == b"\0\0"  # neither session id nor cookie
     size = int.from_bytes(hello[61:63], "big")
     offered = [hello[63 + at : 65 + at].hex() for at in range(0, size, 2)]
     assert [each for each in offered if each != "00ff"] == [row[0] for row in table]  # 00ff is no suite: RFC 5746
     assert hello[63 + size : 65 + size] == b"\x01\0"  # no compression
-    assert max(int(row[3]) for row in table) == messages.SEAL_BYTES
+    assert max(int(row[3]) for row in table) == messages.DTLS_BYTES
+
+
+MODULES = (
+    control, dtls_channel, dtls_records, loop, messages, metrics_process, rate_limit, reader, receiver, room, seat_limits,
+    settings, tokens, world,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(("what", "numbers", "where"), rows(SECURITY.partition("## Numbers")[2], "what"))
 def test_numbers_of_the_security_page_are_the_codes(what: str, numbers: str, where: str) -> None:
-    modules = {
-        each.__name__.rpartition(".")[2]: each
-        for each in (
-            dtls_records,
-            messages,
-            rate_limiter,
-            sealed_channel,
-            loop,
-            tokens,
-            limits,
-            settings,
-            room,
-            control,
-            line,
-            world,
-            metrics_process,
-            reader,
-        )
-    }
+    modules = {module.__name__.rpartition(".")[2]: module for module in MODULES}
     found: list[float] = []
     for path in re.findall(r"`([\w.]+)`", where):
         first, *names = path.split(".")
@@ -103,7 +88,7 @@ def test_a_seat_brings_in_what_the_page_says() -> None:
     """The table of section 15.6, by the code and by the formulas of section 13."""
     b, force, speed, power, frame_s = 20.0, 8.0, 0.1, 0.1, 1 / 128
     limiter = WaveLimiter(b, frame_s, SeatLimits(force, speed, power))
-    full = level = limits.BURST_S * power
+    full = level = seat_limits.BURST_S * power
     before = 0.0
     for wave, applied, returned, level_j, counts in rows(section("15.6"), "wave"):
         u, v = float(wave), float(returned)

@@ -13,10 +13,9 @@ import msgpack
 import msgspec
 import pytest
 
-from cogrip.client import passivity_control
-from cogrip.client import path_migration as migration
-from cogrip.protocol import clock, dtls_records, loop_meter, messages, session
-from cogrip.protocol import passivity_control as power
+from cogrip.client import passivity_control as client_passivity
+from cogrip.client import path_migration
+from cogrip.protocol import clock, dtls_records, loop_meter, messages, passivity_control, session
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
@@ -29,24 +28,19 @@ from cogrip.protocol.accounts import (
     TickCount,
 )
 from cogrip.protocol.channel import PEER
-from cogrip.protocol.io import dtls_client as sealed_call
+from cogrip.protocol.io import dtls_client
 from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.line.receiver import LineReceiver, concealment
-from cogrip.protocol.line.receiver import jitter_buffer as playout
-from cogrip.protocol.line.receiver import receiver as line
+from cogrip.protocol.line import concealment, jitter_buffer, receiver
+from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
-from cogrip.server import observers as observer_slots
-from cogrip.server import rate_limit as rate_limiter
-from cogrip.server import room
-from cogrip.server import seat_limits as limits
-from cogrip.server import unencrypted_channel as plain_channel
+from cogrip.server import observers, rate_limit, room, seat_limits, unencrypted_channel
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.core import ServerCore
-from cogrip.server.io import dtls_channel as sealed_channel
+from cogrip.server.io import dtls_channel
 from cogrip.server.io.dtls_channel import DtlsListener
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.tokens import TokenBook
@@ -149,7 +143,7 @@ def test_what_is_malformed_is_refused(digits: str, why: str) -> None:
         raise AssertionError(f"{why}: read as {decode(datagram)}")
 
 
-def test_the_line_plays_what_the_page_says() -> None:
+def test_a_line_plays_the_vector() -> None:
     sender, receiver = LineSender(1, 2), LineReceiver(1, 1, 1 / 128, concealment="tank")
     table = rows(section("15.4"), "frame")
     assert [int(row[0]) for row in table] == list(range(len(table)))
@@ -159,7 +153,7 @@ def test_the_line_plays_what_the_page_says() -> None:
             contents = (int(first), tuple(json.loads(waves)), (float(total),), (float(squares),))
             assert sender.contents() == contents
             assert receiver.receive(*contents)
-        assert receiver.take()[0] == pytest.approx(float(played), abs=1e-15)
+        assert receiver.pop()[0] == pytest.approx(float(played), abs=1e-15)
         count = receiver.count()
         assert [count.sent, count.applied, count.late, count.lost] == [int(number) for number in counts.split()]
 
@@ -330,9 +324,9 @@ def test_a_hello_without_what_is_optional_is_a_players() -> None:
     hello = decode(msgpack.packb(msgpack.unpackb(VECTORS["hello"][0])[:least]))
     assert isinstance(hello, messages.Hello)
     assert (hello.role, hello.token, hello.ticket, hello.padding) == ("player", "", "", b"")
-    assert VECTORS["hello"][0].startswith(b"\xdc\x00\x11" + plain_channel.HELLO_BEGINS)
-    assert plain_channel.HELLO_BEGINS.hex(" ") == "01 a6 63 6f 67 72 69 70"
-    assert plain_channel.HELLO_BEGINS.hex(" ") in SPEC.replace("\n", " ")
+    assert VECTORS["hello"][0].startswith(b"\xdc\x00\x11" + unencrypted_channel.HELLO_BEGINS)
+    assert unencrypted_channel.HELLO_BEGINS.hex(" ") == "01 a6 63 6f 67 72 69 70"
+    assert unencrypted_channel.HELLO_BEGINS.hex(" ") in SPEC.replace("\n", " ")
 
 
 @pytest.mark.parametrize(("words", "table"), [("Client:", session.CLIENT), ("Seat, at the server:", session.SEAT)])
@@ -342,7 +336,7 @@ def test_states_are_those_of_the_page(words: str, table: session.Table) -> None:
 
 
 class OneToken:
-    """A doorkeeper with one player's and one observer's token, and one that is revoked."""
+    """An authenticator with one player's and one observer's token, and one that is revoked."""
 
     def __init__(self) -> None:
         book, _ = TokenBook().new(PLAYS, 0.0)
@@ -361,9 +355,9 @@ PLAYS, LOOKS, GONE = "p" * 22, "o" * 22, "g" * 22
 
 
 def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
-    """Every way to be refused, tried on a sealed server with one room of one seat; both sides get code and words."""
+    """Every way to be refused, tried on an encrypted server with one room of one seat; both sides get code and reason."""
     settings = resolve({"name": "lab", "object": {"axes": 2}, "admission": {"force_n": 9.0, "observers": 1}})
-    core = ServerCore([settings], "1", lambda: 1, OneToken(), lambda: "ticket", lambda ticket: f"mark of {ticket}")
+    core = ServerCore([settings], "1", lambda: 1, OneToken(), lambda: "ticket", lambda ticket: f"hash of {ticket}")
     fit = session.make_hello(
         software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0, token=PLAYS,
         force_n=8.0,
@@ -384,7 +378,7 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
     for answer, code in answers:
         assert len(answer) <= messages.HELLO_BYTES
         called = ClientSession(fit)
-        called.call(0)
+        called.connect(0)
         called.receive(answer, 0)
         assert (f"[{code}]" in called.failed) if code else called.state == "seated"
         seen |= {code} - {""}
@@ -395,14 +389,15 @@ def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
 
 
 PROTOCOL = (
-    messages, session, clock, loop_meter, line, concealment, playout, power, passivity_control, room, observer_slots, limits,
+    messages, session, clock, loop_meter, receiver, concealment, jitter_buffer, passivity_control, client_passivity, room,
+    observers, seat_limits,
 )  # fmt: skip
-SEAL = (sealed_channel, sealed_call, rate_limiter, migration, dtls_records)
+DTLS = (dtls_channel, dtls_client, rate_limit, path_migration, dtls_records)
 
 
 @pytest.mark.parametrize(
     ("holders", "name", "value", "unit"),
-    [(holders, *row) for title, holders in (("10.", PROTOCOL), ("11.5", SEAL)) for row in rows(section(title), "name")],
+    [(holders, *row) for title, holders in (("10.", PROTOCOL), ("11.5", DTLS)) for row in rows(section(title), "name")],
 )
 def test_limits_are_those_of_the_page(holders: tuple[ModuleType, ...], name: str, value: str, unit: str) -> None:
     held = [getattr(module, name) for module in holders if hasattr(module, name)]
@@ -413,26 +408,26 @@ def test_limits_are_those_of_the_page(holders: tuple[ModuleType, ...], name: str
 
 
 def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
-    """The table of section 11.3, row by row, from a stranger."""
+    """Try the table of section 11.3, row by row."""
     assert len(rows(section("11.3"), "to")) == 4
     hello, stranger = VECTORS["hello"][0], ("192.0.2.1", 9)
-    sealed = DtlsListener(tmp_path, RateLimiter(b"s" * 16), lambda _: False)
-    assert sealed.receive(hello, stranger, 0) == ()
-    (_, answer) = sealed.outbox.popleft()
+    encrypted = DtlsListener(tmp_path, RateLimiter(b"s" * 16), lambda _: False)
+    assert encrypted.receive(hello, stranger, 0) == ()
+    (_, answer) = encrypted.outbox.popleft()
     refuse = decode(answer)
     assert isinstance(refuse, messages.Refuse)
     assert (refuse.code, refuse.nonce) == ("sealed", 42)
     others = [datagram for datagram, _ in VECTORS.values() if datagram is not hello]
     for datagram in others:
-        assert sealed.receive(datagram, stranger, 0) == ()
-    assert not sealed.outbox
-    assert sealed.dropped == {"refused: sealed": 1, "stranger": len(others)}
-    call = DtlsClient(sealed.fingerprint)
+        assert encrypted.receive(datagram, stranger, 0) == ()
+    assert not encrypted.outbox
+    assert encrypted.dropped == {"refused: sealed": 1, "stranger": len(others)}
+    call = DtlsClient(encrypted.fingerprint)
     call.poll(0)
     (_, first) = call.outbox.popleft()
-    plain = UnencryptedListener(RateLimiter(b"s" * 16), lambda _: False)
-    assert plain.receive(first, stranger, 0) == ()
-    assert (plain.dropped, list(plain.outbox)) == ({"stranger": 1}, [])
+    unencrypted = UnencryptedListener(RateLimiter(b"s" * 16), lambda _: False)
+    assert unencrypted.receive(first, stranger, 0) == ()
+    assert (unencrypted.dropped, list(unencrypted.outbox)) == ({"stranger": 1}, [])
     for datagram, _ in VECTORS.values():
         assert call.receive(datagram, PEER, 0) == ()
     assert call.dropped == {"not sealed": len(VECTORS)}

@@ -30,7 +30,7 @@ print(f"ended: {stop.reason}", file=sys.stderr, flush=True)
 
 
 class Loop:
-    """A process that runs until it is told to stop, and says what it was told."""
+    """A process that runs until a signal stops it, and prints its requests."""
 
     def __init__(self, hangup: str, *, nohup: bool = False, terminal: int = -1) -> None:
         self.process = subprocess.Popen(
@@ -43,7 +43,7 @@ class Loop:
         assert self.process.stderr is not None
         return self.process.stderr.readline().strip()
 
-    def told(self, number: int) -> str:
+    def after(self, number: int) -> str:
         self.process.send_signal(number)
         return self.next()
 
@@ -109,8 +109,8 @@ def test_the_first_reason_stays_and_the_third_signal_breaks_what_hangs():
 
 def test_a_service_reloads_as_often_as_it_is_told_and_then_ends(loop):
     service = loop("reload")
-    assert [service.told(signal.SIGHUP) for _ in range(3)] == ["reloaded 1", "reloaded 2", "reloaded 3"]
-    assert service.told(signal.SIGTERM) == "ended: stopped (SIGTERM)"
+    assert [service.after(signal.SIGHUP) for _ in range(3)] == ["reloaded 1", "reloaded 2", "reloaded 3"]
+    assert service.after(signal.SIGTERM) == "ended: stopped (SIGTERM)"
     assert service.process.wait(LIMIT_S) == 0
 
 
@@ -118,7 +118,7 @@ def test_a_service_reloads_as_often_as_it_is_told_and_then_ends(loop):
 def test_under_nohup_a_hangup_is_nothing(loop, hangup):
     kept = loop(hangup, nohup=True)
     kept.process.send_signal(signal.SIGHUP)
-    assert kept.told(signal.SIGINT) == "ended: stopped (SIGINT)"
+    assert kept.after(signal.SIGINT) == "ended: stopped (SIGINT)"
 
 
 def test_at_a_terminal_a_hangup_reloads_and_its_end_ends(loop):
@@ -126,7 +126,7 @@ def test_at_a_terminal_a_hangup_reloads_and_its_end_ends(loop):
     ours, its = os.openpty()
     server = loop("reload", terminal=its)
     os.close(its)
-    assert server.told(signal.SIGHUP) == "reloaded 1"
+    assert server.after(signal.SIGHUP) == "reloaded 1"
     os.close(ours)
     assert server.next() == "ended: stopped (SIGHUP)"
     assert server.process.wait(LIMIT_S) == 0

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cogrip.protocol.waves import device_force, device_wave, port_power, proxy_velocity, server_wave
+from cogrip.protocol import waves
+from cogrip.protocol.waves import device_gain, server_gain, wave_of
 
 impedances = st.floats(0.1, 1e3)
 velocities = st.floats(-10.0, 10.0)
@@ -15,6 +16,27 @@ forces = st.floats(-100.0, 100.0)
 wave_values = st.floats(-100.0, 100.0)
 
 TINY = 1e-300  # below it squares lose digits
+
+
+def port_power(forward: float, returning: float) -> float:
+    """(u^2 - v^2) / 2."""
+    return 0.5 * (forward * forward - returning * returning)
+
+
+def device_force(b: float, velocity: float, returning: float) -> float:
+    return waves.device_force(b, device_gain(b), velocity, returning)
+
+
+def device_wave(b: float, velocity: float, returning: float) -> float:
+    return waves.device_wave(device_gain(b), velocity, returning)
+
+
+def proxy_velocity(b: float, forward: float, force: float) -> float:
+    return waves.proxy_velocity(b, server_gain(b), forward, force)
+
+
+def server_wave(b: float, forward: float, force: float) -> float:
+    return waves.server_wave(server_gain(b), forward, force)
 
 
 def printed_server_wave(b: float, forward: float, force: float) -> float:
@@ -48,7 +70,7 @@ def test_power_at_the_server_is_what_the_waves_carry(b: float, forward: float, f
 @given(impedances, velocities, forces)
 def test_an_ideal_line_passes_velocity_and_force(b: float, velocity: float, force: float) -> None:
     """Both ends agree on u and v: the proxy moves as the hand does, the hand feels the server's force."""
-    forward = (b * velocity + force) / sqrt(2.0 * b)
+    forward = wave_of(b, velocity, force)
     returning = server_wave(b, forward, force)
     scale = 1e-12 * (b * abs(velocity) + abs(force)) + TINY
     assert isclose(proxy_velocity(b, forward, force), velocity, abs_tol=scale / b)

@@ -44,7 +44,7 @@ def exchange(client: ClientSession, core: ServerCore, now_ns: int, address: str 
 
 def seated(now_ns: int = 0, tickets: bool = False) -> tuple[ClientSession, ServerCore]:
     client, core = ClientSession(hello()), server(tickets)
-    client.call(now_ns)
+    client.connect(now_ns)
     exchange(client, core, now_ns)
     assert client.state == "seated"
     return client, core

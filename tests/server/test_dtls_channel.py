@@ -157,7 +157,7 @@ def test_a_call_that_nobody_answers_gives_up_in_words(folder: Path) -> None:
     wire = Wire(folder, fault=lambda _: "drop")
     call = wire.call()
     wire.until(lambda: bool(call.failed), within_s=10.1)
-    assert call.failed == f"no sealed server answered within 10 s: {NO_ANSWER_CURE}"
+    assert call.failed == f"no encrypted server answered within 10 s: {NO_ANSWER_CURE}"
     assert call.dropped["handshake begun again"] >= 10
 
 
@@ -189,7 +189,7 @@ def test_a_plain_refusal_is_a_hint_and_no_more(folder: Path) -> None:
     wire.listener.poll(wire.now_ns)
     for second in range(11):
         call.poll(second * 1_000_000_000)
-    assert call.failed.endswith("without a seal came, perhaps from anyone: go away [full]")
+    assert call.failed.endswith("unencrypted came, perhaps from anyone: go away [full]")
 
 
 def test_plain_datagrams_into_a_seal_are_dropped_on_both_sides(folder: Path) -> None:
@@ -326,7 +326,7 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(fold
     wire.rest(1.1)
     assert wire.listener.counts()["open"] == 1
     assert wire.listener.dropped["no seat in time"] == 1
-    assert ben.failed == "the other end closed the seal"
+    assert ben.failed == "the other end closed the DTLS association"
     assert anna.ready(PEER)
     wire.seats.discard(ANNA)  # Anna left: some seconds for what remains to be said, then it is over
     wire.talk(ANNA)
@@ -344,7 +344,7 @@ def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> No
     wire.rest(1.2)
     assert wire.listener.counts()["open"] == 0
     assert wire.listener.dropped["no hello in time"] == 1
-    assert ben.failed == "the other end closed the seal"
+    assert ben.failed == "the other end closed the DTLS association"
 
 
 def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
@@ -376,8 +376,8 @@ def test_closing_tells_the_other_end(folder: Path) -> None:
     wire.listener.close(ANNA)
     ben.close(PEER)
     wire.rest()
-    assert anna.failed == "the other end closed the seal"
-    assert wire.listener.dropped["seal ended: the other end closed the seal"] == 1
+    assert anna.failed == "the other end closed the DTLS association"
+    assert wire.listener.dropped["seal ended: the other end closed the DTLS association"] == 1
     assert wire.listener.counts() == {"open": 0, "half open": 0}
     assert not wire.listener.send(b"x", ANNA)
     assert not wire.listener.ready(ANNA)

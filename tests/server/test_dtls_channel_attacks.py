@@ -182,8 +182,8 @@ def test_forged_records_amid_a_handshake_cost_that_handshake_at_most(folder: Pat
 def test_strangers_get_no_state_and_no_answer_longer_than_their_question(folder: Path) -> None:
     chance = random.Random(5)
     call = Association(client_context("0" * 64, lambda _: None))
-    call.dial()
-    (hello,) = call.take()
+    call.connect()
+    (hello,) = call.pop_datagrams()
     assert is_client_hello(hello)
     wire = Wire(folder)
     answered = 0

@@ -135,7 +135,12 @@ def test_where_no_message_came_the_proxy_is_asked_for_no_speed_but_still_for_its
         (pytest.approx(1e-3),),
         (0.0,),
     )
-    assert (message.position_m, message.velocity_mps, message.port_j, message.heard) == ((0.1,), (0.2,), -0.25, 4)
+    assert (message.position_m, message.velocity_mps, message.port_j, message.acknowledged) == (
+        (0.1,),
+        (0.2,),
+        -0.25,
+        4,
+    )
     assert (seat.port.lost, seat.port.count().sent) == (2, 4)
 
 

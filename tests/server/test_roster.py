@@ -32,7 +32,7 @@ def test_a_person_is_listed_from_sitting_down_to_leaving() -> None:
 def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away() -> None:
     _, core = seated()
     looks = ClientSession(hello("", 9, role="observer"))
-    looks.call(0)
+    looks.connect(0)
     exchange(looks, core, 0, "there")
     core.unbind_address("anna's")
     first, second = people_of(core.rooms, 90 * S)

@@ -59,7 +59,7 @@ def test_both_ends_find_the_others_clock_but_for_half_of_what_the_ways_differ_by
         assert delay[direction]["p50"] == pytest.approx(0.5 * (up_ms + down_ms), rel=1 / 31)  # of a histogram's bin
     assert seat.clock.offset_ns is not None
     assert seat.clock.offset_ns * 1e-6 == pytest.approx(ahead_ms - wrong_ms, abs=slack_ms)
-    assert core.session.clock.turned == seat.clock.turned == 0
+    assert core.session.clock.contradictions == seat.clock.contradictions == 0
 
 
 def test_through_jitter_loss_repetition_and_disorder_the_clock_is_found_within_what_is_said() -> None:

@@ -25,6 +25,7 @@ from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.protocol.accounts import ClientAccount, LinkCount, PlayoutAccount, TickCount
 from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.messages import Hello, Stamp, View, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
@@ -50,7 +51,7 @@ class ClientCore:
         self.up_ms: float | None = None
         self.down_ms: float | None = None
         self.work_j = 0.0  # the hand's work against the force, exact: sum of F (x_{k+1} - x_k) (theory section 3.6)
-        self._work_excess_j = 0.0  # of that over the true sum, as `CompensatedSum` adds
+        self._work_error_j = 0.0  # of that over the true sum
         self.leak_j = 0.0  # its part that did not go into the line, b (y_est - y) y T_c and what safety took
         self.least_leak_j = 0.0
         self.peak_force_n = self.peak_step_n = 0.0
@@ -72,7 +73,7 @@ class ClientCore:
 
     def call(self, now_ns: int) -> None:
         """Ask the server for a seat."""
-        self.session.call(now_ns)
+        self.session.connect(now_ns)
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
@@ -94,7 +95,7 @@ class ClientCore:
         if not coupling.receive(message):
             self.session.drop("unfit")
         elif coupling.newest > before:
-            self.session.took(now_ns)
+            self.session.mark_fresh(now_ns)
 
     def _time(self, stamp: Stamp, now_ns: int) -> None:
         """What a stamp tells of the ways and the clocks."""
@@ -106,13 +107,13 @@ class ClientCore:
             return
         self.rtt.add(rtt_ns)
         self.rtt_ms = rtt_ns * 1e-6
-        assert clock.back_ns is not None
-        self.down.add(clock.back_ns)
-        self.down_ms = clock.back_ns * 1e-6
+        assert clock.return_ns is not None
+        self.down.add(clock.return_ns)
+        self.down_ms = clock.return_ns * 1e-6
         if clock.fresh:
-            assert clock.there_ns is not None
-            self.up.add(clock.there_ns)
-            self.up_ms = clock.there_ns * 1e-6
+            assert clock.forward_ns is not None
+            self.up.add(clock.forward_ns)
+            self.up_ms = clock.forward_ns * 1e-6
 
     def _take_seat(self, seat: SeatSettings, session: int) -> None:
         axes, rates = seat.object.axes, seat.rates
@@ -337,10 +338,7 @@ class ClientCore:
                 step = place - before[axis]
                 work += force[axis] * step
                 mean.append(step * rate)
-            work -= self._work_excess_j
-            worked = self.work_j + work
-            self._work_excess_j = (worked - self.work_j) - work
-            self.work_j = worked
+            self.work_j, self._work_error_j = add_compensated(self.work_j, self._work_error_j, work)
         first = self.tick - elapsed + 1
         border, velocity = False, self.velocity_mps
         faulty, hold = self.safety.state == "fault", 1.0
@@ -398,7 +396,7 @@ class ClientCore:
             if (
                 coupling.played
             ):  # records come in clumps: what was in hand, and is played in its time, is as good as new
-                self.session.took(now_ns)
+                self.session.mark_fresh(now_ns)
         self._acted = self.tick
         if self.session.state == "resuming" or self.session.stale(now_ns):
             self.safety.event("stale", "nothing new from the server")

@@ -258,7 +258,7 @@ class LiveClient:
         if after == "resuming":
             self.say("the server is silent: trying to come back")
         elif before == "resuming" and after == "seated":
-            self.say(f"back after {self._core.session.away_ns / 1e9:.1f} s")
+            self.say(f"back after {self._core.session.silence_ns / 1e9:.1f} s")
 
     def _tell(self, before: str, after: str) -> None:
         reason = self._core.safety.reason
@@ -304,7 +304,7 @@ class LiveClient:
 
     def _drain(self, now_ns: int) -> None:
         down, core = self._down, self._core
-        self.calls.drain(now_ns, core.receive if down is None else down.send, core.session.answers)
+        self.calls.drain(now_ns, core.receive if down is None else down.send, core.session.is_welcome)
         if down is not None and down.next_ns is not None:
             for message in down.due(now_ns):
                 core.receive(message, now_ns)

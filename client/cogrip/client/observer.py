@@ -25,7 +25,7 @@ class ObserverCore:
         return self.session.outbox
 
     def call(self, now_ns: int) -> None:
-        self.session.call(now_ns)
+        self.session.connect(now_ns)
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)

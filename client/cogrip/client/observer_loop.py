@@ -52,11 +52,11 @@ class LiveObserver:
         while core.outbox:
             message = core.outbox.popleft()
             calls.send(message, message == session.hello)
-        calls.drain(now_ns, core.receive, session.answers)
+        calls.drain(now_ns, core.receive, session.is_welcome)
         calls.poll(now_ns, session.state == "resuming")
 
     def _tell(self, before: str, after: str) -> None:
         if after == "resuming":
             self.say("the server is silent: trying to come back")
         elif before == "resuming" and after == "seated":
-            self.say(f"back after {self.core.session.away_ns / 1e9:.1f} s")
+            self.say(f"back after {self.core.session.silence_ns / 1e9:.1f} s")

@@ -20,7 +20,7 @@ from math import inf
 
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.messages import Frame, Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
@@ -67,7 +67,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         self.applied_n: Sequence[float] = (0.0,) * axes
         self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
-        self._rounding = rounding_share(rates.ticks_per_frame)
+        self._rounding = rounding_fraction(rates.ticks_per_frame)
         self._slack_j = 0.0  # what rounding alone can put W out by
         self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)  # W, the least of all axes
@@ -157,11 +157,11 @@ class PassivityControl(LatestStateCoupling[Power]):
     def start_frame(self) -> None:
         """The newest force and energy stand from now on; where none came, the last ones go on to."""
         self._frame += 1
-        before = self._receiver.heard
-        if self._receiver.take() and self._receiver.latest is not None:
+        before = self._receiver.acknowledged
+        if self._receiver.pop() and self._receiver.latest is not None:
             self._hear(self._receiver.latest, before)
         self.down_reserve.elapse()
-        self.down_reserve.see(min(self.left_j) + self._slack_j)
+        self.down_reserve.update(min(self.left_j) + self._slack_j)
 
     def _hear(self, newest: Power, before: int) -> None:
         """Go by a message from now on; `before` is the number of the one before it."""
@@ -173,8 +173,8 @@ class PassivityControl(LatestStateCoupling[Power]):
         self._slack_j = self._rounding * (self.used_j + sum(newest.entered_j))
         self._reserve = [max(RESERVE_J, abs(force) * self._astray_m) for force in newest.force_n]
         self.object_state = newest.position_m + newest.velocity_mps
-        if newest.heard:
-            self._loop = float(self._frame - newest.heard)
+        if newest.acknowledged:
+            self._loop = float(self._frame - newest.acknowledged)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
         """The server's force and the charging damper, as far as W pays for them; and a damper that pays a debt."""
@@ -239,7 +239,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         entered = tuple([energy.value for energy in self._in])
         return Power(
             session, self._number, place, self._speed, tuple(self.applied_n), entered, taken, self.port_j,
-            self._receiver.heard, stamp,
+            self._receiver.acknowledged, stamp,
         )  # fmt: skip
 
     def receive(self, message: Frame) -> bool:

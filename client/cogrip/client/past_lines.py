@@ -28,7 +28,7 @@ class PastLines:
 
     def down_reserve_j(self, coupling: Coupling) -> float | None:
         """The least after the first second of each line, None where no line was that long."""
-        told = [each for each in (self._reserve_j, coupling.down_reserve.told_j) if each is not None]
+        told = [each for each in (self._reserve_j, coupling.down_reserve.reported_j) if each is not None]
         return min(told, default=None)
 
     def lost(self, coupling: Coupling) -> int:

@@ -14,10 +14,9 @@ from cogrip.client.core import ClientCore
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
-from cogrip.protocol.recording.noted import ObservedQueue
 from cogrip.protocol.recording.records import Command, Datagram, Event, Ledger, Tick
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import Held, Nowhere, Sink, encode, topics
+from cogrip.protocol.recording.sink import Held, Nowhere, ObservedQueue, Sink, encode, topics
 
 KINDS = ("tick", "datagram_in", "datagram_out", "command", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, COMMAND, EVENT, ACCOUNT = range(6)

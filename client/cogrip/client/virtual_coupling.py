@@ -89,7 +89,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self._number += 1
 
     def start_frame(self) -> None:
-        if self._receiver.take() and self._receiver.latest:
+        if self._receiver.pop() and self._receiver.latest:
             before, stretch = self.object_state, self._stretch
             self.object_state = state = self._receiver.latest.position_m + self._receiver.latest.velocity_mps
             if stretch is not None:
@@ -121,7 +121,9 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
         velocity_mps: Sequence[float],
     ) -> State:  # fmt: skip
-        return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.heard, stamp)
+        return State(
+            session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.acknowledged, stamp
+        )
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):

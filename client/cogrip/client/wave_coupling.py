@@ -28,12 +28,13 @@ from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.waves import device_gain, wave_of
 
 RELAX_RAD_S = 100.0  # w
 LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05  # what slips beyond stays where it is
@@ -51,7 +52,7 @@ class WaveCoupling:
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates, coupling = seat.object.axes, seat.rates, seat.coupling
         self._b = coupling.impedance_nspm
-        self._root = sqrt(2.0 * self._b)
+        self._root = device_gain(self._b)
         self._half_tick_s = 0.5 * rates.tick_s
         self._ticks_per_frame = rates.ticks_per_frame
         self._from_displacement = coupling.encoder == "displacement"
@@ -87,7 +88,7 @@ class WaveCoupling:
         self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
         self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
-        self._rounding = rounding_share(rates.ticks_per_frame)
+        self._rounding = rounding_fraction(rates.ticks_per_frame)
         self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)
 
@@ -108,7 +109,7 @@ class WaveCoupling:
 
     def fit(self, record: Capability, lag_s: float) -> None:
         """Go by this device. Waves are believed up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
-        self._most_wave = (self._b * record.speed_mps + 2.0 * record.peak_force_n) / self._root
+        self._most_wave = wave_of(self._b, record.speed_mps, 2.0 * record.peak_force_n)
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
@@ -227,24 +228,24 @@ class WaveCoupling:
         if any(self._written_off):
             receiver.write_off([e / self._ticks_per_frame for e in self._written_off])
             self._written_off = [0.0] * len(self._written_off)
-        self.returning = wave = receiver.take()
+        self.returning = wave = receiver.pop()
         most = self._most_wave
         self.implausible = max(wave) > most or min(wave) < -most
         if self.implausible:
             self.returning = tuple([min(max(v, -most), most) for v in wave])
-        self._share = receiver.share
+        self._share = receiver.gain
         self.down_reserve.elapse()
-        if receiver.mark is not None:
-            made_j, _, heard = receiver.mark
+        if receiver.metadata is not None:
+            made_j, _, heard = receiver.metadata
             margin = made_j - receiver.played_j + self._rounding * made_j
-            self.down_reserve.see(margin)
+            self.down_reserve.update(margin)
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
             if heard:
                 self._loops.add(self._frame - heard)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
-        """F = b xdot - sqrt(2b) v [N] (P eq. 16), with the velocity estimated now."""
+        """F = b xdot - sqrt(2b) v [N] (`waves.device_force`, inline in the tick), with the velocity estimated now."""
         b, root, share = self._b, self._root, self._share
         if share != 1.0:
             b *= share * share
@@ -280,14 +281,14 @@ class WaveCoupling:
     ) -> Waves:  # fmt: skip
         first, waves, total, squares = self._sender.contents()
         return Waves(
-            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.heard, stamp,
+            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.acknowledged, stamp,
             origin_m + position_m,
         )  # fmt: skip
 
     def receive(self, message: Frame) -> bool:
         if not isinstance(message, Waves) or len(message.state) != len(self.object_state):
             return False
-        mark = (message.made_j, message.port_j, message.heard)
+        mark = (message.made_j, message.port_j, message.acknowledged)
         taken = self._receiver.receive(message.first, message.waves, message.total, message.squares, mark)
         if taken:
             self.object_state = message.state

@@ -1,5 +1,4 @@
-"""What both ends of a cogrip session must agree on: mathematics, messages, settings.
+"""The agreement of both ends of a cogrip session: mathematics, messages, settings.
 
-Everything here is pure (no socket, clock, thread or file) except the `io` sub-package.
-`SPEC.md` beside this package is the normative description of the wire.
+Everything here is pure (no socket, clock, thread or file) except the `io` sub-package. `SPEC.md` is the normative description.
 """

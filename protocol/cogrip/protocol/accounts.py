@@ -1,4 +1,4 @@
-"""What each end knows of a session when it ends; exchanged in the last two messages, joined in `summary.json`."""
+"""Accounts of a session by each end, exchanged in its last two messages and joined in `summary.json` (SPEC.md 3.9, 3.10)."""
 
 import math
 from typing import Annotated
@@ -23,7 +23,7 @@ class LinkCount(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Percentiles(msgspec.Struct, frozen=True, array_like=True):
-    """Of durations, in the unit of the field that holds them; None where there were none."""
+    """Percentiles of durations, in the unit of the field that holds them; None where there were none."""
 
     p50: float | None = None
     p99: float | None = None
@@ -48,47 +48,44 @@ class TickCount(msgspec.Struct, frozen=True, array_like=True):
 
 
 class PlayoutAccount(msgspec.Struct, frozen=True, array_like=True):
-    """How one direction's frames were played out."""
+    """Playout of one direction's frames."""
 
     depth_frames: float = 0.0  # mean over all frames
     least_frames: int = 0
     most_frames: int = 0
     repeated: int = 0  # ticks in which no frame was played, to be one frame deeper
-    skipped: int = 0  # frames that were passed over, to be one frame shallower
-    concealed: int = 0  # frames that were not there in time
+    skipped: int = 0  # frames passed over, to be one frame shallower
+    concealed: int = 0  # frames that were missing when they were due
     longest_gap: int = 0  # most of these in a row
 
 
 class DelayAccount(msgspec.Struct, frozen=True, array_like=True):
-    """What a client knows of the way to the server and back [ms]; None where nothing was measured."""
+    """One-way delays between client and server as the client measured them [ms]; None where nothing was measured."""
 
-    up_ms: Percentiles = Percentiles()  # one way, by the clocks as far as their offset is known
+    up_ms: Percentiles = Percentiles()  # by the clocks, as far as their offset is known
     down_ms: Percentiles = Percentiles()
-    offset_ms: float | None = None  # the server's clock less ours
-    uncertainty_ms: float | None = None  # of that offset: half of the least ways there and back (`protocol.clock`)
+    offset_ms: float | None = None  # the server's clock less the client's
+    uncertainty_ms: float | None = None  # of that offset: half the least round trip (`protocol.clock`)
 
 
-Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # of the ticks in which the device may give force
+Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]  # of the ticks in which the device may give force
 
 
 class DeviceAccount(msgspec.Struct, frozen=True, array_like=True):
     """The device port of one person: energy through the motors, and limits on the force (docs/device_port.md)."""
 
-    oscillates: bool = False  # the force turned back and forth fast, and was let go for it
-    at_limit: Share = 0.0  # ticks in which a limit of the device held the force
-    controlled: Share = 0.0  # ticks in which the device port changed the force, or rendered less than was asked
-    leak_j: float = (
-        0.0  # most energy given to the hand beyond what came in, what the line gave and the device's damping takes
-    )
-    margin_j: float | None = (
-        None  # least of the port's energy balance, its stated reserve included; below 0: not passive
-    )
-    let_go: int = 0  # times that the force was let go: it oscillated, sat at its limit, or ran out of energy
+    oscillates: bool = False  # the force oscillated fast and was released for it
+    at_limit: Fraction = 0.0  # ticks in which a limit of the device held the force
+    controlled: Fraction = 0.0  # ticks in which the device port changed the force, or rendered less than was asked
+    # largest energy given to the hand beyond what came in, what the line gave and what the device's damping takes
+    leak_j: float = 0.0
+    margin_j: float | None = None  # least energy balance of the port, its reserve included; below 0: not passive
+    let_go: int = 0  # times that the force was released: it oscillated, stayed at its limit, or ran out of energy
     reserve_j: float | None = None  # least of the energy that the port could still give, after the first second
 
 
 class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
-    """What one person's client knows at the end of a session."""
+    """Account of one person's client at the end of a session."""
 
     position_m: Row
     force_n: Row
@@ -105,27 +102,27 @@ class ClientAccount(msgspec.Struct, frozen=True, array_like=True):
     state: Annotated[str, msgspec.Meta(max_length=40)]
     reason: Annotated[str, msgspec.Meta(max_length=300)]
     peak_step_n: float = 0.0  # the largest change of the force from one tick to the next
-    playout: PlayoutAccount | None = None  # of the frames that came down; None without waves
+    playout: PlayoutAccount | None = None  # of the downlink; None without waves
     delay: DelayAccount = DelayAccount()
     device: DeviceAccount = DeviceAccount()
-    down_reserve_j: float | None = None  # least of the line down, after its first second
+    down_reserve_j: float | None = None  # least balance of the downlink after its first second
 
 
 class SeatAccount(msgspec.Struct, frozen=True, array_like=True):
-    """What the server knows of one person at the end of a session."""
+    """The server's account of one person at the end of a session."""
 
     proxy_m: Row
     up_margin_j: float | None
     line_margin_j: float | None
     up: LinkCount
-    playout: PlayoutAccount | None = None  # of the frames that came up; None without waves
+    playout: PlayoutAccount | None = None  # of the uplink; None without waves
     rendered_npm: float | None = None  # the spring as it was integrated last
-    up_reserve_j: float | None = None  # least of the line up, after its first second
+    up_reserve_j: float | None = None  # least balance of the uplink after its first second
     line_reserve_j: float | None = None  # of the whole line
 
 
 class RoomAccount(msgspec.Struct, frozen=True, array_like=True):
-    """What the server knows of the object."""
+    """The server's account of the object."""
 
     position_m: Row
     velocity_mps: Row

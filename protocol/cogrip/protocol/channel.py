@@ -1,11 +1,11 @@
-"""What lies between messages and datagrams: nothing (plain), or a seal (`cogrip.protocol.io.dtls`). One seam for both ends.
+"""Channels between messages and datagrams: unencrypted, or DTLS (`cogrip.protocol.io.dtls`). The same interface at both ends.
 
-A driver feeds what its socket gives, hands on what `receive` returns, and sends what `outbox` holds. An end with many
-peers tells them apart by address; an end with one says `PEER`. Nothing here opens a socket or asks a clock.
+A driver feeds datagrams of its socket to `receive`, passes on the messages that it returns, and sends what `outbox` holds. An
+end with many peers tells them apart by address; an end with one uses `PEER`. Nothing here opens a socket or reads a clock.
 """
 
-from collections import deque
-from collections.abc import Hashable, Sequence
+from collections import Counter, deque
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Protocol
 
 Address = Hashable
@@ -13,39 +13,41 @@ PEER = "peer"  # the address of the only other end
 
 
 class Channel(Protocol):
-    """`outbox` holds (address, datagram) to send, oldest first; `dropped` counts by reason what went no further."""
+    """Interface of a channel.
+
+    outbox   (address, datagram) to send, oldest first
+    dropped  count of dropped datagrams and messages by reason
+    failed   why this channel will never be ready, "" while it may be
+    """
 
     outbox: deque[tuple[Address, bytes]]
-    dropped: dict[str, int]
-    failed: str  # why this channel will never be ready, "" while it may be
+    failed: str
+
+    @property
+    def dropped(self) -> Mapping[str, int]: ...
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
-        """Messages that a datagram carried, none to several. Never raises for anything that a network can bring."""
-        ...
+        """Return the messages that a datagram carried, none to several. Never raises for anything that a network can bring."""
 
     def send(self, message: bytes, address: Address) -> bool:
-        """Put a message on its way. False, and counted, where there is no channel to that address (yet)."""
-        ...
+        """Send a message. False, and counted, where there is no channel to that address (yet)."""
 
     def ready(self, address: Address) -> bool:
-        """Whether a message can be sent there now."""
-        ...
+        """Return whether a message can be sent there now."""
 
     def poll(self, now_ns: int) -> None:
-        """Time passes: repeat what a handshake needs, give up what has taken too long. At least every 50 ms."""
-        ...
+        """Let time pass: repeat flights, give up handshakes that take too long. Call at least every 50 ms."""
 
     def close(self, address: Address) -> None:
-        """The other end is told, where there is a way, and forgotten."""
-        ...
+        """Close the channel to an address and tell the other end where possible."""
 
 
 class UnencryptedChannel:
-    """Datagrams are messages."""
+    """Channel on which each datagram is one message."""
 
     def __init__(self) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.dropped: dict[str, int] = {}
+        self.dropped: Counter[str] = Counter()
         self.failed = ""
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
@@ -59,14 +61,14 @@ class UnencryptedChannel:
         return True
 
     def poll(self, now_ns: int) -> None:
-        """Nothing waits."""
+        """Do nothing: no handshake is pending."""
 
     def close(self, address: Address) -> None:
-        """Nothing is kept."""
+        """Do nothing: no state is kept."""
 
 
 def place_text(address: Address) -> str:
-    """An address for people."""
+    """Return an address as text."""
     if not isinstance(address, tuple) or len(address) < 2:
         return str(address)
     host = str(address[0])

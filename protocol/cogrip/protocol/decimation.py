@@ -1,6 +1,6 @@
-"""From M fast waves to one slow wave: the anti-aliasing filter and the downsampler (theory section 3.2).
+"""Decimation of M fast waves to one slow wave: anti-aliasing filter and downsampler (theory section 3.2).
 
-A decimator is fed once a device tick and asked once a frame. `boxcar` cannot create energy for any signal
+A decimator gets one wave a device tick and gives one a frame. `boxcar` cannot create energy for any signal
 (Cauchy-Schwarz: M mean^2 <= sum of squares) and keeps the integral; `lowpass` is P eq. 32, discretised exactly;
 `none` keeps the last sample, the counter-example that aliasing creates energy.
 """
@@ -13,7 +13,7 @@ Wave = Sequence[float]
 
 
 class Decimator(Protocol):
-    """`push` takes the forward wave of one tick, shape (axes,); `take` gives the wave of the frame that ends, shape (axes,)."""
+    """`push` the forward wave of one tick, shape (axes,); `take` returns the wave of the frame that ends, shape (axes,)."""
 
     def push(self, wave: Wave) -> None: ...
     def take(self) -> tuple[float, ...]: ...
@@ -83,12 +83,12 @@ KINDS = tuple(_MAKERS)
 
 
 def make_decimator(kind: str, axes: int, ticks_per_frame: int, tick_s: float, lowpass_rad_s: float) -> Decimator:
-    """The decimator called `kind`. Raises KeyError for a kind that is not in KINDS (settings refuse it before)."""
+    """Return the decimator called `kind`. Raises KeyError for a kind that is not in KINDS (settings refuse it before)."""
     return _MAKERS[kind](axes, ticks_per_frame, tick_s, lowpass_rad_s)
 
 
 def lag_s(kind: str, frame_s: float, lowpass_rad_s: float) -> float:
-    """Time the loop loses to hold, decimator and frame at rest [s]: the term T_n of theory section 4.
+    """Return the time that the loop loses at rest to hold, decimator and frame [s]: the term T_n of theory section 4.
 
     For boxcar and no filter one frame; for the lowpass T_n / (1 - exp(-w T_n)), the sum of the step response's
     shortfall at the frame's end (24.160 ms at 50 rad/s and 128 Hz).

@@ -1,9 +1,9 @@
 """Headers of DTLS 1.2 records and handshake messages, and which of a client's records a server's DTLS library may see.
 
 A DTLS library keeps what it cannot use yet: parts of handshake messages, each in a buffer of the length that its header
-announces (100 kB and ten messages are usual), and whole records of the next epoch. Somebody without any right here decides
-these lengths. So every record of a client is looked at before the library sees it (RFC 6347 sections 4.1 and 4.2.2), and
-passed only where a client that joins needs it:
+announces (100 kB and ten messages are usual), and whole records of the next epoch. An unauthenticated peer decides these
+lengths. So every record of a client is checked before the library sees it (RFC 6347 sections 4.1 and 4.2.2), and passed only
+where a client that joins needs it:
 
     key exchange   ClientHello, ClientKeyExchange in the clear, ChangeCipherSpec   --ChangeCipherSpec--> finishing
     finishing      an encrypted record that may be Finished, MOST_FINISHED times   --handshake done--> open
@@ -13,7 +13,7 @@ An alert passes in every state. The client has no certificate and never renegoti
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 RECORD_HEADER_BYTES = 13  # type 1, version 2, epoch 2, number 6, length 2
 MESSAGE_HEADER_BYTES = 12  # type 1, length 3, number 2, fragment offset 3, fragment length 3
@@ -36,7 +36,7 @@ class Record(NamedTuple):
 
 
 def records(datagram: bytes) -> Iterator[Record]:
-    """The whole records of a datagram, in order. What follows the last of them is no record."""
+    """Yield the whole records of a datagram, in order. What follows the last of them is no record."""
     begin = 0
     while begin + RECORD_HEADER_BYTES <= len(datagram):
         end = begin + RECORD_HEADER_BYTES + int.from_bytes(datagram[begin + 11 : begin + 13], "big")
@@ -48,7 +48,7 @@ def records(datagram: bytes) -> Iterator[Record]:
 
 
 def message_fault(body: bytes) -> str:
-    """Why a handshake record in the clear is none of a client that joins, "" if it is: the name under which it is dropped."""
+    """Return the reason to drop an unencrypted handshake record, "" for one of a client that joins."""
     at = 0
     while at + MESSAGE_HEADER_BYTES <= len(body):
         length, offset, size = [int.from_bytes(body[at + first : at + first + 3], "big") for first in (1, 6, 9)]
@@ -67,10 +67,12 @@ def message_fault(body: bytes) -> str:
 
 
 class ClientRecords:
-    """Follows one client's handshake by its headers. drop: is called with a name for every record that is left out.
+    """Filter of one client's records by the state of its handshake. drop: called with a reason for every record left out.
 
-    `state` is one of those above; `repeats` tells whether the last datagram held a new handshake record after the handshake:
-    a client sends its last flight again where it has not received the server's.
+    state     one of those above
+    finished  records so far that may have been Finished
+    repeats   the last datagram held a new handshake record after the handshake: a client sends its last flight again where it
+              has not received the server's
     """
 
     __slots__ = ("_drop", "_exchanged", "_newest", "finished", "repeats", "state")
@@ -81,19 +83,19 @@ class ClientRecords:
         self._newest = -1  # number of the newest encrypted handshake record
         self.finished = 0  # records that may have been Finished
         self.repeats = False
-        self.state = "key exchange"
+        self.state: Literal["key exchange", "finishing", "open"] = "key exchange"
 
     @property
     def overdue(self) -> bool:
-        """Return whether a handshake should have been done by now, with all that was passed."""
+        """True where the records that were passed should have completed the handshake."""
         return self.state == "finishing" and self.finished >= MOST_FINISHED
 
     def open(self) -> None:
-        """The handshake is done."""
+        """Enter the state after the handshake."""
         self.state = "open"
 
     def passed(self, datagram: bytes) -> bytes:
-        """The records that the library may see, as one datagram; b"" if there are none."""
+        """Return the records that the library may see, as one datagram; b"" if there are none."""
         self.repeats = False
         kept, end = [], 0
         for record in records(datagram):

@@ -1,4 +1,4 @@
-"""What the hand feels at rest: the line is a spring in series with the object (theory section 4).
+"""Felt stiffness at rest: the line is a spring in series with the object (theory section 4).
 
     1/K_hand = 1/K + C_line        C_line = (T_fwd + T_back + T_lag) / (2b)
 
@@ -8,9 +8,7 @@ other way round, says which K' to render so that the hand feels K (`compensated_
 
 from math import ceil
 
-MOST_GAIN = (
-    100.0  # of what is rendered over what is to be felt: beyond it the hand would feel 1 % more, at the very most
-)
+MOST_GAIN = 100.0  # of the rendered over the felt stiffness: beyond it the hand would feel at most 1 % more
 
 
 class OutOfReachError(ValueError):
@@ -18,20 +16,20 @@ class OutOfReachError(ValueError):
 
 
 def line_compliance(impedance_nspm: float, round_trip_s: float, lag_s: float) -> float:
-    """C_line [m/N] of a line with the given delays (round_trip_s = T_fwd + T_back)."""
+    """Return C_line [m/N] of a line with the given delays (round_trip_s = T_fwd + T_back)."""
     return (round_trip_s + lag_s) / (2.0 * impedance_nspm)
 
 
 def felt_stiffness(stiffness_npm: float, compliance_mpn: float) -> float:
-    """K_hand [N/m]."""
+    """Return K_hand [N/m]."""
     return 1.0 / (1.0 / stiffness_npm + compliance_mpn) if stiffness_npm > 0.0 else 0.0
 
 
 def compensated_stiffness(stiffness_npm: float, impedance_nspm: float, compliance_mpn: float) -> float:
-    """K' [N/m] with 1/K' = 1/K - C_line. Raises OutOfReachError, naming the impedance that would do, when K C_line >= 1."""
-    share = stiffness_npm * compliance_mpn
-    if share < 1.0:
-        return stiffness_npm / (1.0 - share)
+    """Return K' [N/m] with 1/K' = 1/K - C_line. Raises OutOfReachError, with the impedance needed, if K C_line >= 1."""
+    used = stiffness_npm * compliance_mpn  # K C_line
+    if used < 1.0:
+        return stiffness_npm / (1.0 - used)
     enough = enough_impedance(stiffness_npm, impedance_nspm, compliance_mpn)
     advised = ceil(1.1 * enough)
     raise OutOfReachError(
@@ -43,10 +41,10 @@ def compensated_stiffness(stiffness_npm: float, impedance_nspm: float, complianc
 
 
 def reachable_stiffness(stiffness_npm: float, compliance_mpn: float) -> float:
-    """K' as above, or MOST_GAIN K where that is less, as it is near K C_line = 1 and wherever K is out of reach."""
+    """Return K' as above, or MOST_GAIN K where that is less, as it is near K C_line = 1 and wherever K is out of reach."""
     return stiffness_npm / max(1.0 - stiffness_npm * compliance_mpn, 1.0 / MOST_GAIN)
 
 
 def enough_impedance(stiffness_npm: float, impedance_nspm: float, compliance_mpn: float) -> float:
-    """The impedance [N s/m] at which K C_line is 1: from there on K can be felt."""
+    """Return the impedance [N s/m] at which K C_line is 1: from there on K can be felt."""
     return stiffness_npm * compliance_mpn * impedance_nspm

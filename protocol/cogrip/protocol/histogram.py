@@ -27,7 +27,7 @@ class Bin(NamedTuple):
 
 
 def _edges(index: int) -> tuple[int, int]:
-    """The bin's half-open range [low, high) in ns."""
+    """Return the bin's half-open range [low, high) in ns."""
     if index < 2 * _SUB_BINS:
         return index, index + 1
     shift = (index >> _SUB_BITS) - 1
@@ -46,7 +46,7 @@ class DurationHistogram:
         self.total_ns = 0
 
     def add(self, value_ns: int) -> None:
-        """Counts one duration. Negative ones (a clock read a little early) count as 0."""
+        """Count one duration. Negative ones (a clock read a little early) count as 0."""
         if value_ns > self.max_ns:
             if value_ns > _LARGEST_NS:
                 value_ns = _LARGEST_NS
@@ -62,7 +62,7 @@ class DurationHistogram:
 
     @property
     def count(self) -> int:
-        """How many durations were added."""
+        """Number of durations added."""
         return sum(self._counts)
 
     @property
@@ -72,7 +72,7 @@ class DurationHistogram:
         return self.total_ns / count if count else math.nan
 
     def percentile(self, q: float) -> float:
-        """The smallest recorded duration in ns that q percent (0 to 100) do not exceed, to 1/32; nan while empty.
+        """Return the smallest recorded duration in ns that q percent (0 to 100) do not exceed, to 1/32; nan while empty.
 
         This is numpy's `method="inverted_cdf"`: an observed value, never an interpolation between two.
         """
@@ -94,23 +94,23 @@ class DurationHistogram:
         raise AssertionError("unreachable: rank is at most count")
 
     def merge(self, other: "DurationHistogram") -> None:
-        """Adds every duration of other to this one."""
+        """Add every duration of other."""
         self._counts = [mine + theirs for mine, theirs in zip(self._counts, other._counts, strict=True)]
         self.max_ns = max(self.max_ns, other.max_ns)
         self.total_ns += other.total_ns
 
     def clear(self) -> None:
-        """Forgets everything, for the next window of a running display."""
+        """Remove all durations, for the next window of a running display."""
         self._counts = [0] * _BINS
         self.max_ns = 0
         self.total_ns = 0
 
     def bins(self) -> list[Bin]:
-        """The non-empty bins in rising order, for plotting."""
+        """Return the non-empty bins in rising order."""
         return [Bin(*_edges(index), held) for index, held in enumerate(self._counts) if held]
 
     def summary_us(self, percentiles: Iterable[float] = (50, 99, 99.9)) -> dict[str, float]:
-        """Percentiles and the exact maximum in us: {"p50": .., "p99": .., "p999": .., "max": ..}; nan while empty."""
+        """Return percentiles and the exact maximum in us: {"p50": .., "p99": .., "p999": .., "max": ..}; nan while empty."""
         summary = {f"p{q:g}".replace(".", ""): self.percentile(q) / 1e3 for q in percentiles}
         summary["max"] = self.max_ns / 1e3 if self.count else math.nan
         return summary

@@ -1,6 +1,6 @@
-"""The one line that lets a person in: `cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN` (`SPEC.md`, Join links).
+"""Join links: `cogrip://HOST:PORT/ROOM#FINGERPRINT.TOKEN` (`SPEC.md` section 12).
 
-What stands behind the # is a secret: no error, no `repr` and no `str` here shows it; `JoinLink.text` alone does.
+The part after the # is a secret: no error, no `repr` and no `str` here shows it; only `JoinLink.text` does.
 """
 
 import re
@@ -29,11 +29,11 @@ _COMMAND = re.compile(r"cogrip\s+join\s+", re.IGNORECASE)
 
 
 class LinkError(ValueError):
-    """This is no join link. The text says which part is wrong and what to do; it shows nothing of what follows the #."""
+    """Not a join link. The text names the wrong part and the cure; it shows nothing of what follows the #."""
 
 
 class JoinLink(msgspec.Struct, frozen=True):
-    """Where a server is, by which certificate it is known, and the right to come in. Making one checks it: LinkError."""
+    """Address of a server, fingerprint of its certificate, and token. The constructor checks them: LinkError."""
 
     host: str  # name, IPv4, or IPv6 without its brackets
     port: int
@@ -74,19 +74,19 @@ class JoinLink(msgspec.Struct, frozen=True):
 
 
 def is_link(text: str) -> bool:
-    """Whether `text` is meant as a join link, right or wrong: a host and a port have neither :// nor # in them."""
+    """Return whether `text` is meant as a join link, right or wrong: a host and a port have neither :// nor # in them."""
     return _begins_well(text.strip()) or "://" in text or "#" in text
 
 
 def is_secret(text: str) -> bool:
-    """Whether `text`, no link, may be the end of one, with a token or a fingerprint in it: not to be shown or looked up."""
+    """Return whether `text`, no link, may hold a token or a fingerprint: then it is not to be shown or resolved."""
     last = text.rpartition(".")[2]
     mixed = any(each.islower() for each in last) and any(each.isupper() for each in last)
     return bool(_LONG_HEX.search(text) or (_TOKEN.match(last) and ("." in text or mixed)))
 
 
 def unwrapped(text: str) -> str:
-    """What was pasted, without the quotes, brackets and blanks around it, and without the command before it."""
+    """Return pasted text without the quotes, brackets and blanks around it, and without the command before it."""
     text = text.strip(_WRAPPING)
     return text[found.end() :].strip(_WRAPPING) if (found := _COMMAND.match(text)) else text
 
@@ -96,7 +96,7 @@ def _begins_well(text: str) -> bool:
 
 
 def parse_link(text: str) -> JoinLink:
-    """The link that a person typed or pasted. Raises LinkError."""
+    """Return the link that a person typed or pasted. Raises LinkError."""
     text = text.strip()
     if not _begins_well(text) or text[len(SCHEME) :][:2] != "//":
         raise LinkError(f"a join link begins with cogrip://, as in {SHAPE}; copy the whole link")
@@ -122,7 +122,7 @@ def parse_link(text: str) -> JoinLink:
 
 
 def split_place(text: str, zone_mark: str = "%") -> tuple[str, int | None]:
-    """Host and port of HOST, HOST:PORT, [IPV6] or [IPV6]:PORT; port None where none is given. Raises LinkError.
+    """Return host and port of HOST, HOST:PORT, [IPV6] or [IPV6]:PORT; port None where none is given. Raises LinkError.
 
     zone_mark: what stands before an IPv6 zone; in a link it is %25 (RFC 6874).
     """
@@ -148,12 +148,12 @@ def split_place(text: str, zone_mark: str = "%") -> tuple[str, int | None]:
 
 
 def place_text(host: str, port: int) -> str:
-    """HOST:PORT as it stands in a link."""
+    """Return HOST:PORT as it stands in a link."""
     return f"[{host.replace('%', '%25')}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def check_host(host: str) -> None:
-    """Raises LinkError for what is neither a name nor an address."""
+    """Check a host. Raises LinkError for what is neither a name nor an address."""
     if ":" in host:
         try:
             IPv6Address(host)
@@ -174,6 +174,6 @@ def _shown(text: str) -> str:
 
 
 def _cut(part: str, text: str, wanted: str) -> str:
-    """Words for a part that must not be shown."""
+    """Return an error text on a part that must not be shown."""
     what = f"has {len(text)} characters" if len(text) != int(wanted.split()[0]) else "has other characters"
     return f"join link: the {part} {what}, and must have {wanted}; copy the whole link, and quote it: '...'"

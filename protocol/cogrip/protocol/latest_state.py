@@ -1,11 +1,11 @@
-"""One direction of virtual coupling or of power variables: the newest message wins (theory section 5)."""
+"""The receiving end of virtual coupling and of power variables: the newest message wins (SPEC.md 7, 7b; theory section 5)."""
 
 from typing import Generic, Protocol, TypeVar
 
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.line.receiver import FURTHEST_JUMP
 
-HISTORY = 256  # states for which the receiver still knows which had come
+HISTORY = 256  # states for which the receiver still knows whether they have arrived
 
 
 class Numbered(Protocol):
@@ -19,7 +19,10 @@ M = TypeVar("M", bound=Numbered)
 
 
 class StateReceiver(Generic[M]):
-    """Keeps the newest state. A state that comes after a newer one, or is overtaken before it is taken, is late."""
+    """Keeps the newest state. One that arrives after a newer one, or is overtaken before it is popped, is late.
+
+    latest  the state popped last, None before the first
+    """
 
     def __init__(self) -> None:
         self._newest = -1
@@ -30,12 +33,12 @@ class StateReceiver(Generic[M]):
 
     @property
     def newest(self) -> int:
-        """Number of the newest state heard of; -1 before the first."""
+        """Number of the newest state received; -1 before the first."""
         return self._newest
 
     @property
-    def heard(self) -> int:
-        """Number after the state that was taken last; 0 before the first."""
+    def acknowledged(self) -> int:
+        """Number after the state popped last; 0 before the first."""
         return self.latest.number + 1 if self.latest else 0
 
     def receive(self, state: M) -> bool:
@@ -57,7 +60,7 @@ class StateReceiver(Generic[M]):
         self._waiting = state
         return True
 
-    def take(self) -> bool:
+    def pop(self) -> bool:
         """Make the newest state the one in `latest`. True if there was a new one."""
         if self._waiting is None:
             return False
@@ -67,18 +70,13 @@ class StateReceiver(Generic[M]):
 
     @property
     def lost(self) -> int:
-        """States that never arrived, as far as is known."""
+        """States that have not arrived, as far as is known."""
         return self._newest + 1 - (self._waiting is not None) - self._applied - self._late
 
     def count(self) -> LinkCount:
+        """Return how many states met which fate."""
         waiting = self._waiting is not None
-        sent = self._newest + 1 - waiting
         return LinkCount(
-            sent=sent,
-            received=self._received,
-            applied=self._applied,
-            lost=self.lost,
-            late=self._late,
-            duplicate=self._duplicate,
-            pending=int(waiting),
-        )
+            sent=self._newest + 1 - waiting, received=self._received, applied=self._applied, lost=self.lost, late=self._late,
+            duplicate=self._duplicate, pending=int(waiting),
+        )  # fmt: skip

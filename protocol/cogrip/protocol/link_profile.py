@@ -1,4 +1,4 @@
-"""[link]: what happens to the datagrams of one direction, as settings and as the two ends are told of it."""
+"""Emulated impairment of the datagrams of one direction: [link] of the settings, and its form in the welcome."""
 
 from typing import Annotated, Any, Literal
 
@@ -25,13 +25,13 @@ Direction = Literal["up", "down"]
 
 
 def check_cap(path: str, rate_kbps: float | None) -> None:
-    """Raises SettingsError for a cap that would hold a datagram for ever."""
+    """Check a rate cap. Raises SettingsError for one that would hold a datagram for ever."""
     if rate_kbps and rate_kbps < LEAST_KBPS:
         raise SettingsError(expects(path, f"a number of at least {LEAST_KBPS:g}, or 0 for no cap", rate_kbps))
 
 
 def check_outages(where: str, outage_s: float, outage_every_s: float) -> None:
-    """Raises SettingsError for outages that would never come, or never end."""
+    """Check outages. Raises SettingsError for outages that would never come, or never end."""
     if outage_s > 0.0 and outage_every_s <= outage_s:
         raise SettingsError(
             f"{where}outage_s = {outage_s:g}: {where}outage_every_s, from one outage's begin to the next, is "
@@ -61,10 +61,10 @@ class LinkDirection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
 
 
 class LinkProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, array_like=True):
-    """What happens to the datagrams of one direction. rate_kbps = 0 means no cap, else at least LEAST_KBPS.
+    """Impairment of one direction. rate_kbps = 0 means no cap, else at least LEAST_KBPS.
 
     Outages count from the direction's first datagram: one of outage_s at every multiple of outage_every_s but 0. A welcome
-    carries this, and answers a hello of unknown origin with no more bytes: scripts have no room in it.
+    carries this and must not be longer than a hello: scripts have no room in it.
     """
 
     delay_ms: Milliseconds = 0.0
@@ -93,7 +93,7 @@ class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults
     down: LinkDirection = LinkDirection()
 
     def direction(self, direction: Direction) -> LinkProfile:
-        """What holds on that way. Raises SettingsError where its values do not fit together."""
+        """Return the impairment of one direction. Raises SettingsError where its values do not fit together."""
         values = {} if self.profile is None else PROFILES[self.profile].direction(direction)
         for name in LinkProfile.__struct_fields__:
             value = self._own(direction, name)
@@ -103,12 +103,12 @@ class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults
         return LinkProfile(**values)
 
     def script(self, direction: Direction) -> Outages:
-        """The outages by script on that way: (start_s, length_s) of each. No welcome carries them."""
+        """Return the outages by script of one direction: (start_s, length_s) of each. No welcome carries them."""
         found: Outages = self._own(direction, "outages") or ()
         return found
 
     def trace_of(self, direction: Direction) -> str:
-        """The file of recorded delays on that way, "" for none. It is opened where the settings were written, by no welcome."""
+        """Return the file of recorded delays of one direction, "" for none. No welcome carries it."""
         return self._own(direction, "trace") or ""
 
     @property
@@ -121,6 +121,6 @@ class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults
         )
 
     def _own(self, direction: Direction, name: str) -> Any:
-        """A value of that way, else of both; None where neither says any."""
+        """Return a value of one direction, else of both; None where neither has any."""
         value = getattr(self.up if direction == "up" else self.down, name)
         return getattr(self, name) if value is None else value

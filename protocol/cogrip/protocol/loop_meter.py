@@ -1,46 +1,48 @@
-"""The loop of a line in frames, as it is now: a running median (`SPEC.md` section 8).
+"""The loop of a line in frames: a running median over the last second (`SPEC.md` section 8).
 
-A wave goes there, is answered, and the answer is applied: each end sees by `heard` how many frames that took. With d frames
-of delay each way, playout included, it is 2d + 1. What is measured changes when the network or a playout does, so what
-counts is the last second, not the session.
+A wave is sent, answered, and the answer is applied: each end sees by `acknowledged` how many frames that took, 2d + 1 with
+d frames of delay in each direction, playout delay included.
 """
 
-from collections import deque
+from collections import Counter, deque
 
-MOST_LOOP_FRAMES = 4096  # of what a peer may make one believe: no line is longer
+MOST_LOOP_FRAMES = 4096  # longest loop that is believed
 
 
 class LoopMeter:
-    """Loops of the last `window` frames that told one. What cannot be a loop is counted in `wild` and left out."""
+    """Median of the last `window` loops.
 
-    __slots__ = ("_counts", "_last", "wild")
+    implausible  values that cannot be a loop: counted and ignored
+    """
+
+    __slots__ = ("_counts", "_last", "implausible")
 
     def __init__(self, window: int) -> None:
         self._last: deque[int] = deque(maxlen=window)
-        self._counts: dict[int, int] = {}
-        self.wild = 0
+        self._counts: Counter[int] = Counter()
+        self.implausible = 0
 
     def add(self, loop_frames: int) -> None:
+        """Enter one measured loop."""
         if not 1 <= loop_frames <= MOST_LOOP_FRAMES:
-            self.wild += 1
+            self.implausible += 1
             return
         last, counts = self._last, self._counts
         if len(last) == last.maxlen:
             oldest = last[0]
-            if counts[oldest] == 1:
+            counts[oldest] -= 1
+            if not counts[oldest]:
                 del counts[oldest]
-            else:
-                counts[oldest] -= 1
         last.append(loop_frames)
-        counts[loop_frames] = counts.get(loop_frames, 0) + 1
+        counts[loop_frames] += 1
 
     @property
     def full(self) -> bool:
-        """Whether there have been as many as the window holds."""
+        """True once the window is full."""
         return len(self._last) == self._last.maxlen
 
     def median(self) -> int | None:
-        """None while nothing was measured."""
+        """Return the median, None before the first loop."""
         half = len(self._last) / 2
         for loop in sorted(self._counts):
             half -= self._counts[loop]

@@ -1,8 +1,8 @@
-"""The datagrams: MessagePack arrays, coded and checked by msgspec (`SPEC.md` section 3).
+"""Messages: MessagePack arrays, coded and checked by msgspec (`SPEC.md` section 3).
 
-One datagram is one message. Every number that decoding lets through is finite and bounded, every list and text has a
-bounded length; anything else raises MalformedError and nothing but it. Only the accounts of the last two messages hold
-free numbers: a session that diverged may report inf or nan, and no force is computed from them.
+Every decoded number is finite and bounded, every list and text has a bounded length; anything else raises MalformedError and
+nothing but it. Only the accounts of the last two messages hold free numbers: a session that diverged may report inf or nan, and
+no force is computed from them.
 """
 
 from typing import Annotated, Any, Literal
@@ -15,12 +15,12 @@ from cogrip.protocol.settings import SeatNumber, SeatSettings
 PROTOCOL_VERSION = 3
 MAGIC: Literal["cogrip"] = "cogrip"
 MAX_DATAGRAM_BYTES = 1232  # fits one IPv6 packet on every path (RFC 8200: 1280 less the headers)
-SEAL_BYTES = 37  # what sealing adds to a message: DTLS record header 13, AES-GCM nonce 8 and tag 16
-MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - SEAL_BYTES
-HELLO_BYTES = 1024  # a hello is padded to this, so that no answer to a stranger is longer than the question
+DTLS_BYTES = 37  # that DTLS adds to a message: record header 13, AES-GCM nonce 8 and tag 16
+MAX_MESSAGE_BYTES = MAX_DATAGRAM_BYTES - DTLS_BYTES
+HELLO_BYTES = 1024  # a hello is padded to this: no answer to an unauthenticated peer is longer than its request
 TEXT_BYTES = 300  # senders cut a text to this
 SHORT = 40  # characters of a ShortText
-DEVICE_BYTES = 200  # of a device address, of which the beginning stands in `device` and the whole in the padding
+DEVICE_BYTES = 200  # of a device address: its beginning stands in `device`, the whole in the padding
 LEAVE_TEXT_BYTES = 280  # and that of a leave, which has an account behind it
 
 Counter = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -47,19 +47,19 @@ class MalformedError(ValueError):
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, gc=False, forbid_unknown_fields=True):
-    """What all messages share: an array whose first element is the tag."""
+    """Base of all messages: an array whose first element is the tag."""
 
 
 class Stamp(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Clock readings for the round trip: rtt = now - echo_ns - held_ns at the end that gets its own echo back."""
 
     sent_ns: Ns  # sender's clock when this was sent
-    echo_ns: Ns = 0  # newest sent_ns heard from the other end, 0 when none
-    held_ns: Ns = 0  # how long that one was held here
+    echo_ns: Ns = 0  # newest sent_ns received from the other end, 0 when none
+    held_ns: Ns = 0  # time since that one was received
 
 
 class Hello(Message, frozen=True, tag=1):
-    """Client asks for a seat. Tag to nonce have this place and meaning, and the whole this length, in every version."""
+    """A client's request for a seat. Tag to nonce have this place and meaning, and the whole this length, in every version."""
 
     magic: Literal["cogrip"]
     version: Counter
@@ -74,8 +74,8 @@ class Hello(Message, frozen=True, tag=1):
     device_force_n: Bound  # the record's peak force
     device_speed_mps: Bound  # the record's over-speed limit
     role: Role = "player"
-    token: Secret = ""  # the right to come in; "" none
-    ticket: Secret = ""  # the right to a seat that was had before, from its welcome; "" none
+    token: Secret = ""  # right to join; "" none
+    ticket: Secret = ""  # right to resume a seat session, from its welcome; "" none
     padding: Annotated[bytes, msgspec.Meta(max_length=HELLO_BYTES)] = b""
 
 
@@ -109,7 +109,7 @@ class Waves(Message, frozen=True, tag=4):
     squares: Annotated[tuple[Total, ...], Axes]  # sum of their squares, per axis [W]
     made_j: Total  # energy of this direction's waves where they are made, up to the newest frame
     port_j: Total  # energy that went into the line at the sender's port, up to the newest frame
-    heard: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
+    acknowledged: Counter  # frame of the other direction that was applied last, plus 1; 0: none yet
     stamp: Stamp
     state: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
     # client: hand's position before frame 0, then after the newest frame [m]; server: object's position [m], velocity [m/s]
@@ -123,7 +123,7 @@ class State(Message, frozen=True, tag=5):
     position_m: Annotated[tuple[Metres, ...], Axes]
     velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
     port_j: Total
-    heard: Counter
+    acknowledged: Counter
     stamp: Stamp
 
 
@@ -148,13 +148,12 @@ class Farewell(Message, frozen=True, tag=8):
 
 
 class View(Message, frozen=True, tag=9):
-    """What an observer sees: the object, and the hands of those who hold it, each in its own frame."""
+    """State for an observer: the object, and the hands of those who hold it, each in its own frame."""
 
     session: Session
     number: Counter  # of the room's step
-    object: Annotated[
-        tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)
-    ]  # position [m], velocity [m/s]
+    # position [m], velocity [m/s]
+    object: Annotated[tuple[MetresPerSecond, ...], msgspec.Meta(min_length=2, max_length=6)]
     seats: Annotated[tuple[SeatNumber, ...], msgspec.Meta(max_length=VIEWED_SEATS)]  # who holds it
     proxies_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]  # seat by seat, axis by axis
     forces_n: Annotated[tuple[Newtons, ...], msgspec.Meta(max_length=3 * VIEWED_SEATS)]
@@ -166,23 +165,18 @@ class Power(Message, frozen=True, tag=10):
 
     session: Session
     number: Counter
-    position_m: Annotated[
-        tuple[Metres, ...], Axes
-    ]  # client: where the hand has taken its proxy to; server: the object's
-    velocity_mps: Annotated[
-        tuple[MetresPerSecond, ...], Axes
-    ]  # client: the hand's mean over the frame; server: the object's
-    force_n: Annotated[
-        tuple[Newtons, ...], Axes
-    ]  # client: on the hand, of the last tick; server: to be given to the hand
-    entered_j: Annotated[tuple[Entered, ...], Axes]  # what has gone into the channel here, the inward flow alone
-    taken_j: Annotated[tuple[Entered, ...], Axes]  # what has come out of it here, the outward flow alone
-    port_j: Total  # what has gone in here less what has come out, all axes
-    heard: Counter  # number of the other direction's message that was taken last, plus 1; 0: none yet
+    # client: of its proxy, mean over the frame, on the hand at the last tick; server: of the object, force for the hand
+    position_m: Annotated[tuple[Metres, ...], Axes]
+    velocity_mps: Annotated[tuple[MetresPerSecond, ...], Axes]
+    force_n: Annotated[tuple[Newtons, ...], Axes]
+    entered_j: Annotated[tuple[Entered, ...], Axes]  # energy into the channel here, inward flow only
+    taken_j: Annotated[tuple[Entered, ...], Axes]  # energy out of it here, outward flow only
+    port_j: Total  # energy in less energy out here, all axes
+    acknowledged: Counter  # number of the other direction's message popped last, plus 1; 0: none yet
     stamp: Stamp
 
     def of_axes(self, axes: int) -> bool:
-        """Whether it has one number an axis of everything."""
+        """Return whether every list has one number an axis."""
         motion = len(self.position_m) == len(self.velocity_mps) == axes
         return motion and len(self.force_n) == len(self.entered_j) == len(self.taken_j) == axes
 
@@ -197,7 +191,7 @@ encode = _encoder.encode
 
 
 def decode(datagram: bytes) -> AnyMessage:
-    """The message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
+    """Return the message in a datagram. Raises MalformedError, and nothing else, for anything that is not one."""
     if len(datagram) > MAX_MESSAGE_BYTES:
         raise MalformedError(f"{len(datagram)} bytes, more than {MAX_MESSAGE_BYTES}")
     try:
@@ -208,7 +202,7 @@ def decode(datagram: bytes) -> AnyMessage:
 
 
 def foreign_version(datagram: bytes) -> int | None:
-    """The protocol version of a hello that `decode` refused because it is of another version; None if it is not one."""
+    """Return the protocol version of a hello that `decode` refused for its version; None if it is not one."""
     try:
         elements = _raw_decoder.decode(datagram[:MAX_MESSAGE_BYTES])
         if len(elements) < 3 or msgspec.msgpack.decode(elements[0], type=int) != 1:
@@ -222,7 +216,7 @@ def foreign_version(datagram: bytes) -> int | None:
 
 
 def padded(hello: Hello) -> bytes:
-    """A hello at its full length of HELLO_BYTES. The padding is a bin 16 whatever its length: so every length can be had."""
+    """Return a hello at its full length of HELLO_BYTES. The padding is always a bin 16: so every length is possible."""
     short = with_short_device(hello)
     bare = encode(msgspec.structs.replace(short, padding=b""))[:-2]
     length = HELLO_BYTES - len(bare) - 3
@@ -230,7 +224,7 @@ def padded(hello: Hello) -> bytes:
 
 
 def with_short_device(hello: Hello) -> Hello:
-    """`hello` as it goes on the wire: a device address that is too long for its field stands whole in the padding."""
+    """Return a hello in wire form: a device address that is too long for its field stands whole in the padding."""
     if len(hello.device) <= SHORT:
         return msgspec.structs.replace(hello, padding=b"")
     whole = clipped(hello.device, DEVICE_BYTES).encode()
@@ -238,7 +232,7 @@ def with_short_device(hello: Hello) -> Hello:
 
 
 def with_whole_device(hello: Hello) -> Hello:
-    """The reverse: the padding's text up to a zero is the address, if it begins with what the field says."""
+    """Return a hello from its wire form: the padding's text up to a zero is the address, if it begins with the field's."""
     try:
         whole = hello.padding[: DEVICE_BYTES + 1].partition(b"\0")[0].decode()
     except UnicodeDecodeError:
@@ -249,20 +243,21 @@ def with_whole_device(hello: Hello) -> Hello:
 
 
 def clipped(text: str, most: int = TEXT_BYTES) -> str:
-    """`text` cut to what a message may carry: `most` bytes of UTF-8."""
+    """Return `text` cut to `most` bytes of UTF-8."""
     return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
 
 
 def shown(text: str) -> str:
-    """A text of the other end as one may show it: control characters, line ends and changes of the direction of writing are
-    escaped, so that nothing in it moves a cursor, turns what stands beside it, or looks like a line of ours."""
+    """Return a text of the other end with control characters, line ends and changes of the writing direction escaped: nothing
+    in it
+    moves a cursor, turns the text beside it, or looks like a line of ours."""
     if text.isprintable():
         return text
     return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
 
 
 def all_shown(value: Any) -> Any:
-    """A table read from a file that somebody else wrote, every text in it as `shown`. Raises RecursionError."""
+    """Return a table from a foreign file with every text in it escaped as by `shown`. Raises RecursionError."""
     if isinstance(value, str):
         return shown(value)
     if isinstance(value, dict):

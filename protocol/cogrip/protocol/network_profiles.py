@@ -21,7 +21,7 @@ class Profile(NamedTuple):
     down: Mapping[str, float] = {}
 
     def direction(self, direction: Literal["up", "down"]) -> dict[str, float]:
-        """The values of one direction."""
+        """Return the values of one direction."""
         return {**self.both, **(self.up if direction == "up" else self.down)}
 
 

@@ -17,7 +17,7 @@ class RatesError(ValueError):
 
 
 def misfit(device_hz: int, network_hz: int, key: str = "rates.device_hz") -> str:
-    """Why there is no whole number of device ticks in a frame, "" if there is. key: the setting that `device_hz` is from."""
+    """Return why a frame has no whole number of device ticks, "" if it has. key: the setting of `device_hz`."""
     ratio, rest = divmod(device_hz, network_hz)
     if ratio >= 1 and not rest:
         return ""
@@ -57,5 +57,5 @@ class Rates(msgspec.Struct, frozen=True, array_like=True):
 
 
 def due_ns(t0_ns: int, index: int, rate_hz: int) -> int:
-    """When tick `index` is due: exact at any rate, never accumulated."""
+    """Return the due time of tick `index`: exact at any rate, never accumulated."""
     return t0_ns + index * NS_PER_S // rate_hz

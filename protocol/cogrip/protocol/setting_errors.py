@@ -1,4 +1,4 @@
-"""Plain words for what a setting, a key of a device address or a flag takes: one style for all of them.
+"""Error texts on the allowed values of a setting, a key of a device address or a flag, in one style.
 
 coupling.stiffness_npm: expects a number of at least 0, in N/m; got '500N/m'
 """
@@ -25,20 +25,20 @@ _MSGSPEC = re.compile(
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a name says, "" where it says none."""
+    """Return the unit in a name, "" where it has none."""
     last = re.sub(r"(\.\d+)+$", "", name).replace("-", "_").rpartition(".")[2]
     return next((unit for end, unit in UNITS.items() if last == end or last.endswith(f"_{end}")), "")
 
 
 def expects(name: str, what: str, got: Any) -> str:
-    """Return the whole sentence. what: such as "a number above 0"; numbers get the unit that the name says."""
+    """Return the whole sentence. what: such as "a number above 0"; numbers get the unit of the name."""
     unit = unit_of(name)
     said = f", in {unit}" if unit and " number" in what else ""
     return f"{name}: expects {what}{said}; got {got!r}"
 
 
 def plain(message: str) -> str:
-    """Return what msgspec expected: "a number of at least 0"; "" for a message that speaks of something else."""
+    """Return msgspec's expectation as "a number of at least 0"; "" for a message on something else."""
     found = _MSGSPEC.fullmatch(message)
     if found is None:
         return ""

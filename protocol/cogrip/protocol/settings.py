@@ -1,7 +1,7 @@
-"""The one TOML schema of every command: types, bounds, defaults (docs/settings.md).
+"""The TOML schema of every command: types, bounds, defaults (docs/settings.md).
 
-Units are in the names. `resolve` turns the raw table into `Settings` or raises SettingsError, which names the setting,
-its value, the bound and the cure. `seat_settings` is what one user's client and seat must agree on.
+Units are in the names. `resolve` turns the raw table into `Settings` or raises SettingsError, which names the setting, its
+value, the bound and the cure. `seat_settings` returns what one user's client and seat must agree on.
 """
 
 import hashlib
@@ -83,18 +83,17 @@ class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Who may come in, and what they may do. The server's own: no client needs to know."""
+    """Admission control and limits of seats. The server's own: no welcome carries it."""
 
     observers: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8  # at once, in this room
     seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8  # that one token holds at once, in all rooms
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
-    # of device records: those that claim more are refused, those without a bound get this one. None: any, but under a seal
-    # what `for_strangers` says
+    # of device records: those that claim more are refused, those without a bound get this one. None: any; encrypted, the
+    # bounds of `for_strangers`
     force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
     speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
-    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = (
-        HUMAN_POWER_W  # a seat may bring in on average; 0: F V of its record
-    )
+    # mean power of a seat; 0: F V of its record
+    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = HUMAN_POWER_W
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -130,7 +129,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
-    """What a seat's two ends share: sent in the welcome, bound by its digest."""
+    """Settings that a seat's two ends share: sent in the welcome, bound by its digest."""
 
     room: Name
     user: Name
@@ -158,22 +157,22 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
     @property
     def follows(self) -> bool:
-        """True where the server's spring follows the measured loop (docs/decisions/0012-measured-delay.md)."""
+        """True where the server adapts the spring to the measured loop (docs/decisions/0012-measured-delay.md)."""
         coupling = self.coupling
         return coupling.compensate and coupling.kind == "wave" and coupling.server_step == "passive"
 
     def line_compliance(self, loop_frames: float) -> float:
-        """C_line [m/N] of theory section 4 for a measured loop of `loop_frames` network frames.
+        """Return C_line [m/N] of theory section 4 for a measured loop of `loop_frames` network frames.
 
-        The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied:
-        2d + 1 for d frames of delay each way.
+        The loop counts the frames from a forward wave's own frame to the frame in which its answer is applied: 2d + 1 for d
+        frames of delay in each direction.
         """
         return _compliance(self.coupling, self.rates, (loop_frames - 1.0) * self.rates.frame_s)
 
     def predicted_stiffness(self, loop_frames: float, late_frames: float = 0.0) -> float | None:
-        """K_hand [N/m] of theory section 4 for a measured loop; None without waves.
+        """Return K_hand [N/m] of theory section 4 for a measured loop; None without waves.
 
-        late_frames: by which the device's samples are late, which makes the line softer, and which no server knows of.
+        late_frames: age of the device's samples, which makes the line softer and which no server knows.
         """
         if self.coupling.kind != "wave":
             return None
@@ -184,9 +183,9 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
 
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
-    """Settings from a TOML table and `--set` overrides ({"coupling.stiffness_npm": 500.0}). Raises SettingsError."""
+    """Return settings from a TOML table and `--set` overrides ({"coupling.stiffness_npm": 500.0}). Raises SettingsError."""
     merged = copied(table)
-    if "link.profile" in (overrides or {}):  # another network: nothing of the one in the file stands above it
+    if "link.profile" in (overrides or {}):  # another network: it replaces the whole one of the file
         merged.pop("link", None)
     for key, value in (overrides or {}).items():
         override(merged, key, value, ONLY_USER)
@@ -204,7 +203,7 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
 
 
 def for_strangers(settings: Settings) -> Settings:
-    """A room that people may enter from elsewhere: device records have bounds in any case."""
+    """Return the settings of a room that other machines may join: device records have bounds in any case."""
     admission = settings.admission
     bounded = msgspec.structs.replace(
         admission,
@@ -215,7 +214,7 @@ def for_strangers(settings: Settings) -> Settings:
 
 
 def coupling_of(settings: Settings, user: User) -> Coupling:
-    """[coupling] with this user's own values in place."""
+    """Return [coupling] with this user's own values."""
     own = {
         name: getattr(user, name)
         for name in ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate")
@@ -225,7 +224,7 @@ def coupling_of(settings: Settings, user: User) -> Coupling:
 
 
 def not_passive(settings: Settings) -> str:
-    """The settings by which a room can make energy of nothing, "" if none does."""
+    """Return the settings by which a room is not passive, "" if none does that."""
     coupling = settings.coupling
     if coupling.kind == "coupling":
         return 'coupling.kind = "coupling"'
@@ -237,13 +236,13 @@ def not_passive(settings: Settings) -> str:
 
 
 def rates_of(settings: Settings, user: User) -> Rates:
-    """[rates] with this user's own device rate in place."""
+    """Return [rates] with this user's own device rate."""
     device_hz = settings.rates.device_hz if user.device_hz is None else user.device_hz
     return Rates(device_hz, settings.rates.network_hz)
 
 
 def seat_settings(settings: Settings, seat: int) -> SeatSettings:
-    """What user number `seat` and the server share. Raises SettingsError when compensation is out of reach."""
+    """Return what user number `seat` and the server share. Raises SettingsError where compensation is out of reach."""
     user = settings.users[seat]
     coupling = coupling_of(settings, user)
     rates = rates_of(settings, user)
@@ -271,7 +270,7 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
 
 
 def digest(settings: Settings) -> str:
-    """Fingerprint of everything the ends must agree on (not: whose hand, how long, what link is emulated)."""
+    """Return a fingerprint of everything the ends must agree on (not: hand, duration, emulated link)."""
     shared = [
         settings.rates.network_hz,
         settings.object,

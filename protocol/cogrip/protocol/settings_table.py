@@ -1,4 +1,4 @@
-"""Settings as a raw table, before they are a schema's: overrides, unknown keys, and errors that a person can act on.
+"""The raw table of settings, before the schema: overrides, unknown keys, and errors with a cure.
 
 A table is nested dicts and lists; `users.0.name` is the path of a key in it.
 """
@@ -14,7 +14,7 @@ from cogrip.protocol.setting_errors import expects, plain
 
 
 class SettingsError(ValueError):
-    """A setting is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
+    """A setting that is missing, unknown, of the wrong kind, out of bounds, or does not fit another one."""
 
 
 def parse_override(text: str) -> tuple[str, str]:
@@ -26,7 +26,7 @@ def parse_override(text: str) -> tuple[str, str]:
 
 
 def copied(value: Any) -> Any:
-    """A table that may be changed without touching `value`."""
+    """Return a deep copy of a table as dicts and lists."""
     if isinstance(value, Mapping):
         return {key: copied(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -35,7 +35,7 @@ def copied(value: Any) -> Any:
 
 
 def override(table: dict[str, Any], key: str, value: Any, only_user: str) -> None:
-    """Set one key by its path. only_user: the name of the user there is where a table names none. Raises SettingsError."""
+    """Set one key by its path. only_user: name of the only user of a table without users. Raises SettingsError."""
     *path, last = key.split(".")
     here: Any = table
     for depth, part in enumerate(path):
@@ -59,7 +59,7 @@ def _item(items: list[Any], part: str, key: str) -> Any:
 def refuse_unknown(
     table: Any, struct: type[msgspec.Struct], where: str = "", root: type[msgspec.Struct] | None = None
 ) -> None:
-    """Raises SettingsError for a key that is no field of `struct`, or of the structs in it. where: the path of `table`."""
+    """Check keys. Raises SettingsError for one that `struct`, or a struct in it, does not have. where: path of `table`."""
     root = root or struct
     if not isinstance(table, dict):
         return
@@ -79,7 +79,7 @@ def refuse_unknown(
 
 
 def _item_struct(kind: Any) -> type[msgspec.Struct] | None:
-    """The struct that a list's items are, None where they are none: of Annotated[tuple[S, ...], ...] it is S."""
+    """Return the struct type of a list's items, None where they are none: S of Annotated[tuple[S, ...], ...]."""
     for part in get_args(kind):
         if isinstance(part, type) and issubclass(part, msgspec.Struct):
             return part
@@ -90,7 +90,7 @@ def _item_struct(kind: Any) -> type[msgspec.Struct] | None:
 
 
 def _nearest(key: str, here: Iterable[str], where: str, root: type[msgspec.Struct]) -> str:
-    """The path of the setting that was meant by `key`: of those `here` the most alike, else the same name elsewhere."""
+    """Return the path of the setting that `key` probably means: the most similar of `here`, else the same name elsewhere."""
     near = difflib.get_close_matches(key, here, n=1, cutoff=0.5)
     if near:
         return f"{where}{near[0]}"
@@ -104,7 +104,7 @@ def _nearest(key: str, here: Iterable[str], where: str, root: type[msgspec.Struc
 
 
 def readable(message: str, table: Any, root: type[msgspec.Struct]) -> str:
-    """msgspec's message with the setting's path first, its value beside it, and what is allowed instead."""
+    """Return msgspec's message with the setting's path, its value, and the allowed ones."""
     text, _, where = message.partition(" - at `$")
     path = where.rstrip("`").replace("[", ".").replace("]", "").lstrip(".")
     if not path:
@@ -125,7 +125,7 @@ def readable(message: str, table: Any, root: type[msgspec.Struct]) -> str:
 
 
 def _allowed(parts: Sequence[str], root: type[msgspec.Struct]) -> str:
-    """The values that the enumeration at a path takes: "boxcar", "lowpass" or "none"; a number in a range beside them."""
+    """Return the values that the enumeration at a path allows: "boxcar", "lowpass" or "none"; or a number in a range."""
     kind: Any = root
     for part in parts:
         if part.isdigit():
@@ -137,7 +137,7 @@ def _allowed(parts: Sequence[str], root: type[msgspec.Struct]) -> str:
 
 
 def _named(kind: Any) -> list[str]:
-    """What a type allows, in words; None, which a table cannot say, is left out."""
+    """Return the allowed values of a type as texts; None, which a table cannot hold, is left out."""
     if isinstance(kind, str):
         return [f'"{kind}"']
     if kind is NoneType:

@@ -4,7 +4,7 @@ from typing import Generic, TypeVar
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.line.energy_sums import rounding_share
+from cogrip.protocol.line.energy_sums import rounding_fraction
 from cogrip.protocol.messages import Power, State
 from cogrip.protocol.settings import SeatSettings
 from cogrip.server.seat_limits import SeatLimits, StateLimiter
@@ -22,7 +22,7 @@ class LatestStatePort(Generic[M]):
         self._receiver: StateReceiver[M] = StateReceiver()
         self._number = -1
         self._fresh = False
-        self._rounding = rounding_share(seat.rates.ticks_per_frame)
+        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
         self.origin: Row | None = None  # the hand before the first frame that came [m]
         self.hand: Row | None = None
 
@@ -47,7 +47,7 @@ class LatestStatePort(Generic[M]):
     def _take(self, frames: int) -> M | None:
         """The newest, now taken; `frames` as in `WavePort.take`."""
         self._states.step(frames)
-        self._fresh = self._receiver.take()
+        self._fresh = self._receiver.pop()
         return self._receiver.latest
 
     def port_in_j(self) -> float | None:

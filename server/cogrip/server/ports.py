@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
@@ -30,7 +30,7 @@ class WavePort:
         self._port_j: float | None = None
         self._brought_j = 0.0  # energy of the forward waves where they were made, as last heard of
         self._made_j = CompensatedSum()
-        self._rounding = rounding_share(seat.rates.ticks_per_frame)
+        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
         self.origin: Row | None = None  # the hand before its first frame [m]
         self.hand: Row | None = None  # the hand after its newest frame [m]
         self.up_margin_j: float | None = 0.0
@@ -42,7 +42,7 @@ class WavePort:
             return False
         if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
             return False  # no hand is there
-        mark = (message.made_j, message.port_j, message.heard)
+        mark = (message.made_j, message.port_j, message.acknowledged)
         if not self._receiver.receive(message.first, message.waves, message.total, message.squares, mark):
             return False
         self.hand = message.state[self._axes :]
@@ -58,14 +58,14 @@ class WavePort:
     def take(self, frames: int) -> Row:
         """The row to step with; `frames` > 1 if the loop missed frames - 1 steps."""
         receiver = self._receiver
-        wave = receiver.take(frames)
+        wave = receiver.pop(frames)
         self._port_j = None
         self.up_reserve.elapse(frames)
-        if receiver.mark is not None:
-            made_j, self._port_j, heard = receiver.mark
+        if receiver.metadata is not None:
+            made_j, self._port_j, heard = receiver.metadata
             self._brought_j = made_j
             margin = made_j - receiver.played_j + self._rounding * made_j
-            self.up_reserve.see(margin)
+            self.up_reserve.update(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
             if heard and self.loops is not None:  # from a returning frame to the step that hears of its being felt
@@ -118,7 +118,7 @@ class WavePort:
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
         first, waves, total, squares = self._sender.contents()
-        heard = self._receiver.heard
+        heard = self._receiver.acknowledged
         return Waves(session, first, waves, total, squares, self.made_j, port_j, heard, stamp, object_state)
 
     @property
@@ -175,7 +175,7 @@ class StatePort(LatestStatePort[State]):
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
         row, axes = self._row, self._axes
-        return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.heard, stamp)
+        return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, stamp)
 
 
 Port = WavePort | StatePort | PowerPort

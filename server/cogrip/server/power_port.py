@@ -79,7 +79,7 @@ class PowerPort(LatestStatePort[Power]):
                     self.up_margin_j = margin
             elif energy < 0.0:
                 self._in[axis].add(-energy)
-        self.up_reserve.see(
+        self.up_reserve.update(
             min([left + self._rounding * got for left, got in zip(self.left_j, self._received, strict=True)])
         )
         self._energy.book(net, asked)
@@ -119,5 +119,5 @@ class PowerPort(LatestStatePort[Power]):
         entered, taken = [tuple([energy.value for energy in direction]) for direction in (self._in, self._out)]
         return Power(
             session, self._number, object_state[:axes], object_state[axes:], self._force, entered, taken, port_j,
-            self._receiver.heard, stamp,
+            self._receiver.acknowledged, stamp,
         )  # fmt: skip

@@ -12,10 +12,9 @@ import msgspec
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.noted import ObservedQueue
 from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import Held, Nowhere, Sink, encode, topics
+from cogrip.protocol.recording.sink import Held, Nowhere, ObservedQueue, Sink, encode, topics
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.checkpoint import RoomCheckpoint

@@ -256,7 +256,7 @@ class Room:
             seat.line_reserve.elapse(frames)
             if port_in_j is not None:
                 reserve_j = port_in_j - work[number] + port.rounding_j
-                seat.line_reserve.see(reserve_j)
+                seat.line_reserve.update(reserve_j)
                 seat.line_margin_j = min(seat.line_margin_j, reserve_j)
             message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
             out.append((seat.address, messages.encode(message)))
@@ -308,7 +308,7 @@ class Room:
         return SeatAccount(
             proxy, seat.port.up_margin_j, seat.line_margin_j, seat.port.count(),
             seat.port.playout_account(), rendered_npm=self.world.stiffness_of(number) if seat.on_object else None,
-            up_reserve_j=seat.port.up_reserve.told_j, line_reserve_j=seat.line_reserve.told_j,
+            up_reserve_j=seat.port.up_reserve.reported_j, line_reserve_j=seat.line_reserve.reported_j,
         )  # fmt: skip
 
     def account(self) -> RoomAccount:

@@ -41,8 +41,8 @@ def people_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
                 people.append(
                     RosterEntry(
                         seat.name, room.name, _place(seat.address), _since_s(seat.since_ns, now_ns), number,
-                        seat.record.device if seat.record else "", _ms(seat.rtt_ns), _ms(seat.clock.back_ns),
-                        _ms(seat.clock.there_ns), seat.port.lost if seat.port else None, seat.on_object,
+                        seat.record.device if seat.record else "", _ms(seat.rtt_ns), _ms(seat.clock.return_ns),
+                        _ms(seat.clock.forward_ns), seat.port.lost if seat.port else None, seat.on_object,
                     )
                 )  # fmt: skip
         for observer in room.observer_slots.observers.values():
@@ -50,7 +50,7 @@ def people_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
             people.append(
                 RosterEntry(
                     observer.name, room.name, _place(observer.address), _since_s(observer.since_ns, now_ns),
-                    rtt_ms=_rtt_ms(clock), up_ms=_ms(clock.back_ns), down_ms=_ms(clock.there_ns),
+                    rtt_ms=_rtt_ms(clock), up_ms=_ms(clock.return_ns), down_ms=_ms(clock.forward_ns),
                 )
             )  # fmt: skip
     return people
@@ -69,4 +69,4 @@ def _ms(value_ns: int | None) -> Number:
 
 
 def _rtt_ms(clock: "Clock") -> Number:
-    return None if clock.back_ns is None or clock.there_ns is None else _ms(clock.back_ns + clock.there_ns)
+    return None if clock.return_ns is None or clock.forward_ns is None else _ms(clock.return_ns + clock.forward_ns)

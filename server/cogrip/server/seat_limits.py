@@ -16,6 +16,7 @@ import msgspec
 
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
 from cogrip.protocol.settings import STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, Settings
+from cogrip.protocol.waves import wave_of
 
 BURST_S = 0.25  # of the power a seat may bring in at once
 
@@ -99,8 +100,7 @@ class WaveLimiter:
 
     def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
         """power_left: how full the bucket is at first, of 1."""
-        b = impedance_nspm
-        largest = (b * limits.speed_mps + limits.force_n) / sqrt(2.0 * b)
+        largest = wave_of(impedance_nspm, limits.speed_mps, limits.force_n)
         self._largest_square = largest * largest
         self._half_frame_s = 0.5 * frame_s
         self._refill_j = limits.power_w * frame_s

@@ -164,7 +164,7 @@ def _seat(room: "Room", number: int, rtt_ns: int | None) -> SeatSnapshot:
         clock, stiffness = seat.clock, room.world.stiffness_of(number) if seat.on_object else None
         return SeatSnapshot(
             seat.name, True, port.count(), rtt_s, port.up_margin_j, seat.line_margin_j, limited,
-            _seconds(clock.back_ns), _seconds(clock.there_ns), _seconds(clock.offset_ns), stiffness,
+            _seconds(clock.return_ns), _seconds(clock.forward_ns), _seconds(clock.offset_ns), stiffness,
             port.up_reserve.now_j, seat.line_reserve.now_j,
         )  # fmt: skip
     if last is not None:

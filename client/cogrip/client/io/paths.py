@@ -227,7 +227,7 @@ class Paths:
         self.open()
         session, called = core.session, False
         begun_ns = time.monotonic_ns()
-        while session.state in ("idle", "calling"):
+        while session.state in ("idle", "connecting"):
             now_ns = time.monotonic_ns()
             failed = self._migration.path.channel.failed
             if failed or stop.reason:
@@ -241,7 +241,7 @@ class Paths:
                 raise JoinError(self._placed(f"no server answered within {GIVE_UP_NS / 1e9:g} s"))
             while session.outbox:
                 self.send(session.outbox.popleft(), hello=True)
-            self.drain(now_ns, core.receive, session.answers)
+            self.drain(now_ns, core.receive, session.is_welcome)
             self.poll(now_ns, resuming=False)
             time.sleep(POLL_S)
         if session.state == "closed":

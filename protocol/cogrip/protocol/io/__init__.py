@@ -1,1 +1,1 @@
-"""The only sockets, clocks, threads and files of the protocol folder; everything beside it is pure."""
+"""Sockets, clocks, processes and files of the protocol folder; everything beside it is pure."""

@@ -1,7 +1,7 @@
 """The server's key and self-signed certificate: made on the first start, pinned by its fingerprint ever after.
 
-`server.key` is an EC P-256 key that nobody else may read, `server.crt` says who has it. Both are PEM, both are written whole
-or not at all. Nobody signs for the certificate, so its name and dates say nothing: the fingerprint in a link does.
+`server.key` is an EC P-256 key that nobody else may read, `server.crt` its certificate. Both are PEM and are written whole or
+not at all. Nobody signs for the certificate, so its name and dates mean nothing: the fingerprint in a link does.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ class CertificateError(Exception):
 
 
 class Identity(NamedTuple):
-    """What a server proves itself with. `fingerprint`: SHA-256 of the certificate's DER, 64 lower-case hex digits."""
+    """Key and certificate of a server. fingerprint: SHA-256 of the certificate's DER, 64 lower-case hex digits."""
 
     key: ec.EllipticCurvePrivateKey
     certificate: x509.Certificate
@@ -41,12 +41,12 @@ class Identity(NamedTuple):
 
 
 def fingerprint_of(der: bytes) -> str:
-    """SHA-256 of a certificate's DER as 64 lower-case hex digits."""
+    """Return SHA-256 of a certificate's DER as 64 lower-case hex digits."""
     return hashlib.sha256(der).hexdigest()
 
 
 def load(folder: Path) -> Identity:
-    """The identity in `folder`, made where there is none yet. Raises CertificateError."""
+    """Return the identity in `folder`; make one where there is none. Raises CertificateError."""
     path, had_key = folder / CERTIFICATE_FILE, (folder / KEY_FILE).exists()
     key = _key(folder)
     if had_key and not path.exists():
@@ -72,7 +72,7 @@ def load(folder: Path) -> Identity:
 
 
 def secret_of(folder: Path) -> bytes:
-    """SECRET_BYTES that follow from the private key, to derive other secrets from. Raises CertificateError."""
+    """Return SECRET_BYTES derived from the private key, to derive other secrets from. Raises CertificateError."""
     scalar = load(folder).key.private_numbers().private_value.to_bytes(32, "big")
     return HKDF(hashes.SHA256(), SECRET_BYTES, salt=None, info=SECRET_LABEL).derive(scalar)
 
@@ -139,7 +139,7 @@ def _signed(key: ec.EllipticCurvePrivateKey) -> x509.Certificate:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """All of it or nothing, for this user alone."""
+    """Write all of a file or nothing, readable by this user alone."""
     try:
         number, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")  # mkstemp gives mode 0600
         try:

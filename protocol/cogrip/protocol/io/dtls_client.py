@@ -1,47 +1,47 @@
-"""A client's sealed channel: one handshake with the server whose certificate the link names, and what follows it.
+"""A client's DTLS channel to the server whose certificate the link names (`SPEC.md` section 11).
 
-A handshake that gets no answer is begun anew, with new keys, each time after a longer wait: sooner than OpenSSL would
-repeat a flight. Nothing is sent before the server has shown the certificate, and nothing is ever sent without a seal.
+A handshake without an answer is begun anew, with new keys, each time after a longer wait: sooner than OpenSSL would repeat a
+flight. No message is sent before the server has shown the certificate, and none is ever sent unencrypted.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 
 from cogrip.protocol import messages
 from cogrip.protocol.channel import PEER, Address
 from cogrip.protocol.io.dtls import FINAL, Association, client_context
 
-PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # without an answer; the last for all that follow
+PATIENCE_NS = (500_000_000, 700_000_000, 900_000_000)  # wait for an answer to handshake 1, 2, 3 and all later ones
 GIVE_UP_NS = 10_000_000_000
 SHOWN_DIGITS = 16
 NO_ANSWER_CURE = (
-    "is it running and sealed, and is its UDP port open and forwarded on the way? A plain server is joined by HOST:PORT"
+    "is it running with DTLS, and is its UDP port open and forwarded? An unencrypted server is joined by HOST:PORT"
 )
 
 
 class DtlsClient:
-    """`Channel` of a client. fingerprint: of the server's certificate, 64 lower-case hex digits."""
+    """`Channel` of a client, which polls it. fingerprint: of the server's certificate, 64 lower-case hex digits."""
 
     def __init__(self, fingerprint: str) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.dropped: dict[str, int] = {}
+        self.dropped: Counter[str] = Counter()
         self.failed = ""
         self._fingerprint = fingerprint
-        self._found = ""  # fingerprint of a certificate that was not the server's
-        self._hint = ""
-        self._trouble = ""  # why the last handshake went wrong
-        self._dials = 0
+        self._wrong_fingerprint = ""  # of a certificate that is not the link's
+        self._hint = ""  # an unencrypted refusal, which anyone can have sent
+        self._last_error = ""  # of the last handshake
+        self._attempts = 0
         self._begun_ns = 0
-        self._heard_ns = 0
-        self._context = client_context(fingerprint, self._see)
+        self._answered_ns = 0
+        self._context = client_context(fingerprint, self._reject)
         self._association: Association | None = None
         self._ready = False
 
-    def _see(self, fingerprint: str) -> None:
-        self._found = fingerprint
+    def _reject(self, fingerprint: str) -> None:
+        self._wrong_fingerprint = fingerprint
 
     def _drop(self, reason: str) -> None:
-        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        self.dropped[reason] += 1
 
     def ready(self, address: Address = PEER) -> bool:
         return self._ready and not self.failed
@@ -55,7 +55,7 @@ class DtlsClient:
             return False
         datagram = self._association.send(message)
         if not datagram:
-            self._judge()
+            self._handle_failure()
             self._drop("seal failed")
             return False
         self.outbox.append((PEER, datagram))
@@ -70,36 +70,36 @@ class DtlsClient:
             self._drop("too large" if datagram else "empty")
             return ()
         if not 20 <= datagram[0] <= 23:
-            self._plain(datagram)
+            self._receive_unencrypted(datagram)
             return ()
         if self._ready:
-            heard = association.feed(datagram)
-            if not heard:
+            received = association.feed(datagram)
+            if not received:
                 self._drop("not of this seal")
                 if association.failed:
-                    self._judge()
-                self._take(association)
-            return heard
-        heard = association.feed(datagram)
-        if self._take(association):  # only what brings the handshake on counts as an answer
-            self._heard_ns = now_ns
+                    self._handle_failure()
+                self._send_pending(association)
+            return received
+        received = association.feed(datagram)
+        if self._send_pending(association):  # only what brings the handshake on counts as an answer
+            self._answered_ns = now_ns
         if association.ready and not association.failed:
-            return self._check(association, heard)
+            return self._check(association, received)
         if association.failed:
-            self._judge()
+            self._handle_failure()
         return ()
 
-    def _check(self, association: Association, heard: Sequence[bytes]) -> Sequence[bytes]:
-        """The handshake is over: look once more whom it was with."""
+    def _check(self, association: Association, received: Sequence[bytes]) -> Sequence[bytes]:
+        """Check once more, after the handshake, whom it was with."""
         theirs = association.peer_fingerprint()
         if theirs != self._fingerprint:
-            self._found = theirs
+            self._wrong_fingerprint = theirs
             association.close()
-            self._take(association)
-            self._judge()
+            self._send_pending(association)
+            self._handle_failure()
             return ()
         self._ready = True
-        return heard
+        return received
 
     def poll(self, now_ns: int) -> None:
         if self.failed or self._ready:
@@ -108,34 +108,34 @@ class DtlsClient:
         if association is None:
             self._begun_ns = now_ns
         elif now_ns - self._begun_ns >= GIVE_UP_NS:
-            self.failed = self._why(f"no sealed server answered within {GIVE_UP_NS / 1e9:g} s: {NO_ANSWER_CURE}")
+            self.failed = self._why(f"no encrypted server answered within {GIVE_UP_NS / 1e9:g} s: {NO_ANSWER_CURE}")
             return
-        elif now_ns - self._heard_ns < PATIENCE_NS[min(self._dials, len(PATIENCE_NS)) - 1]:
+        elif now_ns - self._answered_ns < PATIENCE_NS[min(self._attempts, len(PATIENCE_NS)) - 1]:
             association.poll()
-            self._take(association)
+            self._send_pending(association)
             return
-        self._dials += 1
-        if self._dials > 1:
+        self._attempts += 1
+        if self._attempts > 1:
             self._drop("handshake begun again")
-        self._heard_ns = now_ns
+        self._answered_ns = now_ns
         self._association = association = Association(self._context)
-        association.dial()
-        self._take(association)
+        association.connect()
+        self._send_pending(association)
 
     def close(self, address: Address = PEER) -> None:
         if self._association is not None:
             self._association.close()
-            self._take(self._association)
+            self._send_pending(self._association)
         self.failed = self.failed or "closed"
 
-    def _take(self, association: Association) -> bool:
-        """Put on the way what an association left; False if that is nothing."""
-        datagrams = association.take()
+    def _send_pending(self, association: Association) -> bool:
+        """Send the pending datagrams of an association; False if there are none."""
+        datagrams = association.pop_datagrams()
         self.outbox.extend([(PEER, datagram) for datagram in datagrams])
         return bool(datagrams)
 
-    def _plain(self, datagram: bytes) -> None:
-        """Anyone can have sent this: at most a hint for people."""
+    def _receive_unencrypted(self, datagram: bytes) -> None:
+        """Drop an unencrypted datagram, which anyone can have sent; a refusal is kept as a hint for people."""
         self._drop("not sealed")
         if self._ready:
             return
@@ -146,22 +146,22 @@ class DtlsClient:
         if isinstance(message, messages.Refuse):
             self._hint = messages.shown(f"{message.reason} [{message.code}]")
 
-    def _judge(self) -> None:
-        """The association failed: for good, or for this time."""
+    def _handle_failure(self) -> None:
+        """Give up where the failure is final, else let the next attempt follow."""
         association = self._association
         assert association is not None
-        if self._found:
+        if self._wrong_fingerprint:
             self.failed = (
-                f"the server's certificate has the fingerprint {self._found[:SHOWN_DIGITS]}…, the link names "
+                f"the server's certificate has the fingerprint {self._wrong_fingerprint[:SHOWN_DIGITS]}…, the link names "
                 f"{self._fingerprint[:SHOWN_DIGITS]}…: this is another server, or it was set up anew; ask for a new link"
             )
         elif self._ready or association.failed in FINAL:
             self.failed = self._why(association.failed)
-        else:  # a late flight of an earlier handshake can do that, and so can anyone on the way
+        else:  # by a late flight of an earlier handshake, or by anyone on the path
             self._drop("handshake went wrong")
-            self._trouble = association.failed
+            self._last_error = association.failed
 
     def _why(self, reason: str) -> str:
-        trouble = f"; the last handshake: {self._trouble}" if self._trouble else ""
-        hint = f"; without a seal came, perhaps from anyone: {self._hint}" if self._hint else ""
+        trouble = f"; the last handshake: {self._last_error}" if self._last_error else ""
+        hint = f"; unencrypted came, perhaps from anyone: {self._hint}" if self._hint else ""
         return f"{reason}{trouble}{hint}"

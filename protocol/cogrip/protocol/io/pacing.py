@@ -25,20 +25,9 @@ class Pacer:
     """
 
     __slots__ = (
-        "_clock",
-        "_deadline_ns",
-        "_next",
-        "_sleep",
-        "_started_ns",
-        "late_ns",
-        "lateness",
-        "rate_hz",
-        "run",
-        "skipped",
-        "spin_ns",
-        "t0_ns",
-        "work",
-    )
+        "_clock", "_deadline_ns", "_next", "_sleep", "_started_ns", "late_ns", "lateness", "rate_hz", "run", "skipped",
+        "spin_ns", "t0_ns", "work",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -70,16 +59,16 @@ class Pacer:
         self._started_ns: int | None = None
 
     def due_ns(self, tick: int) -> int:
-        """When tick is due, in ns of the clock."""
+        """Return the due time of a tick, in ns of the clock."""
         return self.t0_ns + tick * 1_000_000_000 // self.rate_hz
 
     def tick_at(self, now_ns: int) -> int:
-        """The newest tick due at now_ns: the largest k with due_ns(k) <= now_ns; negative before t0."""
+        """Return the newest tick due at now_ns: the largest k with due_ns(k) <= now_ns; negative before t0."""
         return ((now_ns - self.t0_ns + 1) * self.rate_hz - 1) // 1_000_000_000
 
     @property
     def next_due_ns(self) -> int:
-        """When the next tick is due, in ns of the clock."""
+        """Due time of the next tick, in ns of the clock."""
         return self._deadline_ns
 
     @property
@@ -88,7 +77,7 @@ class Pacer:
         return self.run + self.skipped
 
     def take(self, now_ns: int) -> int | None:
-        """The tick to run at now_ns, or None when none is due yet. Applies the overrun policy, starts `work`."""
+        """Return the tick to run at now_ns, None when none is due yet. Applies the overrun policy, starts `work`."""
         if now_ns < self._deadline_ns:
             return None
         tick = self._next
@@ -108,7 +97,7 @@ class Pacer:
         return tick
 
     def wait(self) -> int:
-        """Sleeps, then spins, to the next deadline and returns its tick; returns at once when it is late already."""
+        """Sleep, then spin, to the next deadline and return its tick; return at once when it is late already."""
         clock = self._clock
         deadline_ns = self._deadline_ns
         now_ns = clock()
@@ -122,11 +111,11 @@ class Pacer:
         return tick
 
     def done(self) -> None:
-        """Marks the end of the tick's work; time since the tick started goes into `work`. A second call adds none."""
+        """Mark the end of the tick's work; time since the tick started goes into `work`. A second call adds none."""
         if self._started_ns is not None:
             self.work.add(self._clock() - self._started_ns)
             self._started_ns = None
 
     def count(self) -> TickCount:
-        """How the ticks went so far, in us."""
+        """Return the account of the ticks so far, in us."""
         return TickCount(self.due, self.run, Percentiles.of(self.lateness, 1e3), Percentiles.of(self.work, 1e3))

@@ -1,4 +1,4 @@
-"""How punctual this machine is: timer lateness with and without each real-time measure, permissions, advice.
+"""Punctuality of this machine: timer lateness with and without each real-time measure, permissions, advice.
 
 Every lateness is measured in a fresh child process, so that no measure leaks into the next and the caller stays
 ordinary. The child's tick does a stand-in for work: some floats, and short-lived objects for the garbage collector.
@@ -56,7 +56,7 @@ class Punctuality:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What the machine allows and how it is set; None where it cannot be read."""
+    """Settings and permissions of the machine; None where one cannot be read."""
 
     kernel: str
     preemption: str | None
@@ -81,7 +81,7 @@ class Machine:
 
 
 def _tick_work(kept: list[object], tick: int) -> None:
-    """Stands in for a client's tick: some float arithmetic and some objects, of which the last 256 ticks' survive."""
+    """Do the work of a client's tick: some float arithmetic and some objects, of which the last 256 ticks' survive."""
     x = float(tick)
     for _ in range(24):
         x = 0.5 * x + 1.0
@@ -89,7 +89,7 @@ def _tick_work(kept: list[object], tick: int) -> None:
 
 
 def observe(rate_hz: int, names: Sequence[str], seconds: float, spin_ns: int, setup: str = "") -> Punctuality:
-    """Engages the named measures, runs ticks for `seconds` in this thread, releases them, reports."""
+    """Run ticks for `seconds` in this thread under the named measures."""
     measures = realtime.engage(names)
     kept: list[object] = [None] * 256
     try:
@@ -115,7 +115,7 @@ def observe(rate_hz: int, names: Sequence[str], seconds: float, spin_ns: int, se
 
 
 def measure(rate_hz: int, setup: str, seconds: float) -> Punctuality:
-    """`observe` for a setup of SETUPS in a fresh child process. Raises RuntimeError with its words when it fails."""
+    """`observe` for a setup of SETUPS in a fresh child process. Raises RuntimeError with its output when it fails."""
     names, spin_ns = SETUPS[setup]
     command = [sys.executable, "-P", "-m", _MODULE]
     command += [str(rate_hz), ",".join(names), str(seconds), str(spin_ns), setup]
@@ -126,14 +126,14 @@ def measure(rate_hz: int, setup: str, seconds: float) -> Punctuality:
 
 
 def survey(seconds: float, rates_hz: Sequence[int] = RATES_HZ) -> Iterator[Punctuality]:
-    """Every rate with every setup, one `measure` at a time."""
+    """Measure every rate with every setup, one after another."""
     for rate_hz in rates_hz:
         for setup in SETUPS:
             yield measure(rate_hz, setup, seconds)
 
 
 def loopback_us(rounds: int = 2000) -> dict[str, float] | None:
-    """UDP round trips over 127.0.0.1 in us, both ends in this thread; None where the network refuses.
+    """Return UDP round trips over 127.0.0.1 in us, both ends in this thread; None where the network refuses.
 
     A trip is four system calls and the kernel's path twice.
     """
@@ -165,7 +165,7 @@ def _round_trips(trips: DurationHistogram, rounds: int) -> None:
 
 
 def _read(path: str) -> str | None:
-    """A one-line file's text; None when it is missing, refused or empty."""
+    """Return a one-line file's text; None when it is missing, refused or empty."""
     try:
         return Path(path).read_text(encoding="utf-8", errors="replace").strip() or None
     except OSError:
@@ -173,7 +173,7 @@ def _read(path: str) -> str | None:
 
 
 def _preemption(version: str) -> str | None:
-    """The kernel's preemption model, from uname's version and, where readable, the scheduler's switch."""
+    """Return the kernel's preemption model, from uname's version and, where readable, the scheduler's switch."""
     if _read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
         return "PREEMPT_RT"
     chosen = _read("/sys/kernel/debug/sched/preempt")  # "none voluntary (full)"
@@ -186,7 +186,7 @@ def _preemption(version: str) -> str | None:
 
 
 def _virtual() -> bool | None:
-    """Whether the processor says it is a virtual machine's; None where that cannot be read."""
+    """Return whether the processor is a virtual machine's; None where that cannot be read."""
     text = _read("/proc/cpuinfo")
     if text is None or "flags" not in text:
         return None
@@ -194,7 +194,7 @@ def _virtual() -> bool | None:
 
 
 def _clock_read_ns() -> float:
-    """Mean cost of reading the clock in ns."""
+    """Return the mean cost of reading the clock in ns."""
     start_ns = time.monotonic_ns()
     for _ in range(10_000):
         time.monotonic_ns()
@@ -202,7 +202,7 @@ def _clock_read_ns() -> float:
 
 
 def _permissions() -> tuple[str, str]:
-    """Whether SCHED_FIFO and locked memory are allowed, and by what, without trying either."""
+    """Return whether SCHED_FIFO and locked memory are allowed, and by what, without trying either."""
     if sys.platform != "linux":
         return ("no, only used on Linux",) * 2
     import resource
@@ -225,7 +225,7 @@ def _permissions() -> tuple[str, str]:
 
 
 def examine() -> Machine:
-    """Reads the machine's settings and this user's permissions; changes nothing."""
+    """Read the machine's settings and this user's permissions; change nothing."""
     system = os.uname() if hasattr(os, "uname") else None
     fifo, lock = _permissions()
     return Machine(
@@ -251,7 +251,7 @@ def after(machine: Machine) -> Machine:
 
 
 def verdict(found: Punctuality) -> str:
-    """`in reach`: p99 within a quarter period and at most 0.1 % skipped; `marginal`: within one period and 1 %."""
+    """Return `in reach`: p99 within a quarter period and at most 0.1 % skipped; `marginal`: within one period and 1 %."""
     period_us = 1e6 / found.rate_hz
     p99_us = found.lateness_us["p99"]
     if p99_us <= period_us / 4 and found.skipped_share <= 0.001:
@@ -275,7 +275,7 @@ def verdicts(found: Sequence[Punctuality]) -> dict[int, str]:
 
 
 def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
-    """What to do about it, in plain words; the most useful first."""
+    """Return advice, the most useful first."""
     advice: list[str] = []
     refused = {name: why for each in found for name, why in each.refused.items()}
     if any(why.startswith("refused") for why in refused.values()):
@@ -325,7 +325,7 @@ def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
 
 
 def _main(arguments: Sequence[str]) -> int:
-    """The child process: prints one Punctuality as JSON."""
+    """Print one Punctuality as JSON: the child process."""
     rate_hz, names, seconds, spin_ns, setup = arguments
     try:
         found = observe(int(rate_hz), [n for n in names.split(",") if n], float(seconds), int(spin_ns), setup)

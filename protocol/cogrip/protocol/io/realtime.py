@@ -25,7 +25,7 @@ LIMITS_FILE = "/etc/security/limits.d/90-cogrip.conf"
 
 
 def _nothing() -> None:
-    """Undoes a measure that changed nothing."""
+    """Undo a measure that changed nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Measure:
 
 
 def has_capability(bit: int) -> bool:
-    """Whether this process holds Linux capability `bit` (effective); False where that cannot be read."""
+    """Return whether this process holds Linux capability `bit` (effective); False where that cannot be read."""
     try:
         with open("/proc/self/status", encoding="ascii", errors="replace") as status:
             for line in status:
@@ -55,7 +55,7 @@ def _unavailable(name: str, why: str) -> Measure:
 
 
 def _libc_call(name: str, *arguments: int) -> int:
-    """Calls a C library function on unsigned longs; raises OSError on -1, AttributeError when it does not exist."""
+    """Call a C library function on unsigned longs. Raises OSError on -1, AttributeError when it does not exist."""
     function = getattr(ctypes.CDLL(None, use_errno=True), name)
     function.restype = ctypes.c_int
     result = int(function(*(ctypes.c_ulong(argument) for argument in arguments)))
@@ -66,7 +66,7 @@ def _libc_call(name: str, *arguments: int) -> int:
 
 
 def _timer_slack(_priority: int) -> Measure:
-    """Lets the kernel's timer wake this thread within 1 ns of the request, not within its usual 50 us."""
+    """Let the kernel's timer wake this thread within 1 ns of the request, not within its usual 50 us."""
     name = "timer-slack"
     if sys.platform != "linux":
         return _unavailable(name, f"timer slack is a Linux setting, this is {sys.platform}")
@@ -83,7 +83,7 @@ def _timer_slack(_priority: int) -> Measure:
 
 
 def _gc_frozen(_priority: int) -> Measure:
-    """Collects once, then takes everything alive out of the collector's sight and switches it off."""
+    """Collect garbage once, freeze all living objects, and switch the collector off."""
     was_enabled = gc.isenabled()
     if not hasattr(gc, "freeze"):
         return _unavailable("gc-frozen", f"{sys.implementation.name} has no gc.freeze")
@@ -100,7 +100,7 @@ def _gc_frozen(_priority: int) -> Measure:
 
 
 def _memory_locked(_priority: int) -> Measure:
-    """Keeps every page, present and future, in memory: no tick waits for a page fault from disk."""
+    """Keep every page, present and future, in memory: no tick waits for a page fault from disk."""
     name = "memory-locked"
     if sys.platform != "linux":
         return _unavailable(name, f"mlockall is only used on Linux, this is {sys.platform}")
@@ -128,7 +128,7 @@ def _memory_locked(_priority: int) -> Measure:
 
 
 def _cpu_awake(_priority: int) -> Measure:
-    """Asks idle processors to poll instead of halting (PM QoS, as cyclictest does), as long as the file is held open.
+    """Ask idle processors to poll instead of halting (PM QoS, as cyclictest does), as long as the file is held open.
 
     A halted processor wakes with cold caches: the work of a tick then costs two to five times its time.
     """
@@ -148,7 +148,7 @@ def _cpu_awake(_priority: int) -> Measure:
 
 
 def _fifo(priority: int) -> Measure:
-    """Puts this thread under SCHED_FIFO: it runs before any ordinary thread. Children and new threads stay ordinary."""
+    """Put this thread under SCHED_FIFO: it runs before any ordinary thread. Children and new threads stay ordinary."""
     name = "fifo"
     if sys.platform != "linux":
         return _unavailable(name, f"SCHED_FIFO is only used on Linux, this is {sys.platform}")
@@ -183,7 +183,7 @@ NAMES = tuple(_MEASURES)
 
 
 def engage(names: Iterable[str] = NAMES, *, priority: int = PRIORITY) -> list[Measure]:
-    """Tries the named measures, in the order of NAMES, and reports each. Raises ValueError for an unknown name."""
+    """Try the named measures, in the order of NAMES, and return each result. Raises ValueError for an unknown name."""
     wanted = set(names)
     unknown = sorted(wanted - set(NAMES))
     if unknown:
@@ -192,6 +192,6 @@ def engage(names: Iterable[str] = NAMES, *, priority: int = PRIORITY) -> list[Me
 
 
 def release(measures: Iterable[Measure]) -> None:
-    """Undoes measures, last first. What was refused needs no undoing and gets none."""
+    """Undo measures, last first."""
     for measure in reversed(list(measures)):
         measure.undo()

@@ -1,11 +1,11 @@
-"""What the kernel keeps for a UDP socket that is not read just now, and what it had no room for."""
+"""The kernel's receive buffer of a UDP socket: its size, and the datagrams that it dropped."""
 
 import socket
 import sys
 
 RECEIVE_BUFFER_BYTES = 1 << 20
-SO_MEMINFO, DROPS = 55, 8  # Linux: what a socket's buffer had to drop
-OVERRUN = "socket: receive buffer full"  # the name under which it is counted
+SO_MEMINFO, DROPS = 55, 8  # Linux: datagrams that a socket's buffer dropped
+OVERRUN = "socket: receive buffer full"  # reason under which they are counted
 
 
 def enlarge(receiver: socket.socket) -> None:
@@ -14,7 +14,7 @@ def enlarge(receiver: socket.socket) -> None:
 
 
 def overrun(receiver: socket.socket) -> int:
-    """Datagrams dropped so far because the buffer was full; 0 where no one says. Raises OSError once it is closed."""
+    """Return the datagrams dropped so far because the buffer was full; 0 if unknown. Raises OSError once it is closed."""
     if not sys.platform.startswith("linux"):
         return 0
     info = receiver.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 4 * (DROPS + 1))

@@ -1,4 +1,4 @@
-"""Recording a live loop: the loop puts messages into a ring, a process of its own writes them.
+"""Recorder of a live loop: the loop puts messages into a ring, a process of its own writes them.
 
 The writer outlives a killed loop long enough to write what is in the ring. Whatever happens to it, to the disk or to
 the folder, the loop goes on; `trouble` says what is wrong, once, and `lost` counts what is not in the file.
@@ -19,11 +19,11 @@ RING_BYTES = 8 * 2**20
 """Several seconds of a client at RING_HZ, or of a room of many; a faster loop gets as many times more, up to MOST_RINGS."""
 RING_HZ, MOST_RINGS = 1024, 4
 END_LIMIT_S = 20.0
-_LOOK_EVERY = 64  # messages between two looks at what the writer says
+_CHECK_EVERY = 64  # messages between two checks of the writer's report
 
 
 def lock(fd: int) -> None:
-    """Mark a file as being written, for as long as anyone has this descriptor. Raises OSError where it is marked already."""
+    """Lock a file that is written, for as long as a process has this descriptor. Raises OSError where it is locked already."""
     if os.name == "posix":
         import fcntl
 
@@ -31,7 +31,7 @@ def lock(fd: int) -> None:
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether some process has `path` marked so. Raises OSError."""
+    """Return whether some process is writing `path`. Raises OSError."""
     with path.open("rb") as file:
         try:
             lock(file.fileno())
@@ -43,7 +43,7 @@ def is_being_written(path: Path) -> bool:
 class Recorder:
     """A `Sink` of one loop. Make it with `open_recorder`."""
 
-    __slots__ = ("_count", "_process", "_ring", "_say", "_told", "_unsaved", "path", "trouble")
+    __slots__ = ("_count", "_process", "_reported", "_ring", "_say", "_unsaved", "path", "trouble")
 
     def __init__(self, path: Path, ring: Ring, process: subprocess.Popen[bytes], say: Callable[[str], None]) -> None:
         self.path = path
@@ -52,30 +52,30 @@ class Recorder:
         self._process = process
         self._say = say
         self._count = 0
-        self._told = False
+        self._reported = False
         self._unsaved: int | None = None
 
     @property
     def lost(self) -> int:
-        """Messages that found no room in the ring; after `close`, all that are not in the file, whatever the reason."""
+        """Messages that did not fit into the ring; after `close`, all that are not in the file, whatever the reason."""
         return self._ring.lost if self._unsaved is None else self._unsaved
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
-        """See `Sink.put`: one copy."""
+        """Put a message into the ring (`Sink.put`)."""
         self._ring.put(topic, time_ns, payload)
         self._count += 1
-        if self._count % _LOOK_EVERY == 0:
-            self._look()
+        if self._count % _CHECK_EVERY == 0:
+            self._check_writer()
 
-    def _look(self) -> None:
+    def _check_writer(self) -> None:
         if not self.trouble:
             self.trouble = self._ring.said
             if not self.trouble and self._process.poll():
                 self.trouble = "its writer was ended from outside; what it had written can be recovered"
             if self.trouble:
                 self._say(f"recording of {self.path.name} has stopped: {self.trouble}")
-        if self._ring.lost and not self._told:
-            self._told = True
+        if self._ring.lost and not self._reported:
+            self._reported = True
             if not self.trouble:
                 self._say(f"recording of {self.path.name} is too slow: messages are left out, and counted")
 
@@ -89,20 +89,20 @@ class Recorder:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._look()
+        self._check_writer()
         self._unsaved = self._count - self._ring.saved
         self._ring.close()
 
 
 def ring_for(rate_hz: int) -> int:
-    """Bytes of the ring of a loop at `rate_hz`."""
+    """Return the size of the ring of a loop at `rate_hz` [bytes]."""
     return RING_BYTES * min(MOST_RINGS, max(1, -(-rate_hz // RING_HZ)))
 
 
 def open_recorder(
     path: Path, header: Header, say: Callable[[str], None], ring_bytes: int | None = None
 ) -> Recorder | None:
-    """Begin a recording in a new file at `path`; where that cannot be, it is said, and the session goes on without.
+    """Begin a recording in a new file at `path`; where that fails, say why and return None: the session goes on without.
 
     Call it before the loop takes real-time priority: the writer would inherit it.
     """

@@ -1,7 +1,7 @@
 """The writer of one recording: `python -m cogrip.protocol.io.recording_process RING_FD FILE_FD`, its task on standard input.
 
-It ends when the loop has said that nothing more will come, or is gone: then its end of standard input closes. Meanwhile
-it takes what is in the ring twenty times a second and flushes whole chunks four times a second and more.
+It ends when the loop has marked the end of its messages, or is gone: then its end of standard input closes. Meanwhile it
+reads the ring twenty times a second and flushes whole chunks at least four times a second.
 """
 
 import json
@@ -31,7 +31,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class WholePieces:
-    """The file: holds what is written until `flush`, which writes all of it or, when the disk is full, nothing."""
+    """The output file: keeps data until `flush`, which writes all of it or, when the disk is full, nothing."""
 
     def __init__(self, fd: int) -> None:
         self.fd = fd
@@ -91,7 +91,7 @@ class Task:
             self.ring.say(f"{self._path}: {error.strerror}; what was written before stays readable")
 
     def take(self) -> None:
-        """Write what the ring holds; without a file it is let go, so that the loop's count stays true."""
+        """Write the messages of the ring; without a file drop them, so that the loop's count stays true."""
         for topic, time_ns, payload in self.ring.take():
             self._last_ns = time_ns
             if self.ring.missed > self._lost:
@@ -102,7 +102,7 @@ class Task:
                 self.flush()  # before the stream does it by itself: what is in the file is counted
 
     def anchor(self) -> None:
-        """Read both clocks together, if there is anything to date."""
+        """Record both clocks together, if there are messages since the last time."""
         if self._put == self._dated:
             return
         self._dated = self._put
@@ -129,9 +129,9 @@ class Task:
             self.ring.saved = self._put
 
     def _rescue(self) -> None:
-        """The file was removed under us: what it held is still here, so it is put back and goes on.
+        """Restore the file, which was removed meanwhile, from its descriptor.
 
-        Raises OSError where it cannot be: what a disk had room for stays there, and can be recovered, but is not counted.
+        Raises OSError where that fails: what a disk had room for stays there and can be recovered, but is not counted.
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)

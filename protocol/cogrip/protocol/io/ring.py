@@ -1,15 +1,15 @@
-"""A ring of messages in shared memory: one loop puts them in, one process takes them out, neither waits for the other.
+"""A ring buffer of messages in shared memory: one loop writes, one process reads, neither waits for the other.
 
     0    u64  bytes put so far (written by the loop)
-    8    u64  bytes taken so far (written by the taker)
-    16   u64  messages that found no room
+    8    u64  bytes taken so far (written by the reader)
+    16   u64  messages that did not fit
     24   u64  1: nothing more will come
-    32   u64  length of what the taker has to say
-    40   u64  messages that the taker has brought to where they should go
+    32   u64  length of the reader's report
+    40   u64  messages that the reader has saved
     48   its text
     PAGE data: u32 length, u16 topic, u16 unused, u64 time, payload; padded to 8 bytes; never across the end
 
-A length of SKIP says: go on at the start. Topic LOST is the ring's own: so many messages (u64) found no room just here.
+A length of SKIP means: go on at the start. Topic LOST is the ring's own: so many messages (u64) did not fit here.
 Both counters only grow, and each has one writer; a message's bytes are there before its counter says so. Counters are
 items of a cast view, stored all eight bytes at once: `struct` zeroes before it packs, and the other side would see that.
 """
@@ -42,12 +42,12 @@ class Ring:
         self._counters = memoryview(self._map)[:_TEXT].cast("Q")
         self._put = self._counters[_PUT]
         self._taken = self._counters[_TAKEN]
-        self.lost = 0  # messages that found no room
-        self._marked = 0  # of them, those that LOST has told of
+        self.lost = 0  # messages that did not fit
+        self._marked = 0  # of them, those that a LOST message has reported
         self.missed = 0  # messages that were lost before the one taken last
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
-        """A message, or one more lost where there is no room; one of up to half the ring always fits an empty one."""
+        """Append a message, or count it as lost where it does not fit; up to half the ring always fits into an empty one."""
         if self.lost > self._marked and self._place(LOST, time_ns, _U64.pack(self.lost - self._marked)):
             self._marked = self.lost
         if self.lost > self._marked or not self._place(topic, time_ns, payload):
@@ -74,7 +74,7 @@ class Ring:
         return True
 
     def take(self) -> Iterator[tuple[int, int, bytes]]:
-        """(topic, time, payload) of all that is there now; each is free again when the next is asked for."""
+        """Yield (topic, time, payload) of all messages of now; each one's room is free when the next is asked for."""
         until, capacity = self._counters[_PUT], self._capacity
         while self._taken < until:
             at = self._taken % capacity
@@ -94,12 +94,12 @@ class Ring:
 
     @property
     def lost_there(self) -> int:
-        """The taker's view of `lost`."""
+        """The reader's view of `lost`."""
         return self._counters[_LOST]
 
     @property
     def saved(self) -> int:
-        """Messages that the taker has brought to where they should go; the taker sets it."""
+        """Messages that the reader has saved; the reader sets it."""
         return self._counters[_SAVED]
 
     @saved.setter
@@ -107,7 +107,7 @@ class Ring:
         self._counters[_SAVED] = messages
 
     def finish(self) -> None:
-        """Say that nothing more will come."""
+        """Mark the end of the messages."""
         self._counters[_CLOSED] = 1
 
     @property
@@ -115,7 +115,7 @@ class Ring:
         return bool(self._counters[_CLOSED])
 
     def say(self, text: str) -> None:
-        """The taker's words to the loop; the first ones stay."""
+        """Report a trouble from the reader to the loop; the first report stays."""
         if not self._counters[_SAID]:
             words = text.encode("utf-8", "replace")[: PAGE - _TEXT]
             self._map[_TEXT : _TEXT + len(words)] = words
@@ -133,7 +133,7 @@ class Ring:
 
 
 def make_ring(capacity: int) -> Ring:
-    """A ring for about `capacity` bytes of messages that no folder names. Raises OSError where there is no memory."""
+    """Return a ring for about `capacity` bytes of messages, without a file name. Raises OSError where there is no memory."""
     size = PAGE + (capacity + PAGE - 1) // PAGE * PAGE
     if hasattr(os, "memfd_create"):
         fd = os.memfd_create("cogrip-ring")

@@ -1,4 +1,4 @@
-"""Ending a loop from outside: a flag that signals set and loops read once a tick."""
+"""The stop flag of a loop: signals set it, loops read it once a tick."""
 
 import os
 import select
@@ -13,15 +13,20 @@ from typing import Literal
 
 @dataclass(slots=True)
 class Stop:
-    """`reason` is "" until the loop should end; of a signal it names it: "stopped (SIGTERM)"."""
+    """Requests to a loop.
+
+    reason  why the loop should end, such as "stopped (SIGTERM)"; "" until then
+    rearm   leave a fault
+    reload  read files anew
+    """
 
     reason: str = ""
     signals: int = 0
-    rearm: bool = False  # somebody asked to leave a fault
-    reload: bool = False  # somebody asked to read files anew
+    rearm: bool = False
+    reload: bool = False
 
     def take_rearm(self) -> bool:
-        """Whether somebody has asked since the last time: by SIGUSR1, or with `r` and Enter at a terminal."""
+        """Return whether re-arming was asked for since the last call: by SIGUSR1, or with `r` and Enter at a terminal."""
         typed = _typed_r()
         if not self.rearm:  # looked at before it is taken back: a signal may come between any two steps
             return typed
@@ -29,7 +34,7 @@ class Stop:
         return True
 
     def take_reload(self) -> bool:
-        """Whether somebody has asked since the last time, by SIGHUP."""
+        """Return whether reloading was asked for since the last call, by SIGHUP."""
         if not self.reload:
             return False
         self.reload = False
@@ -38,9 +43,9 @@ class Stop:
 
 @contextmanager
 def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate") -> Iterator[Stop]:
-    """While inside, Ctrl-C, SIGTERM and a terminal that closes set `stop`, and SIGUSR1 asks to re-arm.
+    """Let Ctrl-C, SIGTERM and a terminal that closes set `stop`, and SIGUSR1 ask to re-arm, within the context.
 
-    hangup: what a SIGHUP asks that does not come of a terminal's end. A third signal to end breaks whatever hangs.
+    hangup: meaning of a SIGHUP that is not the end of a terminal. A third signal to end interrupts whatever hangs.
     """
     had_terminal = _has_terminal()
 
@@ -73,7 +78,7 @@ def on_signals(stop: Stop, hangup: Literal["terminate", "reload"] = "terminate")
 
 
 def _has_terminal() -> bool:
-    """Whether our session has a terminal: one that was closed is taken from it."""
+    """Return whether our session has a terminal: one that was closed is taken from it."""
     if sys.platform == "win32":
         return False
     try:
@@ -84,7 +89,7 @@ def _has_terminal() -> bool:
 
 
 def _typed_r() -> bool:
-    """Whether a line `r` stands in the terminal that is ours; nothing is waited for."""
+    """Return whether a line `r` was typed at our terminal, without waiting."""
     if sys.platform == "win32" or not sys.stdin or sys.stdin.closed or not sys.stdin.isatty():
         return False
     try:
@@ -97,7 +102,7 @@ def _typed_r() -> bool:
 
 
 def _foreground(descriptor: int) -> bool:
-    """Whether we may read the terminal: a job in the background would be stopped for it."""
+    """Return whether we may read the terminal: a job in the background would be stopped for it."""
     if sys.platform == "win32":
         return True
     try:

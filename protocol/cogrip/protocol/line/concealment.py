@@ -1,17 +1,18 @@
-"""What a line's receiver plays while frames are missing, and how it pays back what they carried ([playout] concealment).
+"""Packet loss concealment: waves for missing frames, and compensation of what these carried ([playout] concealment).
 
-Symbols, per axis: a a frame's wave, x what is played in place of one that is missing, p what is added to a or x; w = x + p
-or a + p is played [sqrt(W)]; debt sum sent - sum played [sqrt(W)], bank sum sent^2 - sum played^2 [W], as far as they are
-known (SPEC 5.4). `LineReceiver` keeps the books and bounds every answer by them: no strategy can make energy.
+Symbols, per axis: a wave of a frame, x wave in place of a missing one, p compensation; w = x + p or a + p is played
+[sqrt(W)]. The position deficit is sum sent - sum played [sqrt(W)], the energy reserve sum sent^2 - sum played^2 [W], both as
+far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p by them: no strategy can make energy.
 
-    zero      x = 0 and p = 0: what is lost is lost
-    repaid    x = 0; p a sixteenth of the debt, at most REPAY_LIMIT
-    tank      x is the last wave fading out, lent by bank and tank; p as above, but leaves some bank for the next gap
-    elastic   the last wave fades, more slowly. A frame after a gap is gone over to from what was played, as a spring with a
-              damper does: p' = SMOOTHING (target - p), with the debt as the spring. A stock is laid by in the bank for the
-              next gap, and the client's end yields (`WaveCoupling`)
+    zero      x = 0, p = 0: a matched termination
+    repaid    x = 0; p is 1/16 of the deficit, at most COMPENSATION_LIMIT
+    tank      x is the last wave fading out, paid by reserve and tank; p as above, but some reserve is kept for the next gap
+    elastic   the last wave fades more slowly. What was played is cross-faded to the first frame after a gap, like a spring
+    with a
+              damper: p' = SMOOTHING (target - p), with the deficit as the spring. A reserve is charged for the next gap, and
+              the client's end yields (`WaveCoupling`)
 
-Which is best, and with which numbers: docs/decisions/0003-gaps.md.
+Comparison and numbers: docs/decisions/0003-gaps.md.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,149 +22,151 @@ from typing import Literal, Protocol
 Concealed = Literal["zero", "repaid", "tank", "elastic"]
 Row = Sequence[float]
 
-COMPENSATION_FRACTION = 1.0 / 16.0  # of the debt, in one frame
+COMPENSATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame
 COMPENSATION_LIMIT = 0.02  # sqrt(W) in one frame
-FADE = 0.85  # of the last wave, from frame to frame, in a gap, of `tank`
-RESERVE = 8.0  # frames like the last one that repayment leaves in the bank for the next gap
+FADE = 0.85  # of `tank`: factor from frame to frame in a gap
+RESERVE_FRAMES = 8.0  # of `tank`: frames like the last one that compensation leaves in the reserve
 
-BASE_HZ = 128.0  # the frame rate at which the shares below hold; at others they are so much in the same time
-LINGER = 0.93  # of the last wave, from frame to frame, in a gap
-SMOOTHING = 1.0 / 12.0  # of what p is away from its target, in one frame
-PAYING = 1.0 / 64.0  # of the debt, in one frame
-GAINING = 1.0 / 16.0  # of the debt, in one frame, where paying takes energy out of a wave
-FASTEST = 0.1  # sqrt(W): p where paying costs energy
-LEAST_SHARE = 0.4  # of sqrt(b), at an end whose wave is missing
-WHOLE = 0.99  # a quality above this is 1
-STOCK = 8.0  # frames of BASE_HZ like the largest of late that are kept in the bank for the next gap: a fade takes 7.4
-SKIM = 0.2  # of a wave, as long as there is less than that
-FORGETTING = 1.0 / 128.0  # of the largest wave of late, in one frame
+# of `elastic`
+BASE_HZ = 128.0  # frame rate at which the numbers below hold; at other rates they are converted to the same time
+ELASTIC_FADE = 0.93  # factor from frame to frame in a gap
+SMOOTHING = 1.0 / 12.0  # fraction of the way from p to its target, in one frame
+DEFICIT_FRACTION = 1.0 / 64.0  # of the deficit, in one frame
+DISSIPATION_FRACTION = 1.0 / 16.0  # of the deficit, in one frame, where p takes energy out of the wave
+ELASTIC_LIMIT = 0.1  # sqrt(W), of a p that costs energy
+LEAST_GAIN = 0.4  # of sqrt(b), at an end whose wave is missing
+FULL_QUALITY = 0.99  # a quality above this is 1
+TARGET_FRAMES = 8.0  # target of the reserve: frames of BASE_HZ like the largest recent one; a fade takes 7.4
+CHARGE_FRACTION = 0.2  # of a wave, withheld while the reserve is below its target
+PEAK_DECAY = 1.0 / 128.0  # of the largest recent wave, in one frame
 
 
 class Concealment(Protocol):
-    """One receiver's way through gaps."""
+    """Strategy of one receiver.
 
-    quality: float  # how much of the wave played now is known, 1 to 0
-    least_share: float  # of sqrt(b) that an end keeps at quality 0
+    quality     known fraction of the wave that is played now, 1 to 0
+    least_gain  gain of sqrt(b) that an end keeps at quality 0
+    """
 
-    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
-        """x: in place of a frame that is not there. last: what was played before; |x| is at most `room`.
+    quality: float
+    least_gain: float
 
-        late: the newest wave there is, where that has come now and too late.
-        silent: no newer frame than the missing one is known.
+    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
+        """Return x for a missing frame, |x| <= limit.
+
+        last    wave played before
+        late    newest wave of all, if it has come with this pop and too late
+        silent  no frame newer than the missing one is known
         """
 
-    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
-        """p: to add to the row, which stands for a missing frame in a `gap`. (w + p)^2 - w^2 is kept within `reserve`."""
+    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
+        """Return p for the wave `row`, with (row + p)^2 - row^2 <= reserve. gap: `row` stands for a missing frame."""
 
 
 class Zero:
-    """A matched termination, and no more."""
+    """Matched termination in a gap, no compensation."""
 
-    quality = least_share = 1.0
+    quality = least_gain = 1.0
 
     def __init__(self, axes: int, frame_s: float) -> None:
         self._zero = [0.0] * axes
 
-    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
+    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
         return self._zero
 
-    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
+    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         return self._zero
 
 
 class Compensated(Zero):
-    """Theory 3.5."""
+    """Matched termination in a gap, slow compensation (theory 3.5)."""
 
-    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
-        return [max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * short)) for short in deficit]
+    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
+        return [max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * each)) for each in deficit]
 
 
 class Tank(Compensated):
-    """The last wave fades out through a gap."""
+    """Fade of the last wave through a gap."""
 
-    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
-        return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, room, strict=True)]
+    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
+        return [max(-most, min(most, FADE * wave)) for wave, most in zip(last, limit, strict=True)]
 
-    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
+    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         out = []
-        for value, short, held, wave in zip(row, deficit, reserve, last, strict=True):
-            spare = max(0.0, held - RESERVE * wave * wave)
-            pay = max(-COMPENSATION_LIMIT, min(COMPENSATION_LIMIT, COMPENSATION_FRACTION * short))
-            reach = sqrt(value * value + spare)
-            out.append(max(-value - reach, min(reach - value, pay)))
+        wanted = super().compensate(row, deficit, reserve, last, gap)
+        for value, p, held, wave in zip(row, wanted, reserve, last, strict=True):
+            reach = sqrt(value * value + max(0.0, held - RESERVE_FRAMES * wave * wave))
+            out.append(max(-value - reach, min(reach - value, p)))
         return out
 
 
 class Elastic:
-    """A buffer with energy for its bound: it gives way in a gap, and comes back without a jump."""
+    """Slow fade and cross-fade, bounded by the reserve: the end yields in a gap and comes back without a jump."""
 
     def __init__(self, axes: int, frame_s: float) -> None:
         frames = frame_s * BASE_HZ
         self.quality = 1.0
-        self.least_share = LEAST_SHARE
-        self._fade = LINGER**frames
-        self._reserve = STOCK / frames
+        self.least_gain = LEAST_GAIN
+        self._fade = ELASTIC_FADE**frames
+        self._target_frames = TARGET_FRAMES / frames
         self._smoothing = 1.0 - (1.0 - SMOOTHING) ** frames
-        self._paying = min(1.0, PAYING * frames)
-        self._gaining = min(1.0, GAINING * frames)
+        self._deficit_fraction = min(1.0, DEFICIT_FRACTION * frames)
+        self._dissipation_fraction = min(1.0, DISSIPATION_FRACTION * frames)
         self._added = [0.0] * axes  # p of the last frame
-        self._keeping = (1.0 - FORGETTING) ** frames
-        self._top = [0.0] * axes  # largest square of late
-        self._low = [True] * axes  # the stock is being laid by
-        self._apart = False  # the last frame was none
+        self._decay = (1.0 - PEAK_DECAY) ** frames
+        self._peak = [0.0] * axes  # largest recent square [W]
+        self._charging = [True] * axes  # the reserve is below its target
+        self._was_gap = False
 
-    def fill(self, last: Row, room: Row, late: Row | None = None, silent: bool = True) -> list[float]:
+    def fill(self, last: Row, limit: Row, late: Row | None = None, silent: bool = True) -> Row:
         out = []
-        share = 1.0
+        allowed = 1.0
         steady = [self._fade * (wave - added) for wave, added in zip(last, self._added, strict=True)]
-        for value, most in zip(late or steady, room, strict=True):
+        for value, most in zip(late or steady, limit, strict=True):
             size = abs(value)
             if size > most:
-                share = min(share, most / size)
+                allowed = min(allowed, most / size)
                 value = most if value > 0.0 else -most
             out.append(value)
-        if late is not None:  # what comes, if too late, says that there is somebody: no reason to yield
+        if late is not None:  # the other end is there: no reason to yield
             self._recover()
         elif silent:
-            self.quality *= self._fade * share
+            self.quality *= self._fade * allowed
         return out
 
     def _recover(self) -> None:
         if self.quality < 1.0:
             self.quality += self._smoothing * (1.0 - self.quality)
-            if self.quality > WHOLE:
+            if self.quality > FULL_QUALITY:
                 self.quality = 1.0
 
-    def pay(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> list[float]:
+    def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         smoothing, added = self._smoothing, self._added
         braking = 0.5 * smoothing
-        join = self._apart and not gap
-        self._apart = gap
+        after_gap = self._was_gap and not gap
+        self._was_gap = gap
         for axis, value in enumerate(row):
-            short, have = deficit[axis], reserve[axis]
+            missing, held = deficit[axis], reserve[axis]
             square = value * value
-            self._top[axis] = top = max(square, self._top[axis] * self._keeping)
-            least = self._reserve * top
-            low = self._low[axis] = have < (least if self._low[axis] else 0.5 * least)
-            if (
-                gap
-            ):  # what its end takes for played in it (`LineReceiver.write_off`) is not asked back before it is over
+            self._peak[axis] = peak = max(square, self._peak[axis] * self._decay)
+            wanted = self._target_frames * peak
+            charging = self._charging[axis] = held < (wanted if self._charging[axis] else 0.5 * wanted)
+            if gap:  # what the end writes off in a gap (`LineReceiver.write_off`) is not compensated before its end
                 target = 0.0
-            elif low:
-                target = -SKIM * value
+            elif charging:
+                target = -CHARGE_FRACTION * value
             else:
-                target = max(-FASTEST, min(FASTEST, self._paying * short))
-                reach = sqrt(square + braking * max(0.0, have - least))  # so that p can go back as slowly as it came
+                target = max(-ELASTIC_LIMIT, min(ELASTIC_LIMIT, self._deficit_fraction * missing))
+                reach = sqrt(square + braking * max(0.0, held - wanted))  # so that p can go back as slowly as it came
                 target = max(-value - reach, min(reach - value, target))
-            if short * value < 0.0 and not gap:  # it takes energy out of this wave: as fast as that can be
-                most = min(abs(value), self._gaining * abs(short))
+            if missing * value < 0.0 and not gap:  # p takes energy out of this wave: as fast as possible
+                most = min(abs(value), self._dissipation_fraction * abs(missing))
                 if most > abs(target):
-                    target = most if short > 0.0 else -most
-            pay = last[axis] - value if join else added[axis]
-            pay += smoothing * (target - pay)
-            reach = sqrt(square + have)
-            pay = max(-value - reach, min(reach - value, pay))
-            added[axis] = pay
+                    target = most if missing > 0.0 else -most
+            p = last[axis] - value if after_gap else added[axis]
+            p += smoothing * (target - p)
+            reach = sqrt(square + held)
+            added[axis] = max(-value - reach, min(reach - value, p))
         if not gap:
             self._recover()
         return added

@@ -1,11 +1,11 @@
-"""What a delay comes to: links are as long as they are, ends act on ticks and frame borders (P eq. 14, 15).
+"""Delays of a link: ends act on ticks and frame borders only (P eq. 14, 15).
 
-A datagram that was sent at a frame border comes in after the link's delay, is seen at the receiver's next device tick,
-waits for the next frame border, and then as many frames as the playout holds. Symbols: M device ticks in a frame.
+A datagram that was sent at a frame border arrives after the link's delay, is seen at the receiver's next device tick, waits
+for the next frame border, and then for the playout delay. Symbols: M device ticks in a frame, T_n frame period.
 
-How many frames a playout that measures (frames = "auto") comes to hold on a link that is known follows from the chance that
-a frame is not there o frames after it was sent: every one of the datagrams that carry it and were sent since is lost, or
-still under way. Losses are a chain of two states (Gilbert-Elliott), delays are drawn for each datagram by itself.
+The playout delay that an adaptive jitter buffer (frames = "auto") chooses on a known link follows from the probability that a
+frame is not there o frames after it was sent: every datagram that carries it and was sent since is lost, or still under way.
+Losses are a chain of two states (Gilbert-Elliott), delays are drawn for each datagram independently.
 """
 
 from math import ceil, exp
@@ -14,11 +14,11 @@ from typing import NamedTuple, Protocol
 from cogrip.protocol.line.jitter_buffer import DEEPEST, Frames, cost, weight_frames
 from cogrip.protocol.rates import Rates
 
-_WHOLE = 1e-6  # of a tick: what is nearer to a whole number than this is one, written with rounded milliseconds
+_WHOLE = 1e-6  # ticks: a delay this close to a whole number is one, written in rounded milliseconds
 
 
 class OneWayDelay(NamedTuple):
-    """One way through a line, stage by stage, in device ticks; the sum is a whole number of frames."""
+    """Delay of one direction, stage by stage [device ticks]; the sum is a whole number of frames."""
 
     link_ticks: float  # as configured
     tick_wait_ticks: float  # to the next device tick
@@ -28,12 +28,12 @@ class OneWayDelay(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """Whether the link's delay is a whole number of ticks as it stands."""
+        """True where the link's delay as configured is a whole number of ticks."""
         return self.tick_wait_ticks == 0.0
 
 
 def one_way(delay_ms: float, playout_frames: int, rates: Rates) -> OneWayDelay:
-    """The stages of a link of `delay_ms` with `playout_frames` of playout."""
+    """Return the stages of a link of `delay_ms` [ms] with a playout delay of `playout_frames`."""
     exact = delay_ms * 1e-3 * rates.device_hz
     near = round(exact)
     link = float(near) if abs(exact - near) < _WHOLE else exact
@@ -45,8 +45,8 @@ def one_way(delay_ms: float, playout_frames: int, rates: Rates) -> OneWayDelay:
     )
 
 
-class Waiting(Protocol):
-    """[playout], as far as it decides on delays."""
+class PlayoutDelay(Protocol):
+    """Settings [playout], as far as delays depend on them."""
 
     @property
     def frames(self) -> Frames: ...
@@ -55,7 +55,7 @@ class Waiting(Protocol):
 
 
 class Direction(Protocol):
-    """One direction of a link, as far as it decides on delays."""
+    """Settings of one direction of a link, as far as delays depend on them."""
 
     @property
     def delay_ms(self) -> float: ...
@@ -71,15 +71,15 @@ class Direction(Protocol):
     def reorder(self) -> float: ...
 
 
-HELD_MS = (10.0, 30.0)  # a datagram that is reordered is held back by so much more, uniformly
+HELD_MS = (10.0, 30.0)  # additional delay of a datagram that is reordered, uniformly distributed
 _SLICES = 8  # of that range
-_NEVER = 1e-9  # share of late frames that is none
+_NEVER = 1e-9  # fraction of late frames that counts as none
 
 
-def expected_frames(playout: Waiting, direction: Direction, rates: Rates) -> int:
-    """Frames that the playout holds on this link beyond its delay: as set, or as "auto" comes to hold in the end.
+def expected_frames(playout: PlayoutDelay, direction: Direction, rates: Rates) -> int:
+    """Return the playout delay on this link [frames]: as set, or as "auto" chooses it in the long run.
 
-    What queues before a bottleneck and what outages do is left out.
+    Queues before a bottleneck and outages are not considered.
     """
     if playout.frames != "auto":
         return playout.frames
@@ -101,7 +101,7 @@ def expected_frames(playout: Waiting, direction: Direction, rates: Rates) -> int
 
 
 def _late(frames: int, quickest: int | None, direction: Direction, frame_ms: float, redundancy: int) -> float:
-    """Chance that a frame is not there so many frames after it was sent; quickest None: that it never comes.
+    """Return the probability that a frame is not there `frames` after it was sent; quickest None: that it never comes.
 
     Datagram j after the frame's own brings it in time if it is not lost and its delay is at most (frames - j) T_n.
     """
@@ -110,7 +110,7 @@ def _late(frames: int, quickest: int | None, direction: Direction, frame_ms: flo
         enter, stay = loss / (direction.burst_frames * (1.0 - loss)), 1.0 - 1.0 / direction.burst_frames
     else:
         enter = stay = loss
-    good, bad = 1.0 - loss, loss  # not there so far, and the chain's state
+    good, bad = 1.0 - loss, loss  # probability of the chain's states with the frame not there
     for sent in range(redundancy if quickest is None else min(redundancy, frames - quickest + 1)):
         slack_ms = (frames - sent) * frame_ms - direction.delay_ms
         good *= 0.0 if quickest is None else _under_way(slack_ms, direction)
@@ -119,7 +119,7 @@ def _late(frames: int, quickest: int | None, direction: Direction, frame_ms: flo
 
 
 def _under_way(slack_ms: float, direction: Direction) -> float:
-    """Chance that a datagram that is not lost needs more than the link's delay and this, its copy too where it has one."""
+    """Return the probability that a datagram, not lost, and its duplicate take `slack_ms` more than the link's delay."""
     late = _exceeds(slack_ms, direction.jitter_ms)
     copy = 1.0 - direction.duplicate + direction.duplicate * late
     if direction.reorder:
@@ -131,7 +131,7 @@ def _under_way(slack_ms: float, direction: Direction) -> float:
 
 
 def _exceeds(slack_ms: float, jitter_ms: float) -> float:
-    """Of a delay of gamma shape 2 and mean jitter_ms: 1 - its distribution."""
+    """Return 1 - distribution function of a gamma delay of shape 2 and mean `jitter_ms`, at `slack_ms`."""
     if slack_ms < -_WHOLE:
         return 1.0
     if not jitter_ms:

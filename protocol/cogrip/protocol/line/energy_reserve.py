@@ -1,5 +1,8 @@
-"""The energy reserve of a ledger: what has been put in less what has been taken out. A margin is its least value ever, which
-is 0 at most, as nothing has been put in at the start; so the least after the first second is kept beside it."""
+"""The balance of an energy ledger: energy put in less energy taken out.
+
+A margin is the least balance ever. It is 0 at most, since nothing has been put in at the start, so the least balance after the
+first second is kept as well: the energy reserve (SPEC.md 9).
+"""
 
 from math import inf, isfinite
 
@@ -7,35 +10,35 @@ FIRST_S = 1.0
 
 
 class EnergyReserve:
-    """`elapse` once a frame, `see` whenever the reserve is known.
+    """Newest and least balance. Call `elapse` once a frame, `update` whenever the balance is known.
 
-    now_j    the newest, None before the first
-    least_j  the least after the first second: -inf until then, inf until it is known again
+    now_j    newest balance [J], None before the first
+    least_j  least balance after the first second [J]: -inf until then, inf until the next `update`
     """
 
     __slots__ = ("_left", "least_j", "now_j")
 
     def __init__(self, network_hz: int) -> None:
-        self._left = round(FIRST_S * network_hz)
+        self._left = round(FIRST_S * network_hz)  # frames of the first second to come
         self.now_j: float | None = None
         self.least_j = -inf
 
     def elapse(self, frames: int = 1) -> None:
-        """Count the frames of the first second."""
+        """Count frames of the first second."""
         if self._left > 0:
             self._left -= frames
             if self._left <= 0:
                 self.least_j = inf
 
-    def see(self, reserve_j: float) -> None:
-        """Take the reserve of now [J]."""
-        self.now_j = reserve_j
-        if reserve_j < self.least_j:
-            self.least_j = reserve_j
+    def update(self, balance_j: float) -> None:
+        """Enter the balance of now [J]."""
+        self.now_j = balance_j
+        if balance_j < self.least_j:
+            self.least_j = balance_j
 
     @property
-    def told_j(self) -> float | None:
-        """The least after the first second, None where there is none."""
+    def reported_j(self) -> float | None:
+        """Least balance after the first second [J], None where there is none."""
         return known(self.least_j)
 
 

@@ -1,4 +1,4 @@
-"""The recordings of a run: files of a folder, whose they are, and in which order people sit."""
+"""Recordings of a run: the files of a folder, and the users in the order of their seats."""
 
 import json
 from difflib import get_close_matches
@@ -10,7 +10,7 @@ RECOVERED = ".recovered.mcap"
 
 
 def recordings_of(path: Path) -> list[Path]:
-    """The recordings in a run folder, or the one file that is named; of a recovered one the recovery.
+    """Return the recordings in a run folder, or the one file that is named; the recovered file where there is one.
 
     A server of several rooms has one recording for all of them, a folder above. Raises FileNotFoundError.
     """
@@ -25,7 +25,7 @@ def recordings_of(path: Path) -> list[Path]:
 
 
 def seats_of(recordings: list[Recording]) -> list[str]:
-    """Names of all users: by seat where a server's recording tells, then the others."""
+    """Return the names of all users: by seat where there is a server's recording, then the others."""
     names: dict[str, None] = {}
     for recording in recordings:
         if recording.header.role == "server":
@@ -36,7 +36,7 @@ def seats_of(recordings: list[Recording]) -> list[str]:
 
 
 def find_client(path: Path, user: str) -> Recording:
-    """The recording of a person, called by name or by seat number. Raises RecordingError with who there is."""
+    """Return the recording of a person, by name or seat number. Raises RecordingError with the names there are."""
     try:
         recordings = [open_recording(file) for file in recordings_of(path)]
     except OSError as error:

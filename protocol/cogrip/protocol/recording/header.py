@@ -1,4 +1,4 @@
-"""What a recording says of itself before its first message: MCAP metadata `cogrip`, text to text."""
+"""Header of a recording, before its first message: MCAP metadata `cogrip`, text to text."""
 
 import json
 import platform
@@ -19,7 +19,7 @@ FORMAT = 1
 
 
 class Versions(msgspec.Struct, frozen=True):
-    """What computed a recording: the same numbers can be had again only from the same."""
+    """Versions that computed a recording: only the same ones give the same numbers again."""
 
     cogrip: str
     protocol: str
@@ -29,16 +29,17 @@ class Versions(msgspec.Struct, frozen=True):
 
     @property
     def told(self) -> str:
-        """For people; the text may be anybody's."""
+        """The versions as text, escaped: a file may come from anybody."""
         return shown(f"cogrip {self.cogrip}, Python {self.python}, numpy {self.numpy}, {self.machine}")
 
     def differences(self, other: "Versions") -> list[str]:
-        """`name: this -> other` for all that differs."""
+        """Return `name: this -> other` for all that differs."""
         mine, theirs = msgspec.structs.asdict(self), msgspec.structs.asdict(other)
         return [f"{name}: {mine[name]} -> {theirs[name]}" for name in mine if mine[name] != theirs[name]]
 
 
 def versions_here() -> Versions:
+    """Return the versions of this process."""
     python = ".".join(map(str, sys.version_info[:3]))
     return Versions(VERSION, str(PROTOCOL_VERSION), python, version("numpy"), platform.machine())
 
@@ -46,8 +47,8 @@ def versions_here() -> Versions:
 class Header(msgspec.Struct, frozen=True):
     """role `client` or `server`; `start` is the JSON text that a core of that role was made from.
 
-    epoch_ns   what is added to the recording's clock to give a message's log_time
-    virtual    the clock was that of a laboratory
+    epoch_ns   log_time of a message less its time on the recording's clock
+    virtual    the clock was a laboratory's
     rate_hz    of the loop
     room       of a client
     cut        its end is missing, though the file is closed: it was recovered
@@ -68,22 +69,23 @@ class Header(msgspec.Struct, frozen=True):
     format: int = FORMAT
 
     def metadata(self) -> dict[str, str]:
-        """As text, with a checksum: MCAP has none for metadata."""
+        """Return the header as texts, with a checksum: MCAP has none for metadata."""
         texts = {
             key: value if isinstance(value, str) else msgspec.json.encode(value).decode()
             for key, value in msgspec.structs.asdict(self).items()
         }
-        return {**texts, CHECK: _check(texts)}
+        return {**texts, CHECK: checksum(texts)}
 
 
-def _check(texts: dict[str, str]) -> str:
+def checksum(texts: dict[str, str]) -> str:
+    """Return the checksum of a header's texts."""
     return str(zlib.crc32("\n".join(f"{key}={texts[key]}" for key in sorted(texts)).encode()))
 
 
 def header_of(metadata: dict[str, str]) -> Header:
-    """The header in a file's metadata. Raises ValueError (msgspec's too) if it is none, or damaged."""
+    """Return the header in a file's metadata. Raises ValueError (msgspec's too) if it is none, or damaged."""
     texts = {key: value for key, value in metadata.items() if key != CHECK}
-    if metadata.get(CHECK) != _check(texts):
+    if metadata.get(CHECK) != checksum(texts):
         raise ValueError("its checksum does not fit; it is damaged")
     fields: dict[str, Any] = {}
     for field in msgspec.structs.fields(Header):

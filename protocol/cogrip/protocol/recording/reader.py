@@ -1,4 +1,4 @@
-"""Reading a recording: whatever of it is whole, in order, and by name what is not.
+"""Reader of recordings: yields all that is intact, in order, and names the damage.
 
 The file is read record by record (MCAP: opcode u8, length u64, content), so memory stays flat. A chunk that does not
 decompress to its checksum is left out; where the lengths themselves are damaged, reading goes on at the next chunk.
@@ -40,7 +40,7 @@ _BLOCK = 1 << 20
 
 
 class RecordingError(Exception):
-    """The file cannot be read as a recording. The text says what it is, and the cure."""
+    """A file that cannot be read as a recording. The text names what it is, and the cure."""
 
 
 class Message(NamedTuple):
@@ -50,7 +50,7 @@ class Message(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """Bytes that could not be read, and the times between which messages are missing (None: from or to the file's end)."""
+    """Bytes that could not be read, and the times between which messages are missing (None: from the begin or to the end)."""
 
     offset: int
     length: int
@@ -61,9 +61,10 @@ class Damage(NamedTuple):
 
 @dataclass
 class Recording:
-    """An open-and-close view of one file: every pass over it reads it anew.
+    """One file, read anew by every pass over it.
 
-    `damage` and `complete` (its writer closed it) are known once a pass is over.
+    damage    known once a pass is over
+    complete  its writer closed the file; known once a pass is over
     """
 
     path: Path
@@ -76,27 +77,27 @@ class Recording:
         return self.header.topics
 
     def chunks(self) -> Iterator[list[Message]]:
-        """Whole chunks, oldest first."""
+        """Yield intact chunks, oldest first."""
         self.damage, self.complete = [], False
         last_ns: int | None = None
         with self.path.open("rb") as file:
             for chunk in self._read(file):
                 if chunk:
-                    self._date(chunk[0].time_ns)
+                    self._end_damage(chunk[0].time_ns)
                     last_ns = chunk[-1].time_ns
                     yield chunk
                 elif self.damage and self.damage[-1].from_ns is None:
                     self.damage[-1] = self.damage[-1]._replace(from_ns=last_ns)
 
-    def _date(self, time_ns: int) -> None:
-        """What comes next tells until when something is missing: whatever was found since the chunk before."""
+    def _end_damage(self, time_ns: int) -> None:
+        """Set the end time of all damage found since the last intact chunk."""
         for number in range(len(self.damage) - 1, -1, -1):
             if self.damage[number].to_ns is not None:
                 return
             self.damage[number] = self.damage[number]._replace(to_ns=time_ns)
 
     def _read(self, file: IO[bytes]) -> Iterator[list[Message]]:
-        """Chunks; an empty one stands for the damage that was noted last."""
+        """Yield chunks; an empty one stands for the damage that was found last."""
         size = self.path.stat().st_size
         offset = len(MAGIC)
         while True:
@@ -139,7 +140,7 @@ class Recording:
             offset = following
 
     def open_chunk(self, content: bytes) -> list[Message]:
-        """The messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged, or that
+        """Return the messages in a chunk record. Raises ValueError, ZstdError or struct.error for one that is damaged, or that
         would take more time and memory to open than any that was written."""
         _, _, size, crc = _CHUNK.unpack_from(content)
         (name_length,) = _LENGTH.unpack_from(content, _CHUNK.size)
@@ -171,7 +172,7 @@ class Recording:
         return found
 
     def last_ns(self) -> int:
-        """Time of the last message: from the statistics of a file that was closed, else by reading it; 0 if there is none."""
+        """Return the time of the last message: from the statistics of a closed file, else by reading it; 0 if there is none."""
         with self.path.open("rb") as file:
             said_ns = _end_in_statistics(file, self.path.stat().st_size)
         if said_ns is not None:
@@ -179,7 +180,7 @@ class Recording:
         return max((chunk[-1].time_ns for chunk in self.chunks()), default=0)
 
     def messages(self) -> Iterator[Message]:
-        """Every message that is whole, in the order of the file."""
+        """Yield every intact message, in the order of the file."""
         for chunk in self.chunks():
             yield from chunk
 
@@ -194,7 +195,7 @@ class Follower:
         self.newest: dict[str, Message] = {}
 
     def look(self) -> dict[str, Message]:
-        """Take in what was written since; gives `newest`."""
+        """Read what was written since the last call; return `newest`."""
         recording = self._recording
         with recording.path.open("rb") as file:
             size = recording.path.stat().st_size
@@ -211,7 +212,7 @@ class Follower:
 
 
 def open_recording(path: Path) -> Recording:
-    """Read a file's header. Raises RecordingError for what is none, or is of a newer format; FileNotFoundError, OSError."""
+    """Open a recording. Raises RecordingError for what is none, or is of a newer format; FileNotFoundError, OSError."""
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"{path} is not a recording (no MCAP file); name a run folder or its .mcap file")
@@ -259,7 +260,7 @@ def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
 
 
 def _end_in_statistics(file: IO[bytes], size: int) -> int | None:
-    """log_time of the last message as the summary at the end of the file has it; None where that is not whole."""
+    """Return log_time of the last message from the summary at the end of the file; None where that is not intact."""
     if not is_closed(file):
         return None
     file.seek(-_FOOTER.size - len(MAGIC), 2)
@@ -279,7 +280,7 @@ def _end_in_statistics(file: IO[bytes], size: int) -> int | None:
 
 
 def _next_chunk(file: IO[bytes], offset: int, end: int) -> int | None:
-    """Where the next chunk begins at or after `offset` and before `end`: its signature is there and its lengths agree."""
+    """Return the next chunk's begin in `offset` to `end`, by its signature and lengths that agree; None if there is none."""
     start = offset
     while start < end:
         file.seek(start)
@@ -297,7 +298,7 @@ def _next_chunk(file: IO[bytes], offset: int, end: int) -> int | None:
 
 
 def _agrees(file: IO[bytes], begin: int) -> bool:
-    """Whether a chunk stands here: its signature, and lengths that say the same; its opcode may be damaged."""
+    """Return whether a chunk begins here, by its signature and lengths that agree; its opcode may be damaged."""
     file.seek(begin)
     head = file.read(_SIGNATURE_AT + len(_SIGNATURE) + _INNER.size)
     if len(head) < _SIGNATURE_AT + len(_SIGNATURE) + _INNER.size:
@@ -309,7 +310,7 @@ def _agrees(file: IO[bytes], begin: int) -> bool:
 
 
 def _fits(file: IO[bytes], begin: int) -> bool:
-    """Whether an index (channel u16, u32 bytes of entries) or the data's end is as long as it has to be."""
+    """Return whether an index (channel u16, u32 bytes of entries) or the data's end has its proper length."""
     file.seek(begin)
     opcode, length = _FRAME.unpack(file.read(_FRAME.size))
     if opcode == MESSAGE_INDEX:
@@ -319,7 +320,7 @@ def _fits(file: IO[bytes], begin: int) -> bool:
 
 
 def is_closed(file: IO[bytes]) -> bool:
-    """Whether its writer came to the end of the file: a footer and the magic bytes stand there."""
+    """Return whether the writer closed the file: it ends with a footer and the magic bytes."""
     footer = _FRAME.size + _FOOTER.size + len(MAGIC)
     if file.seek(0, 2) < footer:
         return False

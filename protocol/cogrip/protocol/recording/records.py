@@ -19,7 +19,7 @@ class Record(msgspec.Struct, frozen=True, gc=False):
 
 
 class Tick(Record, frozen=True, gc=False):
-    """One tick of a client: its sample, the force that it answered, and the books after it.
+    """One tick of a client: its sample, the force that it answered, and its ledgers after it.
 
     What changes with every tick stands first, what changes with every frame behind it: so it compresses better.
     """
@@ -34,19 +34,19 @@ class Tick(Record, frozen=True, gc=False):
     port_j: Number  # energy that went into the line so far
     wave_up: Row  # u sent at the last frame border [sqrt(W)]
     wave_down: Row  # v held over this frame [sqrt(W)]
-    object_m: Row  # the object as last heard of
-    margin_j: Number = None  # least margin of the line down so far; none without waves
+    object_m: Row  # the object as last received
+    margin_j: Number = None  # least balance of the downlink so far; none without waves
     rtt_ms: Number = None
     lost: int = 0  # frames from the server, so far
     state: str = "live"  # of the client's safety
     skipped: int = 0  # ticks, so far
-    playout_frames: int | None = None  # frames that the playout holds back now; none without waves
+    playout_frames: int | None = None  # playout delay now; none without waves
     given_mps: Row | None = None  # the sample's own velocity where it is not `velocity_mps`
     unfit: tuple[tuple[str, ...], tuple[str, ...] | None] | None = None  # a sample with numbers that are not finite
     age_ticks: int = 0  # how old the sample was
-    up_ms: Number = None  # one way, as last heard of, as far as the clocks' offset is known
+    up_ms: Number = None  # one-way delays as last measured, as far as the clocks' offset is known
     down_ms: Number = None
-    reserve_j: Number = None  # of the line down, as of this frame: `margin_j` is its least; none without waves
+    reserve_j: Number = None  # balance of the downlink, as of this frame: `margin_j` is its least; none without waves
     device_reserve_j: Number = None  # that the device port may still give
 
 
@@ -58,7 +58,7 @@ class Datagram(Record, frozen=True, gc=False):
 
 
 class Command(Record, frozen=True, gc=False):
-    """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room where nobody sits."""
+    """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room without people."""
 
     verb: str
     reason: str = ""  # or the room
@@ -74,7 +74,7 @@ class Input(Record, frozen=True, gc=False):
 
 
 class Answer(Record, frozen=True, gc=False):
-    """What a server core was given when it asked: a session number, a ticket's hash, an admission, or a loop's ticks."""
+    """Answer to a server core's query: a session number, a ticket's hash, an admission, or a loop's ticks."""
 
     room: str = ""
     session: int = 0
@@ -95,7 +95,7 @@ class Asked(Record, frozen=True, gc=False):
 
 
 class Event(Record, frozen=True, gc=False):
-    """What a core had to say."""
+    """Event of a core, as text."""
 
     text: str
 
@@ -137,14 +137,14 @@ class Clock(Record, frozen=True, gc=False):
 
 
 class Gap(Record, frozen=True, gc=False):
-    """Messages that are not in the recording, from here back to the message before."""
+    """Messages that are missing between the message before and this place."""
 
     messages: int
     reason: str
 
 
 class Ledger(Record, frozen=True, gc=False):
-    """How a client's core or a room's ended: its whole account, as JSON text."""
+    """Account of a client's core or a room's at its end, as JSON text."""
 
     account: str
 
@@ -163,9 +163,9 @@ KINDS: dict[str, type[Record]] = {
     "clock": Clock,
     "gap": Gap,
 }
-"""The last part of a topic, and what its messages are."""
+"""Last part of a topic -> record."""
 
 
 def kind_of(topic: str) -> str:
-    """The last part of a topic."""
+    """Return the last part of a topic."""
     return topic.rpartition("/")[2]

@@ -1,4 +1,4 @@
-"""A recording that was cut short or damaged, written anew with all of it that is whole; the old file is kept."""
+"""Recovery of a recording that was cut short or damaged: all intact messages in a new file; the old one is kept."""
 
 import errno
 import os
@@ -16,7 +16,7 @@ from cogrip.protocol.recording.writer import RecordingWriter
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What was saved: messages and seconds from the first to the last of them; what could not be, in `damage`."""
+    """Result of a recovery: messages, seconds from the first to the last of them, and what could not be recovered."""
 
     path: Path
     messages: int
@@ -25,14 +25,13 @@ class Recovered:
 
 
 def is_closed(path: Path) -> bool:
-    """Whether its writer came to the end."""
+    """Return whether the writer closed the file."""
     with path.open("rb") as file:
         return ends_whole(file)
 
 
 def recover(path: Path) -> Recovered:
-    """Write `<name>.recovered.mcap` beside `path`. What is missing in the middle is marked there as a gap, a missing end in
-    the header.
+    """Write `<name>.recovered.mcap` beside `path`. Its gaps mark missing messages, its header a missing end.
 
     Raises RecordingError for what is no recording, FileExistsError where it was recovered before, OSError.
     """
@@ -41,7 +40,7 @@ def recover(path: Path) -> Recovered:
     if target.exists():
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
     last = None
-    for chunk in recording.chunks():  # first to its end: whether that is missing stands in the header
+    for chunk in recording.chunks():  # the first pass: the header says whether the end is missing
         last = chunk[-1].time_ns
     cut = not recording.complete or any(each.to_ns is None and each.from_ns == last for each in recording.damage)
     unfinished = target.with_suffix(f".{os.getpid()}.part")  # half a recovery must not stand for the whole old file
@@ -57,7 +56,7 @@ def recover(path: Path) -> Recovered:
 
 
 def _copy(recording: Recording, writer: RecordingWriter) -> tuple[int, float]:
-    """(messages, seconds from the first to the last) of what is whole; closes the new recording."""
+    """Copy the intact messages and close the new recording; return their number, and seconds from first to last."""
     topics = recording.topics
     gap = next(number for number, topic in enumerate(topics) if kind_of(topic) == "gap")
     messages, first_ns, last_ns, known = 0, None, 0, 0

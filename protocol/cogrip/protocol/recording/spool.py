@@ -16,26 +16,26 @@ class Spool:
         self._folder = folder
         self._held = bytearray()
         self._file: FileIO | None = None
-        self._let_go_above = HELD_BYTES
+        self._flush_above = HELD_BYTES
         self.length = 0  # bytes, of all that was appended
 
     @property
     def held_bytes(self) -> int:
-        """In memory: at most HELD_BYTES, but for what could not be written to the file."""
+        """Bytes in memory: at most HELD_BYTES, but for what could not be written to the file."""
         return len(self._held)
 
     def append(self, data: bytes) -> None:
-        """Where the file cannot be made or is full, all stays in memory, and it is tried again HELD_BYTES later.
+        """Append bytes. Where the file cannot be made or is full, all stay in memory until another try HELD_BYTES later.
 
         Raises OSError only where half a write cannot be taken back: a broken disk.
         """
         self._held += data
         self.length += len(data)
-        if len(self._held) > self._let_go_above:
-            self._let_go_above = HELD_BYTES if self._let_go() else len(self._held) + HELD_BYTES
+        if len(self._held) > self._flush_above:
+            self._flush_above = HELD_BYTES if self._flush() else len(self._held) + HELD_BYTES
 
-    def _let_go(self) -> bool:
-        """Whether the file took all that was in memory; if not, file and memory are as they were."""
+    def _flush(self) -> bool:
+        """Move all from memory to the file; return False, with both unchanged, where that fails."""
         try:
             if self._file is None:
                 self._file = _file_in(self._folder)
@@ -54,7 +54,7 @@ class Spool:
         return True
 
     def pieces(self) -> Iterator[bytes]:
-        """All of it, in pieces of HELD_BYTES at most, one even if there is nothing. Raises OSError."""
+        """Yield all bytes, in pieces of HELD_BYTES at most, at least one piece. Raises OSError."""
         if self._file is not None:
             self._file.seek(0)
             while piece := self._file.read(HELD_BYTES):
@@ -64,7 +64,7 @@ class Spool:
             yield bytes(self._held[begin : begin + HELD_BYTES])
 
     def close(self) -> None:
-        """Let everything go."""
+        """Drop everything."""
         self._held.clear()
         if self._file is not None:
             self._file.close()
@@ -73,5 +73,5 @@ class Spool:
 def _file_in(folder: Path | None) -> FileIO:
     try:
         return tempfile.TemporaryFile("w+b", buffering=0, dir=folder)
-    except OSError:  # the folder was removed, perhaps, and comes back only when the recording is flushed
+    except OSError:  # the folder may have been removed: it comes back only when the recording is flushed
         return tempfile.TemporaryFile("w+b", buffering=0)

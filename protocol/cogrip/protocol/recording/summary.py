@@ -1,4 +1,4 @@
-"""What stands at the end of a recording, for readers that seek: schemas, channels, statistics and where every chunk is.
+"""Summary at the end of a recording, for readers that seek: schemas, channels, statistics and an index of the chunks.
 
 A day of recording has a million chunks. The records of their indexes are made at once and kept as bytes in a `Spool`, so that
 neither the session nor its end needs more memory as it grows longer.
@@ -20,7 +20,7 @@ _FOOTER_BYTES = 20
 
 
 def record_bytes(record: McapRecord) -> bytes:
-    """A record as it stands in a file."""
+    """Return a record as the bytes of a file."""
     builder = RecordBuilder()
     record.write(builder)
     data: bytes = builder.end()
@@ -28,7 +28,7 @@ def record_bytes(record: McapRecord) -> bytes:
 
 
 class Summary:
-    """Of one file, gathered while it is written."""
+    """Summary of one file, gathered while it is written."""
 
     def __init__(self, metadata: MetadataIndex, folder: Path | None) -> None:
         """`metadata` is the file's only one; for `folder` see `Spool`."""
@@ -49,21 +49,21 @@ class Summary:
         )
 
     def add_schema(self, schema: Schema) -> bytes:
-        """Gives the record."""
+        """Add a record and return its bytes."""
         record = record_bytes(schema)
         self._schemas += record
         self._statistics.schema_count += 1
         return record
 
     def add_channel(self, channel: Channel) -> bytes:
-        """Gives the record."""
+        """Add a record and return its bytes."""
         record = record_bytes(channel)
         self._channels += record
         self._statistics.channel_count += 1
         return record
 
     def add_chunk(self, index: ChunkIndex, messages: dict[int, int]) -> None:
-        """A chunk that was written, and how many messages of each channel are in it. Raises OSError."""
+        """Add a chunk that was written. messages: their number by channel. Raises OSError."""
         statistics = self._statistics
         first_ns = index.message_start_time
         if statistics.chunk_count:
@@ -78,7 +78,7 @@ class Summary:
         self._chunks.append(record_bytes(index))
 
     def pieces(self, start: int) -> Iterator[bytes]:
-        """The summary and the footer, piece by piece, of a file whose summary begins at byte `start`. Raises OSError."""
+        """Yield summary and footer of a file whose summary begins at byte `start`. Raises OSError."""
         groups: tuple[tuple[Opcode, Iterable[bytes]], ...] = (
             (Opcode.SCHEMA, (bytes(self._schemas),)),
             (Opcode.CHANNEL, (bytes(self._channels),)),
@@ -100,5 +100,5 @@ class Summary:
         yield record_bytes(Footer(start, at, crc))
 
     def close(self) -> None:
-        """Let go of what was kept."""
+        """Drop everything."""
         self._chunks.close()

@@ -1,7 +1,7 @@
-"""A recording being written: MCAP with zstd chunks of 64 KiB, each readable once it is on the disk.
+"""Writer of recordings: MCAP with zstd chunks of 64 KiB, each readable once it is on the disk.
 
-The file is what the writer of the `mcap` library would make of the same messages, byte for byte. That one keeps an object for
-every chunk until the end, 800 bytes of memory each and ten of them a second; this one keeps none (`summary.py`).
+The file equals that of the `mcap` library's writer, byte for byte. That one keeps an object for every chunk until the end,
+800 bytes of memory each and ten of them a second; this one keeps none (`summary.py`).
 
     message: channel u16, sequence u32, log_time u64, publish_time u64, JSON text
     message index: channel u16, u32 bytes of entries; an entry: log_time u64, place in the chunk's records u64
@@ -37,7 +37,7 @@ class RecordingWriter:
     """Writes to `stream`; OSError is the caller's. Topics are numbered as they stand in the header."""
 
     def __init__(self, stream: IO[bytes], header: Header, folder: Path | None = None) -> None:
-        """What is kept for the summary lies in `folder`, without a name; where that is None, among temporary files."""
+        """folder: of the nameless file that holds the chunk index meanwhile; None: the system's folder of temporary files."""
         self._stream = stream
         self._at = stream.tell()
         self._epoch_ns = header.epoch_ns
@@ -53,7 +53,7 @@ class RecordingWriter:
         self._register(header.topics)
 
     def _register(self, topics: tuple[str, ...]) -> None:
-        """Schemas and channels stand in the first chunk, before its messages."""
+        """Add schemas and channels to the first chunk, before its messages."""
         schemas: dict[str, int] = {}
         for number, topic in zip(self._channels, topics, strict=True):
             record = KINDS[kind_of(topic)]
@@ -65,7 +65,7 @@ class RecordingWriter:
             self._records += self._summary.add_channel(Channel(number, topic, "json", {}, schemas[name]))
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
-        """A message of the topic with this number, at `time_ns` of the recording's own clock."""
+        """Add a message of the topic with this number, at `time_ns` of the recording's own clock."""
         channel, log_time, records = self._channels[topic], time_ns + self._epoch_ns, self._records
         entries = self._entries.get(channel)
         if entries is None:
@@ -108,7 +108,7 @@ class RecordingWriter:
         self._last_ns = 0
 
     def flush(self) -> None:
-        """Everything so far is in whole chunks, and with the system."""
+        """End the chunk and hand everything to the system."""
         self._end_chunk()
         self._stream.flush()
 

@@ -222,7 +222,7 @@ class DtlsListener:
 
     def _take(self, peer: "_Peer", address: Address, *, last: bool = False) -> None:
         """last: this is the end of a handshake."""
-        datagrams = peer.association.take()
+        datagrams = peer.association.pop_datagrams()
         if last:
             peer.last_flight = datagrams
         self.outbox.extend([(address, datagram) for datagram in datagrams])
@@ -266,7 +266,7 @@ class DtlsListener:
         if not passed:
             return
         heard = self._authenticator.listen(passed)
-        answers = self._authenticator.take()
+        answers = self._authenticator.pop_datagrams()
         if sum(map(len, answers)) > len(datagram):
             self._drop("answer too long")
             return

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.waves import proxy_velocity, server_wave
 from cogrip.server.worlds.world import MOST_SAVED_J, Array, World, dot
 
 RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
@@ -62,9 +63,8 @@ class GripWorld(World):
             inertia + self.object_damping + beta.sum()
         )
         force = alpha - beta * mid
-        proxy_velocity = c * u - force / b
-        back: Array = u - c * force
-        relative = proxy_velocity - mid
+        back: Array = server_wave(c, u, force)
+        relative = proxy_velocity(b, c, u, force) - mid
         grown = e + period * relative
         velocity = 2.0 * mid - self.velocity
 

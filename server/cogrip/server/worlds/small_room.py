@@ -96,7 +96,7 @@ class SmallGripWorld(GripWorld):
             for axis, mid in enumerate(mids):
                 wave, was = u[axis], e[axis]
                 force[axis] = f = (K * was + gain * wave) * share - beta * mid
-                back = wave - c * f
+                back = wave - c * f  # `server_wave` and `proxy_velocity` inline, for the same reason
                 answer.append(back)
                 relative = c * wave - f / b - mid
                 e[axis] = now = was + period * relative
@@ -105,7 +105,7 @@ class SmallGripWorld(GripWorld):
                 springs += now * now - was * was
             work = (0.5 * period) * squares
             came += work
-            before = self._work[number]  # as `CompensatedSum` adds
+            before = self._work[number]  # `add_compensated` inline: calls cost 6 % of this step
             work -= self._excess_j[number]
             self._work[number] = total = before + work
             self._excess_j[number] = (total - before) - work

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cogrip.protocol.line.energy_sums import add_compensated
 from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.waves import server_gain
 
 Array = NDArray[np.float64]
 Row = tuple[float, ...]
@@ -39,7 +41,7 @@ class World(ABC):
         self.mass_kg = first.object.mass_kg
         self.object_damping = first.object.damping_nspm
         self.impedance = np.array([[seat.coupling.impedance_nspm] for seat in seats])
-        self.wave_gain = np.sqrt(2.0 / self.impedance)  # c
+        self.wave_gain = np.array([[server_gain(seat.coupling.impedance_nspm)] for seat in seats])  # c
         self.side = np.array([seat.side_sign for seat in seats])
         self.target_stiffness = np.array([[seat.rendered_npm] for seat in seats])
         self.target_damping = np.array([[seat.coupling.damping_nspm] for seat in seats])
@@ -54,7 +56,7 @@ class World(ABC):
         self.offset = np.zeros((len(seats), axes))
         self.force = np.zeros((len(seats), axes))
         self.port_work = np.zeros(len(seats))  # energy that came out of each user's line so far [J]
-        self._work_excess = np.zeros(len(seats))  # of that over the true sum (`running_sum`)
+        self._work_error = np.zeros(len(seats))  # of that over the true sum
         self.external_force = np.zeros(axes)  # F_ext [N]
         self.balance_error_j = 0.0
 
@@ -85,14 +87,11 @@ class World(ABC):
 
     def start_ledger(self, user: int) -> None:
         """Somebody sits down: the user's work is counted from here."""
-        self.port_work[user] = self._work_excess[user] = 0.0
+        self.port_work[user] = self._work_error[user] = 0.0
 
     def _book(self, work: Array) -> None:
-        """Add what came out of each line in this step [J], shape (n,), as `CompensatedSum` does."""
-        term = work - self._work_excess
-        total = self.port_work + term
-        self._work_excess = (total - self.port_work) - term
-        self.port_work = total
+        """Add what came out of each line in this step [J], shape (n,)."""
+        self.port_work, self._work_error = add_compensated(self.port_work, self._work_error, work)
 
     def rest(self) -> None:
         """The object is put down."""

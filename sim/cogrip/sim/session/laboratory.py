@@ -223,7 +223,7 @@ class Laboratory:
                 migration = person.migration
                 if address not in migration.paths or address in person.lost:
                     continue
-                if migration.newer is not None and person.core.session.answers(datagram):
+                if migration.newer is not None and person.core.session.is_welcome(datagram):
                     migration.adopt(str(address))
                 person.down.send(datagram, self.now_ns)
 

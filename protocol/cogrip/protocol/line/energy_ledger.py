@@ -1,0 +1,118 @@
+"""The energy ledger of a line's receiver: what was sent, lost, played in gaps and compensated (SPEC.md 5.4, theory 3.5).
+
+Invariant, per axis and at every pop, c the number of the next frame: sum(played^2) <= sum(sent^2 of frames below c) + tank.
+
+All squares are in W per axis: an energy over T_n / 2. A frame's totals are the sums over all frames before it, by the sender.
+"""
+
+from collections.abc import Sequence
+from math import sqrt
+
+from cogrip.protocol.line.energy_sums import BOUND_FRACTION, RESERVE_FRACTION, WaveSums
+from cogrip.protocol.line.sender import Frame
+
+HISTORY = 1024  # frames for which the receiver still knows what it had played
+
+
+class WaveLedger:
+    """Ledger of one direction. Rows have shape (axes,).
+
+    settled    number of the newest frame whose totals are in use
+    disturbed  something is lost, or may be: before that nothing is compensated
+    """
+
+    def __init__(self, axes: int, tank_w: float) -> None:
+        """tank_w: what each axis may play beyond what was sent, E_0 2 / (T_n axes) [W]."""
+        self._axes = axes
+        self._tank = tank_w
+        self.settled = 0
+        self.disturbed = False
+        zero = (0.0,) * axes
+        self._played = WaveSums(axes)  # frames that were due, as sent or as filled, without compensation
+        self._filled = WaveSums(axes)  # fillings among them
+        self._compensated = WaveSums(axes)  # compensation; its squares are what it added to the squares played
+        self._history = [
+            (zero, zero, zero)
+        ] * HISTORY  # before frame n: sums of `_played`, squares, squares of `_filled`
+        self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
+        self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
+        self._lost: Sequence[float] = zero  # sum of the waves lost before frame `settled`, less fillings
+        self._lost_squares: Sequence[float] = zero
+        self._settled_fillings = zero  # squares of `_filled` as of frame `settled`
+
+    @property
+    def lost_squares(self) -> Sequence[float]:
+        """Squares lost before frame `settled`, less its fillings and what may be rounding, shape (axes,) [W]."""
+        return self._lost_squares
+
+    @property
+    def settled_fillings(self) -> Frame:
+        """Squares of the fillings before frame `settled`, shape (axes,) [W]."""
+        return self._settled_fillings
+
+    @property
+    def deficit(self) -> list[float]:
+        """Sum of the waves sent less sum of those played, shape (axes,) [sqrt(W)], as far as that is known."""
+        return [lost - compensated for lost, compensated in zip(self._lost, self._compensated.total, strict=True)]
+
+    def add_totals(self, first: int, cursor: int | None, total: Frame, squares: Frame) -> None:
+        """Keep the newest totals up to the cursor, and those of later frames until their frame is due."""
+        if first <= self.settled:
+            return
+        if cursor is None or first > cursor:
+            self._totals[first] = (total, squares)
+        elif self._usable is None or first >= self._usable[0]:
+            self._usable = first, total, squares
+
+    def begin(self, cursor: int) -> None:
+        """Sort the totals that came before playing began."""
+        usable = max((number for number in self._totals if number <= cursor), default=None)
+        if usable is not None:
+            self._usable = usable, *self._totals[usable]
+            self._totals = {number: totals for number, totals in self._totals.items() if number > cursor}
+
+    def add_played(self, number: int, frame: Frame) -> None:
+        """Enter what stands for frame `number`, without compensation, and settle."""
+        played, cursor = self._played, number + 1
+        played.add(frame)
+        self._history[cursor % HISTORY] = played.total, played.squares, self._filled.squares
+        newest = self._totals.pop(cursor, None)
+        usable = self._usable if newest is None else (cursor, *newest)
+        if usable is not None:
+            self._usable = None
+            if self.settled < usable[0] and cursor - HISTORY < usable[0]:
+                self._settle(*usable)
+
+    def _settle(self, number: int, total: Frame, squares: Frame) -> None:
+        """Compare the totals of frame `number` with what was played up to it."""
+        played, played_squares, self._settled_fillings = self._history[number % HISTORY]
+        self.settled = number
+        self._lost = [a - b for a, b in zip(total, played, strict=True)]
+        lost = [a - b for a, b in zip(squares, played_squares, strict=True)]
+        self.disturbed = self.disturbed or any(self._lost) or any(lost)
+        if self.disturbed:  # what may be rounding is no reserve; on a clean line both ends have added up alike
+            lost = [less - RESERVE_FRACTION * sent for less, sent in zip(lost, squares, strict=True)]
+        self._lost_squares = lost
+
+    def add_filling(self, frame: Frame) -> None:
+        """Enter a filling, before `add_played`."""
+        self._filled.add(frame)
+
+    def add_compensation(self, row: Sequence[float], squares: Sequence[float]) -> None:
+        """Enter compensation [sqrt(W)] and by how much it raises the squares played [W]."""
+        self._compensated.add(row, squares)
+
+    def allowance(self, axis: int) -> float:
+        """Squares that may still be played beyond the frames themselves, tank included [W]."""
+        filled, spent, tank = self._filled.squares[axis], self._compensated.squares[axis], self._tank
+        rounding = BOUND_FRACTION * (tank + filled + abs(spent))
+        return self._lost_squares[axis] - spent + tank - (filled - self._settled_fillings[axis]) - rounding
+
+    def limits(self) -> list[float]:
+        """Largest filling on each axis [sqrt(W)]."""
+        return [sqrt(max(0.0, self.allowance(axis))) for axis in range(self._axes)]
+
+    def reserve(self) -> list[float]:
+        """Squares that compensation may spend [W]; the tank is not for that."""
+        spent = self._compensated.squares
+        return [max(0.0, min(lost - spent[axis], self.allowance(axis))) for axis, lost in enumerate(self._lost_squares)]

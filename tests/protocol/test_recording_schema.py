@@ -1,0 +1,93 @@
+"""JSON schemas of records: every field has a type that viewers know, a unit and a description."""
+
+import base64
+import json
+from typing import Any
+
+import pytest
+
+from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
+from cogrip.protocol.recording.records import KINDS, SeatStep, Step
+from cogrip.protocol.recording.schema import NOT_SHOWN, json_schema
+from cogrip.protocol.recording.sink import encode
+
+
+def fits(value: Any, schema: dict[str, Any]) -> bool:
+    """Return whether a value fits a schema: every key is there; null stands only where the schema has `nullable`."""
+    if value is None:
+        return schema.get("nullable", False)
+    match schema["type"]:
+        case "object":
+            properties = schema["properties"]
+            return (
+                isinstance(value, dict)
+                and set(schema["required"]) == set(properties) == value.keys() - set(NOT_SHOWN)
+                and all(fits(value[key], each) for key, each in properties.items())
+            )
+        case "array":
+            return isinstance(value, list) and all(fits(each, schema["items"]) for each in value)
+        case "string":
+            if schema.get("contentEncoding") == "base64":
+                base64.b64decode(value, validate=True)
+            return isinstance(value, str)
+        case "boolean":
+            return isinstance(value, bool)
+        case "integer":
+            return isinstance(value, int) and not isinstance(value, bool)
+        case "number":
+            return isinstance(value, int | float) and not isinstance(value, bool)
+    raise AssertionError(f"no viewer knows the type {schema['type']!r}")
+
+
+SEAT = SeatStep("anna", True, (0.0, None), (0.0, 1.0), None, 0.5, 0.5, 0.5, 0)
+
+
+def test_the_validator_tells_what_does_not_fit():
+    schema = json.loads(json_schema(KINDS["step"]))
+    whole = json.loads(encode(Step(1, (0.5,), (0.0,), (SEAT,))))
+    assert fits(whole, schema)
+    assert not fits([], schema)
+    for wrong in (
+        {"step": 1.5}, {"step": True}, {"step": None}, {"object_m": 0.5}, {"object_m": ["far"]}, {"more": 1},
+        {"seats": [{**whole["seats"][0], "seated": 1}]}, {"seats": [{"user": "anna"}]},
+    ):  # fmt: skip
+        assert not fits({**whole, **wrong}, schema), wrong
+    for key in whole:
+        assert not fits({each: value for each, value in whole.items() if each != key}, schema), key
+
+
+def viewer_types(schema: dict[str, Any]) -> None:
+    """Rules of Foxglove's own parser of schemas, field by field: else it refuses the whole channel."""
+    for name, field in schema["properties"].items():
+        assert field["type"] in ("boolean", "string", "number", "integer", "object", "array"), name
+        inner = field["items"] if field["type"] == "array" else field
+        assert field["type"] != "array" or inner["type"] in ("boolean", "string", "number", "integer", "object"), name
+        if inner["type"] == "object":
+            viewer_types(inner)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_field_has_a_type_that_viewers_know_a_unit_and_a_description(kind):
+    schema = json.loads(json_schema(KINDS[kind]))
+    viewer_types(schema)
+    seats = schema["properties"].get("seats", {"items": {"properties": {}}})["items"]["properties"]
+    for name, field in {**schema["properties"], **seats}.items():
+        assert field["title"] == name
+        assert name in DESCRIPTIONS, f"give {name} a line in cogrip.protocol.recording.descriptions"
+        unit = unit_of(name)
+        assert field["description"] == f"{DESCRIPTIONS[name]} [{unit}]" if unit else DESCRIPTIONS[name]
+    assert set(seats) == ({"user", "seated"} | set(SeatStep.__struct_fields__) if kind == "step" else set())
+
+
+def test_units_are_read_off_names():
+    units = {
+        "position_m": "m",
+        "object_mps": "m/s",
+        "work_us": "µs",
+        "rtt_ms": "ms",
+        "margin_j": "J",
+        "wave_up": "sqrt(W)",
+    }
+    assert {name: unit_of(name) for name in units} == units
+    assert [unit_of(name) for name in ("ticks", "frames", "step", "user", "address")] == [""] * 5
+    assert unit_of("age_ticks") == "device ticks"
