@@ -20,12 +20,12 @@ LOGS = {
         "anna: dealt with: reply missed 3\nanna: the session broke off, no force is left: device: serial: no reply\n"
     ),
     "cannot listen on 127.0.0.1:47800: taken": "warning: room demo: softer\ncogrip: cannot listen on 127.0.0.1:47800: taken\n",
-    "stopped (SIGTERM)": "listening on 127.0.0.1:1, plain\nstopped (SIGTERM)\nreport: runs/1/report.html\n",
+    "stopped (SIGTERM)": "listening on 127.0.0.1:1, unencrypted\nstopped (SIGTERM)\nreport: runs/1/report.html\n",
     "stopped (SIGINT)": '{"event": "notice", "text": "stopped (SIGINT)"}\n{"event": "left", "text": "anna left: goodbye"}\n',
     "stopped (its --seconds are over)": "up: nothing is emulated\nended: stopped (its --seconds are over)\n",
     "ZeroDivisionError: a bug": 'Traceback (most recent call last):\n  File "x.py", line 1\nZeroDivisionError: a bug\n',
     "Not passive: it gave.": "anna: not a good run: Not passive: it gave.\n",
-    "the server said goodbye: kicked": "anna: the looking on broke off: the server said goodbye: kicked\n",
+    "the server said goodbye: kicked": "anna: observing broke off: the server said goodbye: kicked\n",
     "": "demo: anna joined from 127.0.0.1:57089 with sim:phantom?hand=reach\nthe server is silent: trying to come back\n",
 }
 

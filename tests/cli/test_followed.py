@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cogrip.cli.session.followed import FollowedRun
+from cogrip.cli.session.live_views import FollowedRun
 
 from tests.cli.spoiled_runs import ANNA, damage
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cogrip.cli.runs import run_files as module
-from cogrip.cli.runs.run_files import leave_files
+from cogrip.cli.runs import run_folder as module
+from cogrip.cli.runs.run_folder import leave_files
 
 
 def left(folder: Path, summary: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cogrip.cli.session.relay import PIPED_WIDTH, _table
+from cogrip.cli.session.relay import PIPED_WIDTH, flows_table
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
@@ -248,7 +248,7 @@ def test_no_address_is_cut(width: int) -> None:
     core = Relay(lambda number, direction, origin_ns: configured_link(Link(), direction, "", (), origin_ns))
     core.from_client(b"x", address, 0)
     console = Console(file=StringIO(), width=width)
-    console.print(_table(LiveRelay(core, ("", 0), ("", 0), Stop(), print)))
+    console.print(flows_table(LiveRelay(core, ("", 0), ("", 0), Stop(), print)))
     told = console.file.getvalue()
     assert told.count(place_text(address)) == 2
     assert width == 130 or len([line for line in told.splitlines() if line.strip()]) == 6, "a line for each row"

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.cli.main import main
-from cogrip.cli.runs.listing import _size
+from cogrip.cli.runs.listing import size
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -274,7 +274,7 @@ def test_no_summary_is_too_strange_to_be_listed(tmp_path_factory, summary):
     [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (2_180_000, "2.18 MB"), (999_999, "1 MB"), (3.1e9, "3.1 GB")],
 )
 def test_sizes_have_the_unit_that_fits(size_bytes, text):
-    assert _size(size_bytes) == text
+    assert size(size_bytes) == text
 
 
 def test_no_runs_is_no_error(tmp_path, capsys):

@@ -11,16 +11,16 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
 
-from cogrip.cli.admin import token_list, who
-from cogrip.cli.devices import check as device_check
+from cogrip.cli.admin.token_list import token_tables
+from cogrip.cli.admin.who import people_tables
+from cogrip.cli.devices.check import rows_table
 from cogrip.cli.devices.listing import device_list
-from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs import listing as runs
+from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.summary_table import terminal_summary
-from cogrip.cli.session.live_table import LiveTable
-from cogrip.cli.session.live_views import JoinTable, JoinView, ServeTable, ServeView
-from cogrip.cli.session.relay import _status, _table
-from cogrip.cli.study.methods_table import methods_table
+from cogrip.cli.session.live_views import FollowedRun, JoinTable, JoinView, LiveTable, ServeTable, ServeView
+from cogrip.cli.session.relay import flows_table, status
+from cogrip.cli.study.compare import methods_table
 from cogrip.cli.terminal.tables import say, wrapped
 from cogrip.devices.arm.check import Row
 from cogrip.protocol.io.stop import Stop
@@ -108,7 +108,7 @@ def test_the_usual_session_stands_in_one_table_where_it_fits(width: int) -> None
     assert len([line for line in table.splitlines() if line.startswith("anna ")]) == 1
 
 
-class Followed:
+class Followed(FollowedRun):
     """Recordings that hold hard numbers."""
 
     def __init__(self, axes: int = 3, people: tuple[str, ...] = PEOPLE) -> None:
@@ -132,9 +132,8 @@ class Followed:
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("axes", [1, 3])
-def test_the_live_table_of_a_demo(monkeypatch: pytest.MonkeyPatch, width: int, axes: int) -> None:
-    table = LiveTable(Path("nowhere"), "room", PEOPLE)
-    monkeypatch.setattr(table, "_run", Followed(axes))
+def test_the_live_table_of_a_demo(width: int, axes: int) -> None:
+    table = LiveTable(Path("nowhere"), "room", PEOPLE, Followed(axes))
     text = printed(table.table(), width)
     check(
         text, width, "person", "state", "hand", "force", "trip ms", "up, down", "lost", "ticks", "degraded", "joining"
@@ -144,10 +143,9 @@ def test_the_live_table_of_a_demo(monkeypatch: pytest.MonkeyPatch, width: int, a
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("axes", [1, 3])
-def test_the_live_table_of_a_join(monkeypatch: pytest.MonkeyPatch, width: int, axes: int) -> None:
+def test_the_live_table_of_a_join(width: int, axes: int) -> None:
     for name in PEOPLE:
-        table = JoinTable(JoinView("nowhere", "room", name))
-        monkeypatch.setattr(table, "_run", Followed(axes))
+        table = JoinTable(JoinView("nowhere", "room", name), Followed(axes))
         text = printed(table.table(width, 23), width)
         if name == PEOPLE[7]:
             assert "nothing is recorded yet" in text
@@ -181,15 +179,11 @@ def test_the_live_table_of_a_join(monkeypatch: pytest.MonkeyPatch, width: int, a
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40)])
 @pytest.mark.parametrize("rooms", [1, 3, 30])
-def test_the_live_table_of_a_server(monkeypatch: pytest.MonkeyPatch, width: int, height: int, rooms: int) -> None:
+def test_the_live_table_of_a_server(width: int, height: int, rooms: int) -> None:
     names = [f"room-{number}" for number in range(rooms)]
-    table = ServeTable(ServeView("nowhere", dict.fromkeys(names, PEOPLE)))
-    monkeypatch.setattr(table, "_run", Followed(3))
-    roster = [RosterEntry(name, names[0], IPV6, 4e5, seat, rtt_ms=1234.5, lost=123456, holds=seat > 1)
+    table = ServeTable(ServeView("nowhere", dict.fromkeys(names, PEOPLE), "nowhere"), Followed(3))
+    table.roster = [RosterEntry(name, names[0], IPV6, 4e5, seat, rtt_ms=1234.5, lost=123456, holds=seat > 1)
                for seat, name in enumerate(PEOPLE[:3])]  # fmt: skip
-    monkeypatch.setattr(table, "_state", object())
-    monkeypatch.setattr(table, "_ask", lambda: None)
-    table._here = {(each.room, each.seat): each for each in roster if each.seat is not None}
     text = printed(table.table(width, height - 1), width)
     check(
         text, width, "name", "state", "since", "rtt", "lost", "proxy", "force", "holds", "comes", "111:06:40", "1234.5"
@@ -220,7 +214,7 @@ def listed(number: int, name: str = "") -> ListedRun:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_a_hundred_runs_are_a_line_each(width: int) -> None:
     found = [listed(number) for number in range(100)]
-    lines = runs._lines(found, width, NOW)
+    lines = runs.lines_of(found, width, NOW)
     assert len(lines) == 101
     check(
         "\n".join(line.plain for line in lines), width, "run", "age", "kind", "people", "verdict", "✗ not passive", "+7"
@@ -234,7 +228,7 @@ def test_a_hundred_runs_are_a_line_each(width: int) -> None:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_a_run_with_a_long_name_has_two_lines_and_its_whole_name(width: int) -> None:
     long = "20260101-120000-" + "n" * 30
-    lines = [line.plain for line in runs._lines([listed(2), listed(3, long)], width, NOW)]
+    lines = [line.plain for line in runs.lines_of([listed(2), listed(3, long)], width, NOW)]
     assert long in lines[2].split()
     assert len(lines) == (4 if width == 80 else 3)
     check("\n".join(lines), width, "✗ cut short", "✗ not passive")
@@ -242,7 +236,7 @@ def test_a_run_with_a_long_name_has_two_lines_and_its_whole_name(width: int) -> 
 
 def test_ages_have_the_unit_that_fits() -> None:
     ages = {-5.0: "0 s", 59.9: "59 s", 60.0: "1 min", 3599.0: "59 min", 3600.0: "1 h", 86399.0: "23 h", 1e6: "11 d"}
-    assert {seconds: runs._age(seconds) for seconds in ages} == ages
+    assert {seconds: runs.age(seconds) for seconds in ages} == ages
 
 
 # --- networks and servers ---------------------------------------------------------------------------------------------
@@ -258,11 +252,11 @@ def relay_of(host: str) -> LiveRelay:
 @pytest.mark.parametrize("width", [*WIDTHS, 300])
 @pytest.mark.parametrize("host", ["127.0.0.1", "2001:db8:1111:2222:3333:4444:5555:6666"])
 def test_a_relays_table(width: int, host: str) -> None:
-    text = printed(_table(relay_of(host)), width)
+    text = printed(flows_table(relay_of(host)), width)
     headings = (
         "flow",
         "client",
-        "way",
+        "direction",
         "sent",
         "delivered",
         "lost",
@@ -284,7 +278,7 @@ def test_a_relays_status_is_one_line(monkeypatch: pytest.MonkeyPatch, width: int
     live = relay_of("127.0.0.1")
     total = dict.fromkeys(("sent", "delivered", "lost", "outage"), count)
     monkeypatch.setattr(live.relay, "totals", lambda direction: total)
-    line = _status(live, width).replace("\r", "").replace("\x1b[K", "")
+    line = status(live, width).replace("\r", "").replace("\x1b[K", "")
     assert len(line) < width
     assert "flows: up " in line
     if width >= 80:
@@ -308,7 +302,7 @@ def test_who_is_there(width: int) -> None:
         )
         for number, name in enumerate(PEOPLE)
     ]
-    text = printed(who._tables(people), width)
+    text = printed(people_tables(people), width)
     check(
         text, width, "name", "room", "seat", "address", "since", "rtt ms", "up ms", "lost", "device", IPV6, "34:17:36"
     )
@@ -326,7 +320,7 @@ def test_tokens(width: int) -> None:
         )
         for number in range(8)
     ]  # fmt: skip
-    text = printed(token_list._tables(tokens, 0.0), width)
+    text = printed(token_tables(tokens, 0.0), width)
     check(
         text, width, "id", "role", "room", "seat", "device", "good for", "state", "when", "note", "1f0e18a7", "u" * 40
     )
@@ -385,7 +379,7 @@ def test_a_device_that_is_not_there_is_named(cogrip: Callable[..., tuple[int, st
 def test_what_a_check_found(width: int) -> None:
     rows = [Row(f"noise of axis {n}, at rest", f"{n}2345.6 counts rms", "at most 1 count, none of them alone", n % 2 == 0, "x")
             for n in range(8)]  # fmt: skip
-    check(printed(device_check._table(rows), width), width, "measured", "found", "wanted", "12345.6", "✓", "✗")
+    check(printed(rows_table(rows), width), width, "measured", "found", "wanted", "12345.6", "✓", "✗")
 
 
 # --- comparisons ------------------------------------------------------------------------------------------------------

@@ -189,11 +189,11 @@ def test_a_device_of_no_family_is_doubted_and_taken(token, folder, device, words
 def test_a_link_needs_a_sealed_server_and_a_way_to_it(cogrip, token, folder) -> None:
     write_server(folder, msgspec.structs.replace(SERVER, host="0.0.0.0"))
     code, _, err = token("new")
-    assert (code, "say by which one it is found: --host NAME" in err) == (2, True)
+    assert (code, "name the one for the link: --host NAME" in err) == (2, True)
     assert token("new", "--host", "lab")[0] == 0
     write_server(folder, msgspec.structs.replace(SERVER, fingerprint=""))
     code, _, err = token("new")
-    assert (code, "the server is plain, and asks nobody for a token" in err) == (2, True)
+    assert (code, "the server is unencrypted, and asks nobody for a token" in err) == (2, True)
     folder.server.unlink()
     code, _, err = token("new")
     assert (code, "no server has been started here" in err) == (2, True)
@@ -364,7 +364,7 @@ def test_revoked_with_no_server_running(token, folder) -> None:
     (_, one), (_, two) = new(token), new(token)
     code, out, _ = token("revoke", one, two.upper())
     assert code == 0
-    assert out == f"{one} is revoked\n{two} is revoked\nno server is running there: it will know from its start\n"
+    assert out == f"{one} is revoked\n{two} is revoked\nno server is running there: it will read this at its start\n"
     assert all(each.revoked is not None for each in TokenFile(folder).load().tokens)
     code, out, _ = token("revoke", one)
     assert code == 0
@@ -375,7 +375,7 @@ def test_a_running_server_is_told(token, folder, serving) -> None:
     _, one = new(token)
     code, out, _ = token("revoke", one)
     assert code == 0
-    assert out == f"{one} is revoked\nthe server knows: done: Reload\n"
+    assert out == f"{one} is revoked\nthe server has read it: done: Reload\n"
     assert serving == [Reload()]
 
 
@@ -388,7 +388,7 @@ def test_a_server_that_does_not_answer_is_said(token, folder, monkeypatch) -> No
     control.close()
     assert code == 1
     assert out == f"{one} is revoked\n"
-    assert "whoever sits by it may still sit" in err
+    assert "seats taken with it may last" in err
     assert "did not answer within 0.01 s" in err
     assert only_token(folder).revoked is not None
 

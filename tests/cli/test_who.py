@@ -56,7 +56,7 @@ def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object
         "name        room  seat       address     since    rtt ms  up ms  down ms  lost  device",
         "anna        lab   0          10.0.0.7:5  1:02:03    41.2   20.0     21.2     7  sim:phantom\\x1b[2J",
         "ben         lab   1 (comes)  away        1:01          -      -        -     0  mouse:",
-        "observer 1  lab   looks on   [::1]:9     0:00          -      -        -     -  -",
+        "observer 1  lab   observes   [::1]:9     0:00          -      -        -     -  -",
         "3 in 1 room",
     ]
     assert asked == [Who("")]

@@ -1,4 +1,4 @@
-"""`cogrip devices find`: what is plugged in here."""
+"""`cogrip devices find`: the devices that are plugged in here."""
 
 from cogrip.cli.terminal.console import make_console
 from cogrip.devices.device import DeviceError
@@ -8,7 +8,10 @@ UNKNOWN = "(no address)"
 
 
 def device_find() -> int:
-    """Look for force-feedback devices, and print the address of each; nothing is opened."""
+    """Find the devices that are plugged in here.
+
+    The address of each force-feedback device is printed; nothing is opened.
+    """
     console = make_console(soft_wrap=True)
     found = 0
     for what, finder in FINDERS.items():

@@ -1,4 +1,4 @@
-"""Making every console that cogrip prints on."""
+"""Factory of every console that cogrip prints on."""
 
 from typing import IO
 
@@ -13,7 +13,7 @@ def make_console(
     file: IO[str] | None = None,
     force_terminal: bool | None = None,
 ) -> Console:
-    """Return a console that prints what it is given: `[fe80::a:b:1]` holds no emoji, and numbers get no colours."""
+    """Return a console without emoji codes (`[fe80::a:b:1]`) and without colours for numbers."""
     return Console(
         stderr=stderr, soft_wrap=soft_wrap, width=width, file=file, force_terminal=force_terminal, highlight=False,
         emoji=False,
