@@ -3,16 +3,17 @@
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from cogrip.cli.runs.recover import recover_unclosed
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.folder import make_run_folder, write_summary
-from cogrip.sim.runs.records import RunRecords, open_run
+
+if TYPE_CHECKING:
+    from cogrip.sim.runs.records import RunRecords
 
 
 def new_run_folder(base: Path, name: str) -> Path:
@@ -32,8 +33,11 @@ def live_run_folder(base: Path, name: str, say: Callable[[str], None]) -> Path |
         return None
 
 
-def opened(path: Path) -> RunRecords:
+def opened(path: Path) -> "RunRecords":
     """Return the run's recordings, those that were cut short recovered first. Raises BadInput."""
+    from cogrip.cli.runs.recover import recover_unclosed  # readers of recordings, which no live session needs
+    from cogrip.sim.runs.records import open_run
+
     try:
         recover_unclosed(path, make_console(stderr=True, soft_wrap=True))
         return open_run(path)

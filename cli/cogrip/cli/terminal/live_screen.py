@@ -15,12 +15,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, RenderableType
-from rich.live import Live
 
 from cogrip.cli.terminal.console import make_console
+
+if TYPE_CHECKING:
+    from rich.live import Live
 
 DRAW_EVERY_S = 0.2
 END_LIMIT_S, STOP_LIMIT_S = 5.0, 1.0
@@ -216,7 +218,7 @@ class _Drawing:
     """The table's place below the lines, and the silent terminal. live: None while another job has the terminal."""
 
     def __init__(self, console: Console, descriptor: int) -> None:
-        self.live: Live | None = None
+        self.live: "Live | None" = None
         self._console = console
         self._descriptor = descriptor
         self._echo = Echo(descriptor)
@@ -226,6 +228,8 @@ class _Drawing:
         if not in_foreground(self._descriptor):
             self.end()
         elif self.live is None:
+            from rich.live import Live
+
             self._echo.switch_off()
             # the table goes when the loop ends, as the summary follows
             self.live = Live(console=self._console, auto_refresh=False, transient=True)
