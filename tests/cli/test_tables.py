@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from cogrip.cli.session.relay import flows_table, status
 from cogrip.cli.study.compare import methods_table
 from cogrip.cli.terminal.tables import say, wrapped
 from cogrip.devices.arm.check import Row
+from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
 from cogrip.protocol.recording.records import SeatStep, Step, Tick
@@ -102,9 +102,8 @@ def test_a_session_of_eight_on_three_axes(width: int) -> None:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_usual_session_stands_in_one_table_where_it_fits(width: int) -> None:
     users = [{**person(0), "name": name, "position_m": [0.02]} for name in ("anna", "ben")]
-    table = printed(terminal_summary({**SUMMARY, "users": users, "object": {"position_m": [0.02]}}), width).partition(
-        "\n\n"
-    )[0]
+    text = printed(terminal_summary({**SUMMARY, "users": users, "object": {"position_m": [0.02]}}), width)
+    table = text.partition("\n\n")[0]
     assert len([line for line in table.splitlines() if line.startswith("anna ")]) == 1
 
 
@@ -136,7 +135,11 @@ def test_the_live_table_of_a_demo(width: int, axes: int) -> None:
     table = LiveTable(Path("nowhere"), "room", PEOPLE, Followed(axes))
     text = printed(table.table(), width)
     check(
-        text, width, "person", "state", "hand", "force", "trip ms", "up, down", "lost", "ticks", "degraded", "joining"
+        text,
+        width,
+        "trip ms",
+        "up, down",
+        *["person", "state", "hand", "force", "lost", "ticks", "degraded", "joining"],
     )
     assert len(text.splitlines()) <= 23, "it fits a terminal of 24 lines"
 
@@ -153,28 +156,15 @@ def test_the_live_table_of_a_join(width: int, axes: int) -> None:
         check(
             text,
             width,
-            "state",
-            "hand",
-            "force",
             "reserve mJ",
             "trip ms",
             "up, down",
-            "lost",
-            "ticks",
-            "playout",
-            "12345",
+            *["state", "hand", "force", "lost", "ticks", "playout", "12345"],
         )
         signs = re.findall(r"([xyz]) +([+-]\d+\.\d+)", text)
         if name == PEOPLE[0]:  # hand and force of each axis, with its sign
-            numbers = {
-                ("x", "-123.4"),
-                ("x", "-12.34"),
-                ("y", "+222.2"),
-                ("y", "+22.22"),
-                ("z", "-999.9"),
-                ("z", "-99.99"),
-            }
-            assert set(signs) == {pair for pair in numbers if pair[0] in "xyz"[:axes]}
+            numbers = {"x": ("-123.4", "-12.34"), "y": ("+222.2", "+22.22"), "z": ("-999.9", "-99.99")}
+            assert set(signs) == {(axis, text) for axis in "xyz"[:axes] for text in numbers[axis]}
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40)])
@@ -186,7 +176,9 @@ def test_the_live_table_of_a_server(width: int, height: int, rooms: int) -> None
                for seat, name in enumerate(PEOPLE[:3])]  # fmt: skip
     text = printed(table.table(width, height - 1), width)
     check(
-        text, width, "name", "state", "since", "rtt", "lost", "proxy", "force", "holds", "comes", "111:06:40", "1234.5"
+        text,
+        width,
+        *["name", "state", "since", "rtt", "lost", "proxy", "force", "holds", "comes", "111:06:40", "1234.5"],
     )
     assert len(text.splitlines()) < height
     assert ("more seats" in text) is (rooms > 1)
@@ -217,7 +209,10 @@ def test_a_hundred_runs_are_a_line_each(width: int) -> None:
     lines = runs.lines_of(found, width, NOW)
     assert len(lines) == 101
     check(
-        "\n".join(line.plain for line in lines), width, "run", "age", "kind", "people", "verdict", "✗ not passive", "+7"
+        "\n".join(line.plain for line in lines),
+        width,
+        "✗ not passive",
+        *["run", "age", "kind", "people", "verdict", "+7"],
     )
     for run, line in zip(found, lines[1:], strict=True):
         assert line.plain.startswith(run.name)
@@ -253,7 +248,7 @@ def relay_of(host: str) -> LiveRelay:
 @pytest.mark.parametrize("host", ["127.0.0.1", "2001:db8:1111:2222:3333:4444:5555:6666"])
 def test_a_relays_table(width: int, host: str) -> None:
     text = printed(flows_table(relay_of(host)), width)
-    headings = (
+    headings = [
         "flow",
         "client",
         "direction",
@@ -265,9 +260,8 @@ def test_a_relays_table(width: int, host: str) -> None:
         "duplicated",
         "held",
         "reordered",
-    )
-    check(text, width, *headings, *(f"{host}:{port}".replace(f"{host}", f"[{host}]" if ":" in host else host)
-                                    for port in (65533, 65535)))  # fmt: skip
+    ]
+    check(text, width, *headings, *(place_text((host, port)) for port in (65533, 65535)))
     if width == 300:
         assert len(text.splitlines()) == 10, "one table for a file"
 
@@ -287,24 +281,19 @@ def test_a_relays_status_is_one_line(monkeypatch: pytest.MonkeyPatch, width: int
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_who_is_there(width: int) -> None:
+    room, device = "room-" + "r" * 30, f"sim:phantom?hand={'reach&' * 8}"
     people = [
-        RosterEntry(
-            name,
-            "room-" + "r" * 30,
-            IPV6,
-            123456.7,
-            number,
-            f"sim:phantom?hand={'reach&' * 8}",
-            1234.5,
-            None,
-            12.3,
-            99999,
-        )
+        RosterEntry(name, room, IPV6, 123456.7, number, device, 1234.5, None, 12.3, 99999)
         for number, name in enumerate(PEOPLE)
     ]
     text = printed(people_tables(people), width)
     check(
-        text, width, "name", "room", "seat", "address", "since", "rtt ms", "up ms", "lost", "device", IPV6, "34:17:36"
+        text,
+        width,
+        "rtt ms",
+        "up ms",
+        IPV6,
+        *["name", "room", "seat", "address", "since", "lost", "device", "34:17:36"],
     )
     assert text.count("d" * 40) >= 1
 
@@ -322,7 +311,11 @@ def test_tokens(width: int) -> None:
     ]  # fmt: skip
     text = printed(token_tables(tokens, 0.0), width)
     check(
-        text, width, "id", "role", "room", "seat", "device", "good for", "state", "when", "note", "1f0e18a7", "u" * 40
+        text,
+        width,
+        "good for",
+        "u" * 40,
+        *["id", "role", "room", "seat", "device", "state", "when", "note", "1f0e18a7"],
     )
 
 
@@ -367,12 +360,6 @@ def test_whole_records_of_devices(capsys, monkeypatch, width: int, name: str, ve
         assert [address.rpartition("=")[2] for address in addresses] == ["omega3", "omega6", "omega7"]
     if name.startswith("sim:"):
         assert addresses == [name]
-
-
-def test_a_device_that_is_not_there_is_named(cogrip: Callable[..., tuple[int, str, str]]) -> None:
-    code, _, err = cogrip("devices", "list", "phantm")
-    assert code == 2
-    assert "no address has 'phantm' in it" in err
 
 
 @pytest.mark.parametrize("width", WIDTHS)
