@@ -106,7 +106,7 @@ def test_a_delay_that_is_no_whole_number_of_ticks_says_what_was_done(cogrip: Cog
     command = "stability", "radius", DEMO, "--exact-velocity", "--delay-frames"
     code, out, err = cogrip(*command, "1.3", "--json", "-")
     assert code == 0
-    assert json.loads(out)["states"] == 18  # two frames each way
+    assert json.loads(out)["states"] == 18  # two frames each direction
     assert "10.4 device ticks, no whole number: taken as 11" in err
     assert "after 16 ticks or 2 frames" in err
     _, _, err = cogrip(*command, "2", "--json", "-")
@@ -118,7 +118,7 @@ def test_region_leaves_picture_numbers_and_record(cogrip: Cogrip, tmp_path: Path
     command.append("--exact-velocity")
     code, out, _ = cogrip(*command, "--grid", "8")
     assert code == 0
-    assert "0 frames each way: to 1978 N/m if both are alike" in out
+    assert "0 frames each direction: to 1978 N/m if both are alike" in out
     assert {path.name for path in tmp_path.iterdir()} == {"region.png", "region.svg", "region.csv", "region.json"}
     assert (tmp_path / "region.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "region.svg").read_text().startswith("<?xml")
@@ -131,7 +131,7 @@ def test_region_leaves_picture_numbers_and_record(cogrip: Cogrip, tmp_path: Path
     assert [each["delay_frames"] for each in record["outlines"]] == [0, 1, 2, 4]
     assert all(each["verified"] for each in record["outlines"])
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert cogrip(*command, "--grid", "8")[0] == 0  # the same question may be asked again
+    assert cogrip(*command, "--grid", "8")[0] == 0  # the same query may be repeated
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     code, _, err = cogrip(*command)
     assert code == 2

@@ -1,4 +1,4 @@
-"""Why a command of ours ended, as whoever started it tells: its own reason, and never the last line of its log."""
+"""Reasons of the end of child processes: the one that the child stated, never the last line of its log."""
 
 import subprocess
 import sys
@@ -42,7 +42,7 @@ def test_a_log_that_is_not_there_states_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "said", "told"),
+    ("code", "said", "reason"),
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "", "was killed by SIGKILL"),
         ("raise SystemExit(3)", "joined", "gave no reason (exit code 3)"),
@@ -51,15 +51,15 @@ def test_a_log_that_is_not_there_states_nothing(tmp_path: Path) -> None:
         ("", "joined", "ended in order"),
     ],
 )
-def test_the_end_of_a_process_in_words(code: str, said: str, told: str, tmp_path: Path) -> None:
+def test_the_end_of_a_process_in_words(code: str, said: str, reason: str, tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.write_text(f"{said}\n")
     child = subprocess.Popen([sys.executable, "-c", code])
     child.wait(60.0)
-    assert how_ended(child, log) == told
+    assert how_ended(child, log) == reason
 
 
-def test_a_server_that_never_came_up_is_told_of_in_one_line(tmp_path: Path) -> None:
+def test_a_server_that_did_not_start_is_a_problem_of_one_line(tmp_path: Path) -> None:
     log = tmp_path / "server.log"
     log.write_text("warning: soft\ncogrip: cannot listen on 127.0.0.1:9: taken\n")
     child = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])

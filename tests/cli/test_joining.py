@@ -1,4 +1,4 @@
-"""What `cogrip join` is told by a link or an address, before anything is sent; and what an observer is shown."""
+"""`cogrip join` before anything is sent: link or address, device, advice; and the display of an observer."""
 
 import io
 from pathlib import Path
@@ -81,7 +81,7 @@ def test_the_end_of_a_link_is_not_looked_up(cogrip: Cogrip, monkeypatch: pytest.
 
 
 def asked(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[Hello, Paths]:
-    """What would go to the server, looked at where it would go out."""
+    """Return the hello and the paths, caught where the client would start."""
     found: list[tuple[Hello, Paths]] = []
 
     def client(arm: Device, hello: Hello, calls: Paths, *_: object) -> None:
@@ -105,7 +105,7 @@ def test_a_link_is_all_that_is_needed(cogrip: Cogrip, monkeypatch: pytest.Monkey
     hello, calls = asked(cogrip, monkeypatch, LINK)
     assert (hello.room, hello.role, hello.token, hello.ticket) == ("lab", "player", TOKEN, "")
     assert (calls.server.host, calls.server.port) == ("127.0.0.1", 4711)
-    assert isinstance(calls.make_channel(), DtlsClient), "with a link nothing is ever said in the open"
+    assert isinstance(calls.make_channel(), DtlsClient), "with a link everything is encrypted"
 
 
 @pytest.mark.parametrize("pasted", [f"<{LINK}>", f"'{LINK}'", f" cogrip join '{LINK}'\n"])
@@ -134,11 +134,11 @@ def test_a_hello_claims_its_devices_record(cogrip: Cogrip, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("where", ["127.0.0.1:4711", "localhost:4711", "[::1]:4711"])
-def test_this_machine_may_be_spoken_to_in_the_open(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+def test_loopback_needs_no_encryption(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     assert asked(cogrip, monkeypatch, where)[1].server.port == 4711
 
 
-def test_another_one_only_where_that_is_asked_for(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_machine_without_encryption_needs_insecure(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     _, calls = asked(cogrip, monkeypatch, "192.0.2.7", "--insecure")
     assert isinstance(calls.make_channel(), UnencryptedChannel)
 
@@ -148,7 +148,7 @@ def test_an_observer_needs_no_device(cogrip: Cogrip, monkeypatch: pytest.MonkeyP
     assert (hello.role, hello.token, hello.device) == ("observer", TOKEN, "none")
 
 
-def test_a_name_has_no_effect_on_one_who_looks_on(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_has_no_effect_on_an_observer(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(join, "observe_room", lambda *_: 0)
     assert cogrip("join", LINK, "--observe") == (0, "", "")
     assert cogrip("join", LINK, "--observe", "--name", "anna") == (0, f"{NO_NAME}\n", "")
@@ -165,11 +165,11 @@ def test_a_name_has_no_effect_on_one_who_looks_on(cogrip: Cogrip, monkeypatch: p
     assert cogrip("join", LINK, "--name", "anna") == (0, f"{NO_NAME}\n", "")
 
 
-# What is said of a seat, whatever the server asks for ---------------------------------------------------------------------
+# Advice on a seat, whatever the server asks for ---------------------------------------------------------------------
 
 
 def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **sections: object) -> tuple[str, int]:
-    """What a person reads, and how often the model was asked."""
+    """Return the printed warnings, and how often the model was asked."""
     seat = seat_settings(resolve({"users": [{"name": "a"}], **sections}), 0)
     record = make("sim:phantom?hand=hold", axes=1).capability
     asked: list[object] = []
@@ -214,7 +214,7 @@ def test_a_model_that_would_take_for_ever_is_not_asked(
     assert warned(monkeypatch, **sections) == (said, asked)
 
 
-# What an observer is shown ----------------------------------------------------------------------------------------------
+# Display of an observer ----------------------------------------------------------------------------------------------
 
 
 def seeing(view: View | None) -> ObserverCore:

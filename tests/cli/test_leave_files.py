@@ -1,4 +1,4 @@
-"""What a session leaves: all that can be written, and words about the rest."""
+"""Files that a session leaves: all that can be written, and warnings of the rest."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a server says, for people and for programs; readers who go away, or do not read; names that strangers choose."""
+"""Log of a server, for people and for programs; readers that are gone or do not read; names that peers choose."""
 
 import io
 import json
@@ -48,7 +48,7 @@ def test_json_has_the_fields_that_are_set():
 
 
 @pytest.mark.parametrize("event", EVENTS)
-def test_what_a_keeper_should_look_at_is_a_warning(event):
+def test_events_for_an_administrator_are_warnings(event):
     level = json.loads(said("json", ServerEvent(event, "x")))["level"]
     assert level == (
         "info" if event in ("joined", "observes", "resumed", "left", "restored", "reloaded") else "warning"
@@ -66,13 +66,13 @@ def test_the_time_is_now_and_has_an_offset():
 
 
 @given(ANY, ANY)
-def test_whatever_a_stranger_is_called_is_one_line(text, user):
+def test_any_name_of_a_peer_is_one_line(text, user):
     event = ServerEvent("refused", text, user=user)
     (line,) = said("json", event).splitlines()
     assert line.isascii()
     assert line.isprintable()
-    told = json.loads(line)
-    assert (told["text"], told.get("user", "")) == (text, user)
+    fields = json.loads(line)
+    assert (fields["text"], fields.get("user", "")) == (text, user)
     for what in (event, text):
         shown = said("text", what)
         assert shown.count("\n") == 1
@@ -115,7 +115,7 @@ def speak(stdout: int, form: str = "text", count: int = 10) -> subprocess.Popen[
 
 
 def ended(speaker: subprocess.Popen[bytes]) -> tuple[int, str]:
-    """(exit code, what it said on standard error) after it was told to speak."""
+    """Let it write; return exit code and standard error."""
     _, errors = speaker.communicate(b"\n", 60.0)
     return speaker.returncode, errors.decode()
 

@@ -1,4 +1,4 @@
-"""`cogrip replay`, and `join` with a replay, given what they cannot use: it is named, and nothing is left."""
+"""Refusals of `cogrip replay` and of `join` with a replay: the input is named, and nothing is left."""
 
 import shutil
 from pathlib import Path
@@ -117,7 +117,7 @@ def test_joining_with_a_replay_that_cannot_be_played(
 def test_joining_takes_the_axes_that_were_recorded(
     run: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, device: str, more: tuple[object, ...], axes: int
 ) -> None:
-    """What goes to the server, looked at where it would go out."""
+    """The hello is caught where the client would start."""
     asked: list[tuple[int, int]] = []
 
     def client(arm: Device, hello: Hello, *_: object) -> None:

@@ -1,4 +1,4 @@
-"""Tables at the widths that terminals have, with long names, many people, three axes, and numbers that are missing."""
+"""Tables at usual terminal widths, with long names, many people, three axes, and missing numbers."""
 
 import json
 import re
@@ -44,9 +44,9 @@ CUT_NUMBER = re.compile(r"\d…|…\d|[+−-]…")
 
 def printed(what: RenderableType, width: int) -> str:
     console = Console(width=width, color_system=None)
-    with console.capture() as told:
+    with console.capture() as printed_text:
         console.print(what)
-    return told.get()
+    return printed_text.get()
 
 
 def check(text: str, width: int, *words: str) -> None:

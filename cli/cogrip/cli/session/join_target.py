@@ -30,7 +30,7 @@ class Target:
 
     @property
     def channel(self) -> Callable[[], Channel]:
-        """What makes a channel to the server."""
+        """Factory of channels to the server."""
         if not self.fingerprint:
             return UnencryptedChannel
         from cogrip.protocol.io.dtls_client import DtlsClient  # OpenSSL takes a while

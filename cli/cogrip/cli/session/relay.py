@@ -81,7 +81,7 @@ def relay(
     down_trace
         Recorded delays from server to clients. As link.down.trace.
     outages
-        Script of outages: CSV with start_s,length_s and perhaps way; from the first datagram on.
+        Script of outages: CSV with start_s,length_s and optionally way; from the first datagram on.
     flows
         Most clients at once; further ones are not relayed.
     idle_s

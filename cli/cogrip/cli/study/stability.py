@@ -137,7 +137,7 @@ def region(
     say(console, f"({query.conditions})")
     for each in found:
         doubt = "" if each.boundary.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
-        say(console, f"{frames(each.delay_frames)} each way: {extent(each.boundary)}{doubt}")
+        say(console, f"{frames(each.delay_frames)} each direction: {extent(each.boundary)}{doubt}")
     say(console, "written: " + ", ".join(str(path) for path in paths))
     return 0 if all(each.boundary.verified for each in found) else 1
 

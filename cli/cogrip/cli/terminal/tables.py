@@ -127,5 +127,5 @@ def wrapped(text: str, console: Console, indent: str = INDENT) -> str:
 
 
 def say(console: Console, text: str, indent: str = INDENT) -> None:
-    """Print plain words, wrapped."""
+    """Print a text, wrapped."""
     console.print(wrapped(text, console, indent), markup=False, soft_wrap=True)
