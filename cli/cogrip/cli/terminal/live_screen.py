@@ -218,7 +218,7 @@ class _Drawing:
     """The table's place below the lines, and the silent terminal. live: None while another job has the terminal."""
 
     def __init__(self, console: Console, descriptor: int) -> None:
-        self.live: "Live | None" = None
+        self.live: Live | None = None
         self._console = console
         self._descriptor = descriptor
         self._echo = Echo(descriptor)
