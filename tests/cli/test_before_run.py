@@ -118,20 +118,7 @@ def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogri
 def test_methods_are_compared_where_they_are_unstable_but_not_beyond_their_devices(
     cogrip: Cogrip, tmp_path: Path
 ) -> None:
-    compare = (
-        "compare",
-        DEMO,
-        "--profiles",
-        "own",
-        "--seeds",
-        "1",
-        "--workers",
-        "1",
-        "--set",
-        "seconds=2",
-        "--out",
-        "out",
-    )
+    compare = ["compare", DEMO, "--profiles", "own", "--seeds", 1, "--workers", 1, "--set", "seconds=2", "--out", "out"]
     code, _, err = cogrip(*compare, "--methods", "coupling")
     assert code == 0
     assert "warning: coupling on own: NOT stable" in err

@@ -28,7 +28,7 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.flag_errors import above_zero
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
-from cogrip.cli.terminal.parameters import Runs
+from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
@@ -64,10 +64,10 @@ def join(
     seconds: float | None = None,
     runs: Runs = Path("runs"),
     into: Path | None = None,
-    report: bool = True,
-    record: bool = True,
+    report: Report = True,
+    record: Record = True,
     rearm: bool | None = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Quiet = False,
     allow_unstable: AllowUnstable = False,
 ) -> int:
     """Take a seat and hold the object until Ctrl-C, SIGTERM, --seconds, the end of a replay, or the server's goodbye.
@@ -89,9 +89,9 @@ def join(
     insecure
         Use a HOST:PORT that is not this machine without encryption: everyone on the path can read it, and move your hand.
     name
-        Which seat to take; the first free one if not given.
+        Seat to take; the first free one if not given.
     room
-        Which room to enter; any with a free seat if not given.
+        Room to enter; any with a free seat if not given.
     config
         Settings file of the session: the join is refused unless the server's settings are the same. The user called
         --name in it (else the first) gives device and hand.
@@ -100,26 +100,20 @@ def join(
     axes
         Count of axes to move on; else as --config says, else 3 (the room uses the first ones it needs).
     speed
-        Of a `replay:` device: rate of playback. As its key speed=.
+        Rate of playback of a `replay:` device, as its key speed=.
     loop
-        Of a `replay:` device: play again from the start. As its key loop=1.
+        Repeat the playback of a `replay:` device, as its key loop=1.
     start_s
-        Of a `replay:` device: begin of playback in the recording. As its key start_s=.
+        Begin of the playback of a `replay:` device in its recording, as its key start_s=.
     stop_s
-        Of a `replay:` device: end of playback in the recording, and of this session. As its key stop_s=.
+        End of the playback, and with it of this session, as its key stop_s=.
     seconds
-        Leave by yourself after so long.
+        Leave after this time.
     into
         Write into this existing folder instead, and leave its report to its owner.
-    report
-        Write report.html and plots at the end.
-    record
-        Record the session; every replay, report and verification needs it.
     rearm
         Stay after a fault, without force, until `r` and Enter, or SIGUSR1, re-arms; else a fault ends the session. Yes at a
         terminal, no elsewhere.
-    quiet
-        Show no live table at a terminal, only lines.
     """
     above_zero("--seconds", seconds)
     console = make_console(soft_wrap=True)

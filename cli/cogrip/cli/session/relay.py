@@ -87,7 +87,7 @@ def relay(
     idle_s
         Time of silence after which a flow ends.
     seconds
-        Stop by yourself after so long.
+        Stop after this time.
     json
         Write the answer as JSON to this file (- for standard output).
     """

@@ -15,6 +15,7 @@ from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
 from cogrip.cli.session.server_state import authenticator_of, channel_of, held_folder, publish
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
+from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -42,13 +43,13 @@ def serve(
     links: bool = True,
     log: Literal["text", "json"] = "text",
     metrics: int | None = None,
-    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    overrides: Overrides = (),
     seconds: float | None = None,
     runs: Path = Path("runs"),
     into: Path | None = None,
-    report: bool = True,
-    record: bool = True,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    report: Report = True,
+    record: Record = True,
+    quiet: Quiet = False,
 ) -> int:
     """Serve until Ctrl-C or SIGTERM; then say goodbye to everyone and leave a run folder.
 
@@ -80,20 +81,12 @@ def serve(
         Lines for people, or one JSON object a line.
     metrics
         Port on loopback for /metrics (Prometheus) and /healthz; 0 takes a free one. None if not given.
-    overrides
-        Override a setting in every file: section.key=value. Repeatable.
     seconds
-        Stop by yourself after so long.
+        Stop after this time.
     runs
         Folder in which the run folder is made; with several rooms each has a folder in it.
     into
         Write into this existing folder instead, and leave its report to its owner (one room only).
-    report
-        Write report.html and plots at the end.
-    record
-        Record the session; every replay, report and verification needs it.
-    quiet
-        Show no live table at a terminal, only lines.
     """
     rooms = rooms_of(config, overrides, port, into)
     host = _host(host)

@@ -29,3 +29,6 @@ Devices = Annotated[
     ),
 ]
 Runs = Annotated[Path, Parameter(help="Folder in which the run's own folder is made.")]
+Report = Annotated[bool, Parameter(help="Write report.html and plots at the end.")]
+Record = Annotated[bool, Parameter(help="Record the session; every replay, report and verification needs it.")]
+Quiet = Annotated[bool, Parameter(negative="", help="Show no live table at a terminal, only lines.")]
