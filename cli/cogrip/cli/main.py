@@ -79,19 +79,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     errors = make_console(stderr=True, soft_wrap=True)
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:
-        errors.print(f"cogrip: {MOVED[given[0]]}", markup=False)
+        errors.print(f"cogrip: {MOVED[given[0]]}")
         return 2
     try:
         show_docstrings(app, given)
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        errors.print(f"cogrip: {words_of(error, COMMANDS)}", markup=False)
+        errors.print(f"cogrip: {words_of(error, COMMANDS)}")
         return 2
     except Problem as problem:
-        errors.print(f"cogrip: {problem}", markup=False)
+        errors.print(f"cogrip: {problem}")
         return problem.exit_code
     except KeyboardInterrupt:
-        errors.print("cogrip: interrupted", markup=False)
+        errors.print("cogrip: interrupted")
         return 130
     except BrokenPipeError:
         return 1

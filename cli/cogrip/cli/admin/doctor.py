@@ -111,7 +111,7 @@ def doctor(*, seconds: float = 1.0, json: Json = None) -> int:
     """
     if not 0.05 <= seconds <= 600.0:
         raise BadInput(f"--seconds {seconds:g} is outside 0.05 to 600, the time for each row")
-    console = make_console()
+    console = make_console(markup=True)
     found: list[Punctuality] = []
     columns = (TextColumn("{task.description:<32}"), BarColumn(), TimeRemainingColumn())
     interrupted = False

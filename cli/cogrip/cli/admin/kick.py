@@ -42,5 +42,5 @@ def kick(
     if not user:
         raise BadInput("kick: name somebody, as the server prints it")
     answer = answer_of("kick", Kick(user, room, reason, revoke), state_at(state, port))
-    make_console(soft_wrap=True).print(answer.text, markup=False)
+    make_console(soft_wrap=True).print(answer.text)
     return 0

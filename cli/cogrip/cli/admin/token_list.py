@@ -35,7 +35,7 @@ def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = N
         write_json({"folder": str(folder.path), "tokens": [_as_json(token, now_s) for token in tokens]}, json)
         return 0
     if not tokens:
-        make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
+        make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}")
         return 0
     console = make_console()
     if not has_width(console):

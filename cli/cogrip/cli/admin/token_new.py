@@ -89,11 +89,11 @@ def token_new(
         )
     errors = make_console(stderr=True, soft_wrap=True)
     if warning := _device_warning(device):
-        errors.print(f"warning: {warning}", markup=False)
+        errors.print(f"warning: {warning}")
     if json is not None:
         write_json(_as_json(made, link), json)
         return 0
-    errors.print(f"token {made.id}: {_terms(made)}", markup=False)
+    errors.print(f"token {made.id}: {_terms(made)}")
     print(link.text)
     return 0
 

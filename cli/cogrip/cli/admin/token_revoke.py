@@ -46,7 +46,7 @@ def token_revoke(*ids: str, state: State = None, port: Port = DEFAULT_PORT) -> i
             raise BadInput(f"token revoke: {error} (nothing was changed)") from None
     console = make_console(soft_wrap=True)
     for ident in dict.fromkeys(wanted):
-        console.print(f"{ident} {'was revoked before' if ident in already else 'is revoked'}", markup=False)
+        console.print(f"{ident} {'was revoked before' if ident in already else 'is revoked'}")
     return _notify_server(folder, console)
 
 
@@ -65,11 +65,11 @@ def _notify_server(folder: StateFolder, console: Console) -> int:
     try:
         answer = ask(folder, Reload())
     except NotRunningError:
-        console.print("no server is running there: it will read this at its start", markup=False)
+        console.print("no server is running there: it will read this at its start")
         return 0
     except ControlError as error:
         raise Problem(f"revoked, and nobody new can join by it, but seats taken with it may last: {error}") from None
     if not answer.ok:
         raise Problem(f"revoked, but the server could not read it: {answer.text}")
-    console.print(f"the server has read it: {answer.text}", markup=False)
+    console.print(f"the server has read it: {answer.text}")
     return 0

@@ -41,7 +41,7 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
         console.width = _PIPED_WIDTH
     if answer.people:
         console.print(people_tables(answer.people))
-    console.print(answer.text, markup=False)
+    console.print(answer.text)
     return 0
 
 

@@ -37,7 +37,7 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
     arm = arm_at(address)
     if damping:
         return _identify(arm, address, console, yes=yes)
-    console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).", markup=False)
+    console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).")
     if not yes:
         wait_for_enter(console, "Put the arm there and hold it still.")
     with Problem.of(DeviceError):
@@ -45,12 +45,12 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
         path = CalibrationStore().keep(calibration)
     home = arm.model.kinematics.forward(arm.model.drive.angles(arm.model.home_counts))
     where = "" if home is None else f"; the tip of the home pose is at ({', '.join(f'{at:.3f}' for at in home)}) m"
-    console.print(f"{calibration.model} is calibrated{where}", markup=False)
+    console.print(f"{calibration.model} is calibrated{where}")
     if not calibration.stamp:
         console.print(
             "this system cannot tell when it is plugged in again, so join with the key pose=home instead, each time anew"
         )
-    console.print(f"kept in {path}, until the arm is plugged in again or loses power", markup=False)
+    console.print(f"kept in {path}, until the arm is plugged in again or loses power")
     return 0
 
 
@@ -68,18 +68,15 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         measures = engage(["gc-frozen", "fifo"])
         try:
             with termination_raised():
-                found = identify(
-                    arm, arm.model, force_n, clock.newest, lambda text: console.print(f"  {text}", markup=False)
-                )
+                found = identify(arm, arm.model, force_n, clock.newest, lambda text: console.print(f"  {text}"))
         finally:
             release(measures)
         path = CalibrationStore().keep_losses(arm.losses(found.damping_nspm, found.friction_n, _now()))
     console.print(
         f"{arm.model.record.model}: its mechanism takes at least {found.damping_nspm:.3g} N s/m of damping and "
         f"{found.friction_n:.3g} N of friction, anywhere in its workspace",
-        markup=False,
     )
-    console.print(f"kept in {path}; sessions count on it from now on. Delete it if the mechanism changes", markup=False)
+    console.print(f"kept in {path}; sessions count on it from now on. Delete it if the mechanism changes")
     return 0
 
 

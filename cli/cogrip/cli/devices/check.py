@@ -90,6 +90,6 @@ def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Consol
         try:
             reading = check.begin()
             model = arm.recognised(reading)
-            return model, check.measured(lambda text: console.print(f"  {text}", markup=False), moving_s), current_ma
+            return model, check.measured(lambda text: console.print(f"  {text}"), moving_s), current_ma
         finally:
             check.end()

@@ -51,13 +51,13 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
             check(subject)
         except (UnfitError, DeviceError) as error:
             broken += 1
-            console.print(f"✗ {check.__name__}: {error}", markup=False)
+            console.print(f"✗ {check.__name__}: {error}")
         except Exception as error:  # noqa: BLE001 (a driver's author has to see it)
             broken += 1
             found = f"{type(error).__name__}: {error}"
-            console.print(f"✗ {check.__name__}: only DeviceError may be raised, not {found}", markup=False)
+            console.print(f"✗ {check.__name__}: only DeviceError may be raised, not {found}")
         else:
-            console.print(f"✓ {check.__name__}", markup=False)
+            console.print(f"✓ {check.__name__}")
     console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
     return 1 if broken else 0
 

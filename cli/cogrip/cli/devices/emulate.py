@@ -69,17 +69,14 @@ def device_emulate(
     with BadInput.of(DeviceError):
         firmware = make_firmware(machines[name], parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
 
-    def say(text: str) -> None:
-        console.print(text, markup=False)
-
     wire: ServedFirmware
     folder = ""
     if kind == "hid":
         folder = tempfile.mkdtemp(prefix="cogrip-") if link is None else ""
-        wire = ReportSocket(firmware, link or Path(folder) / "hid", say)
+        wire = ReportSocket(firmware, link or Path(folder) / "hid", console.print)
         keys = "&pose=home"
     else:
-        wire = PseudoTerminal(firmware, link, say)
+        wire = PseudoTerminal(firmware, link, console.print)
         keys = "?pose=home" if kind == "serial" else f"?model={name}&pose=home"  # a Haply board does not say what it is
     pose = f"its counters are zero in the home pose: join it with {keys}"
     if powered_at_m is not None:
@@ -94,7 +91,7 @@ def device_emulate(
         measures = engage(["gc-frozen", "fifo"]) if fast else []
         try:
             port = f"hid:{name}?path={wire.where}" if kind == "hid" else f"{kind}:{wire.where}"
-            say(f"{name} behind {port}; {pose}")
+            console.print(f"{name} behind {port}; {pose}")
             wire.run(_verbs(), lambda: bool(stop.reason))
         finally:
             release(measures)

@@ -18,11 +18,11 @@ def device_find() -> int:
         try:
             devices = finder()
         except DeviceError as error:
-            console.print(f"{what}: {error}", markup=False)
+            console.print(f"{what}: {error}")
             continue
         for device in devices:
             found += bool(device.address)
-            console.print(f"{device.address or UNKNOWN}  {device.text}", markup=False)
+            console.print(f"{device.address or UNKNOWN}  {device.text}")
     if not found:
         console.print(
             "none found: plug one in; on Linux it needs a udev rule (docs/devices.md). "

@@ -28,7 +28,7 @@ def arm_at(address: str) -> ArmDevice:
 
 def wait_for_enter(console: Console, text: str) -> None:
     """Ask for Enter. Raises Problem where nobody can press it."""
-    console.print(f"{text} Enter when it is so, Ctrl-C to leave.", markup=False)
+    console.print(f"{text} Enter when it is so, Ctrl-C to leave.")
     try:
         input()
     except EOFError:

@@ -38,8 +38,8 @@ def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool
     except OSError as error:
         raise Problem(f"{error.filename or into}: cannot be written: {error.strerror or error}") from None
     for path, rows in tables:
-        console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}", markup=False)
+        console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}")
     ends = [*records.clients.values(), *([records.server] if records.server else [])]
     for note in [*records.notes, *(note for end in ends for note in losses(end))]:
-        errors.print(f"warning: {note}", markup=False)
+        errors.print(f"warning: {note}")
     return 0

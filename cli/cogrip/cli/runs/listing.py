@@ -52,7 +52,7 @@ def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
         for line in lines_of(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
             console.print(line)
     else:
-        make_console(stderr=True).print(f"no runs in {folder}", markup=False)
+        make_console(stderr=True).print(f"no runs in {folder}")
     return 0
 
 

@@ -34,7 +34,6 @@ def merge(*folders: Path, out: Path) -> int:
         console.print(
             f"{each.file}: {each.add_ns * 1e-6:+.3f} ms to the server's clock, by {each.by} "
             f"(datagrams bound it to ±{bound_ms:.1f} ms)",
-            markup=False,
         )
-    console.print(f"merged: {out}; see `cogrip report {out}`", markup=False)
+    console.print(f"merged: {out}; see `cogrip report {out}`")
     return 0

@@ -31,13 +31,13 @@ def recover(file: Path, /) -> int:
                 raise BadInput(f"{file} holds no recording; name a run folder or a .mcap file")
             broken = [each for each in found if not is_closed(each)]
             if not broken:
-                console.print(f"{file}: every recording was closed; there is nothing to recover", markup=False)
+                console.print(f"{file}: every recording was closed; there is nothing to recover")
         else:
             broken = [file]
         for each in broken:
             if is_being_written(each):
                 raise Problem(f"{each} is still being written; end its session first")
-            console.print(words(each, recover_recording(each)), markup=False)
+            console.print(words(each, recover_recording(each)))
     except (RecordingError, FileNotFoundError) as error:
         raise BadInput(str(error)) from None
     except FileExistsError as error:
@@ -53,13 +53,13 @@ def recover_unclosed(path: Path, console: Console) -> None:
         if is_closed(each) or is_being_written(each):
             continue
         try:
-            console.print(f"note: {words(each, recover_recording(each))}", markup=False)
+            console.print(f"note: {words(each, recover_recording(each))}")
         except FileExistsError:
             pass  # it was recovered before, and this file was named by itself
         except RecordingError:
             continue  # the caller reports it on opening
         except OSError as error:
-            console.print(f"note: {each.name} was not closed; it is read as it is ({error.strerror})", markup=False)
+            console.print(f"note: {each.name} was not closed; it is read as it is ({error.strerror})")
 
 
 def words(file: Path, saved: Recovered) -> str:

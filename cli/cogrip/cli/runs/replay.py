@@ -182,9 +182,9 @@ def _what_if(
             raise BadInput(f"{error}; the changed session's run is in {folder}") from None
     console.print(compared_table(rows, labels))
     for name, outcome in outcomes.items():
-        console.print(f"{name}:", markup=False)
+        console.print(f"{name}:")
         console.print(verdict_lines(outcome.summary))
-    console.print(f"comparison: {page}", markup=False)
+    console.print(f"comparison: {page}")
     if stop.reason:
         console.print("interrupted: the comparison covers what was run")
         return 130

@@ -42,7 +42,7 @@ def report(*run: Path, out: Path | None = None) -> int:
         raise BadInput(f"report: {words}") from None
     if rows:
         console.print(compared_table(rows, labels_of(run)))
-    console.print(f"report: {page}", markup=False)
+    console.print(f"report: {page}")
     return 0
 
 

@@ -64,4 +64,4 @@ def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, 
     except OSError as error:
         console.print(f"warning: {error.filename or folder}: {error.strerror}; the summary above is all that is left")
     except ValueError as error:  # an implausible account of the other end: no other room loses its files by it
-        console.print(f"warning: {folder}: {error}; what was written before stands there", markup=False)
+        console.print(f"warning: {folder}: {error}; what was written before stands there")

@@ -128,12 +128,12 @@ def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: St
         log = _log(folder, user.name)
         for line in log.read_text().splitlines() if log.exists() else []:
             if ": dealt with: " in line or line.startswith("warning: "):
-                console.print(line, markup=False)
+                console.print(line)
         early = "" if stop.reason or user.name in failed else stated_reason(log)
         if early:
-            console.print(f"{user.name}: ended early: {early}", markup=False)
+            console.print(f"{user.name}: ended early: {early}")
     for name, how in failed.items():
-        console.print(f"{name}: {how}; see {_log(folder, name)}", markup=False)
+        console.print(f"{name}: {how}; see {_log(folder, name)}")
     travel = summary["object"]["travel_m"]  # None where the server left no account of the object
     moved = settings.object.kind == "wall" or (travel is not None and travel > MOVED_M)
     if not moved and travel is not None:

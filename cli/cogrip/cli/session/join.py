@@ -128,7 +128,7 @@ def join(
             raise BadInput("--observe needs no --device: leave one of them out")
         with on_signals(stop), closing(target.paths(insecure)) as paths:
             if name:
-                console.print(NO_NAME, markup=False)
+                console.print(NO_NAME)
             return observe_room(ClientSession(target.observer()), paths, stop, seconds, console)
     named = device is not None
     device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
@@ -141,7 +141,7 @@ def join(
     with (
         on_signals(stop),
         closing(target.paths(insecure)) as paths,
-        LiveScreen(partial(console.print, markup=False)) as screen,
+        LiveScreen(console.print) as screen,
     ):
         say = screen.say
         files = _Files(runs, into, record, screen, drawn=not quiet and may_draw(console))
@@ -197,14 +197,14 @@ def _finish(ended: Ended, folder: Path | None, console: Console, *, alone: bool,
     summary = of_client(ended.seat, ended.account, ended.farewell, ended.seconds, ended.counts)
     user, well = ended.seat.user, succeeded(summary)
     if counts := counted(ended.counts):
-        console.print(f"{user}: dealt with: {counts}", markup=False)
+        console.print(f"{user}: dealt with: {counts}")
     if alone:
         leave_files(folder, summary, console, shown=report or folder is None, report=report)
     if ended.failed:
-        console.print(f"{user}: the session broke off, no force is left: {ended.failed}", markup=False)
+        console.print(f"{user}: the session broke off, no force is left: {ended.failed}")
     elif ended.ended:
-        console.print(f"{user}: the session is over, no force is left: {ended.ended}", markup=False)
+        console.print(f"{user}: the session is over, no force is left: {ended.ended}")
     if not ended.failed and not well:
-        console.print(f"{user}: not a good run: {why_not(summary)}", markup=False)
+        console.print(f"{user}: not a good run: {why_not(summary)}")
     cut_short = ended.ended.startswith(IN_ORDER) and SECONDS_OVER not in ended.ended
     return 0 if well and not ended.failed and not cut_short else 1

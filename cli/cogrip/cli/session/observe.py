@@ -23,11 +23,7 @@ def observe_room(session: ClientSession, paths: Paths, stop: Stop, seconds: floa
 
     Raises Problem where there is no observer slot.
     """
-    core = ObserverCore(session)
-
-    def say(text: str) -> None:
-        console.print(text, markup=False)
-
+    core, say = ObserverCore(session), console.print
     with Problem.of(JoinError):
         if console.is_terminal:
             with Live(table(core, 0), console=console, auto_refresh=False) as live:

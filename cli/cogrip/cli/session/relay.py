@@ -126,7 +126,7 @@ def relay(
         lines.put("\n")
     ending = StringIO()  # put with the lines, since it may have no reader either
     end = make_console(file=ending, width=console.width, force_terminal=console.is_terminal, soft_wrap=True)
-    end.print(f"ended: {stop.reason}", markup=False)
+    end.print(f"ended: {stop.reason}")
     end.print(flows_table(live))
     _print_counts(live, end)
     lines.put(ending.getvalue(), wait=True)

@@ -91,7 +91,7 @@ def compare(
         console.print("no session was finished")
         failed = True
     if stop.reason:
-        console.print(f"{stop.reason}: the same command with --out {folder.path} continues from here", markup=False)
+        console.print(f"{stop.reason}: the same command with --out {folder.path} continues from here")
         return 130
     return 1 if failed else 0
 
@@ -161,7 +161,7 @@ def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Co
             shown = make_console(width=_PIPED_WIDTH)
         shown.print(methods_table(summary))
     where = console if json == "-" else make_console(soft_wrap=True)
-    where.print(f"report: {folder.path / REPORT}", markup=False)
+    where.print(f"report: {folder.path / REPORT}")
     return bool(_failed(summary, console)) or ours_failed(summary)
 
 
@@ -171,7 +171,7 @@ def _failed(summary: Mapping[str, Any], console: Console) -> int:
         count += row["failed"]
         for error, times in row["errors"].items():
             where = f"{row['method']} on {row['network']}"
-            console.print(f"could not be run: {where}, {times} sessions: {error}", markup=False)
+            console.print(f"could not be run: {where}, {times} sessions: {error}")
     return count
 
 

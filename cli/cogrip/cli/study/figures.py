@@ -33,6 +33,6 @@ def figures(*names: str, out: Path = Path("figures")) -> int:
             page = entry.make()
         with Problem.of(OSError, where=f"--out {out}: cannot be written: "):
             paths = save_page(out, page)
-        console.print(f"{page.title}: {paths[0]}", markup=False)
-        console.print(f"  {page.caption}", markup=False)
+        console.print(f"{page.title}: {paths[0]}")
+        console.print(f"  {page.caption}")
     return 0

@@ -110,7 +110,7 @@ def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
         try:
             figure = draw_measure(asked.grid, folder.finished, column)
         except NotDrawnError as reason:
-            console.print(f"not drawn: {reason}", markup=False)
+            console.print(f"not drawn: {reason}")
             continue
         path = folder.path / f"heatmap-{column}.png"
         path.write_bytes(png(figure))
@@ -133,7 +133,7 @@ def _report(report: Report, folder: Path, pictures: list[Path], stop: Stop, json
     for picture in pictures:
         console.print(f"picture: {picture}")
     for reason, count in sorted(report.failed.items(), key=lambda item: -item[1]):
-        console.print(f"failed: {count} cases: {reason}", markup=False)
+        console.print(f"failed: {count} cases: {reason}")
     if stop.reason:
         console.print(f"{stop.reason}: the same command continues from here")
         return 130

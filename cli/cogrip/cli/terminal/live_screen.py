@@ -198,7 +198,7 @@ def draw_below(table: Callable[[int, int], RenderableType]) -> None:
         while not lines.ended:
             for line in lines.wait(max(0.0, drawn_s + DRAW_EVERY_S - time.monotonic())):
                 drawing.look()
-                console.print(line, markup=False, soft_wrap=True)
+                console.print(line, soft_wrap=True)
             if _STOP & signal.sigpending():
                 drawing.end()
                 with suppress(OSError):  # the loop may have ended
