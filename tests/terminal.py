@@ -167,7 +167,7 @@ class JobShell(Terminal):
     def drawing(self) -> int:
         """Return the process id of what draws the live table of the only command here."""
         (command,) = _children(self.process.pid)
-        (found,) = (pid for pid in _children(command) if b"live_process" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        (found,) = (pid for pid in _children(command) if b"live_views" in Path(f"/proc/{pid}/cmdline").read_bytes())
         return found
 
 

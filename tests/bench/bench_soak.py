@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.runs.new_run import new_run_folder
+from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child
 from cogrip.cli.session.settings_file import load

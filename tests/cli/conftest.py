@@ -1,4 +1,4 @@
-"""A run to spoil, and the command as its users type it."""
+"""Shared fixtures: a recorded run to spoil, an empty folder, the command as its users type it."""
 
 import shutil
 from pathlib import Path
@@ -29,11 +29,17 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy to spoil, in the present folder."""
+def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make an empty folder the current one, and the terminal wide."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "300")
-    shutil.copytree(recorded, tmp_path / "run")
+    return tmp_path
+
+
+@pytest.fixture
+def run(recorded: Path, empty_folder: Path) -> Path:
+    """Return a copy of the recorded run to spoil, in the current folder."""
+    shutil.copytree(recorded, empty_folder / "run")
     return Path("run")
 
 

@@ -1,4 +1,4 @@
-"""What happens to a run of anna and ben: one tick altered, a file cut or damaged."""
+"""Defects of a run of anna and ben: one tick altered, a file cut or damaged."""
 
 from collections.abc import Callable
 from io import BytesIO
@@ -17,7 +17,7 @@ SERVER, ANNA, BEN = "server.mcap", "client-anna.mcap", "client-ben.mcap"
 FILES = (ANNA, BEN, SERVER)
 TORN = b"\x06\x00\x10\x00\x00\x00\x00\x00\x00 the writer came no further"  # a chunk of 4096 bytes begins
 Cogrip = Callable[..., tuple[int, str, str]]
-"""Run one command: exit code, what it said, what it said of problems."""
+"""Run one command, and return exit code, standard output and standard error."""
 
 
 def until(last_ns: int) -> Alter:

@@ -2,28 +2,30 @@
 
 import csv
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cogrip.cli.main import main
+from cogrip.cli.session.shipped_settings import shipped
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
-DEMO = str(CONFIGS / "demo.toml")
-PAPER = str(CONFIGS / "paper.toml")
+from tests.cli.spoiled_runs import Cogrip
 
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    code = main(arguments)
-    streams = capsys.readouterr()
-    return code, streams.out, streams.err
+DEMO, PAPER = str(shipped("demo")), str(shipped("paper"))
+Answer = Callable[..., Any]
 
 
-def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
-    code, out, _ = run(capsys, *arguments, "--json", "-")
-    assert code == 0
-    return json.loads(out)
+@pytest.fixture
+def answer(cogrip: Cogrip) -> Answer:
+    """Run a command, and return its answer as JSON."""
+
+    def asked(*arguments: object) -> Any:
+        code, out, _ = cogrip(*arguments, "--json", "-")
+        assert code == 0
+        return json.loads(out)
+
+    return asked
 
 
 @pytest.mark.parametrize(
@@ -31,10 +33,10 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     [("paper", 2, 1000, 1.0406, 4, 22), ("coupling", 1, 2000, 1.3257, 1, 14), ("passive", 4, 20000, 1.0, 4, 26)],
 )
 def test_radius_is_the_contract_to_the_letter(
-    capsys, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int
+    answer: Answer, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int
 ) -> None:
     found = answer(
-        capsys, "stability", "radius", DEMO, "--exact-velocity", "--scheme", scheme, "--delay-frames", str(delay),
+        "stability", "radius", DEMO, "--exact-velocity", "--scheme", scheme, "--delay-frames", str(delay),
         "--set", f"coupling.stiffness_npm={stiffness}",
     )  # fmt: skip
     assert list(found) == ["scheme", "spectral_radius", "structural", "states", "stable"]
@@ -44,89 +46,79 @@ def test_radius_is_the_contract_to_the_letter(
     assert found["stable"] == (radius == 1.0)
 
 
-def test_limit_is_the_contract_to_the_letter(capsys) -> None:
+def test_limit_is_the_contract_to_the_letter(answer: Answer) -> None:
     paper = "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "0"
-    found = answer(capsys, *paper, "--exact-velocity")
+    found = answer(*paper, "--exact-velocity")
     assert found == {"largest_stable_stiffness_npm": pytest.approx(1977.675, rel=1e-4), "searched_to_npm": 1e7}
-    found = answer(capsys, *paper)
+    found = answer(*paper)
     assert found["largest_stable_stiffness_npm"] < 1900.0
-    found = answer(capsys, "stability", "limit", DEMO, "--exact-velocity")
+    found = answer("stability", "limit", DEMO, "--exact-velocity")
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
 
 
 @pytest.mark.parametrize("more", [[], ["--set", "link.delay_ms=60"], ["--set", "coupling.kind=coupling"]])
-def test_advice_and_limit_and_sweep_name_one_stiffness(capsys, tmp_path: Path, more: list[str]) -> None:
+def test_advice_and_limit_and_sweep_name_one_stiffness(
+    answer: Answer, cogrip: Cogrip, tmp_path: Path, more: list[str]
+) -> None:
     """All three tell the same K up to which a session is stable, and that it is of the estimated velocity."""
-    advised = answer(capsys, "advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
-    limit = answer(capsys, "stability", "limit", DEMO, *more)["largest_stable_stiffness_npm"]
+    advised = answer("advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
+    limit = answer("stability", "limit", DEMO, *more)["largest_stable_stiffness_npm"]
     assert 0.0 < limit < 1e4
     assert advised == pytest.approx(limit, rel=2e-4)
-    command = [
-        "sweep",
-        DEMO,
-        "--vary",
-        "seed=1",
-        "--measure",
-        "lifted.largest_stable_stiffness_npm",
-        "--out",
-        str(tmp_path),
-    ]
-    assert run(capsys, *command, *more)[0] == 0
+    measure = "lifted.largest_stable_stiffness_npm"
+    assert cogrip("sweep", DEMO, "--vary", "seed=1", "--measure", measure, "--out", tmp_path, *more)[0] == 0
     with next(tmp_path.rglob("table.csv")).open() as file:
         [row] = csv.DictReader(file)
-    assert float(row["lifted.largest_stable_stiffness_npm"]) == pytest.approx(limit, rel=1e-9)
-    _, out, _ = run(capsys, "stability", "limit", DEMO, *more)
+    assert float(row[measure]) == pytest.approx(limit, rel=1e-9)
+    _, out, _ = cogrip("stability", "limit", DEMO, *more)
     assert "velocities as clients estimate them" in out
-    _, out, _ = run(capsys, "stability", "limit", DEMO, "--exact-velocity", *more)
+    _, out, _ = cogrip("stability", "limit", DEMO, "--exact-velocity", *more)
     assert "idealised: exact velocities" in out
 
 
-def test_a_users_own_stiffness_counts(capsys) -> None:
+def test_a_users_own_stiffness_counts(answer: Answer) -> None:
     both, uneven = (
-        answer(capsys, "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "1", *more)
+        answer("stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "1", *more)
         for more in ((), ("--set", "users.0.stiffness_npm=100"))
     )
     assert uneven["largest_stable_stiffness_npm"] > 1.1 * both["largest_stable_stiffness_npm"]
 
 
-def test_the_papers_scheme_brings_its_filter_but_a_set_stands_above_it(capsys) -> None:
-    radii = [
-        answer(
-            capsys, "stability", "radius", DEMO, "--exact-velocity", "--scheme", "paper", "--delay-frames", "4", *more
-        )["spectral_radius"]
-        for more in ((), ("--set", "coupling.decimator=lowpass"), ("--set", "coupling.decimator=boxcar"))
-    ]
+def test_the_papers_scheme_brings_its_filter_but_a_set_stands_above_it(answer: Answer) -> None:
+    paper = "stability", "radius", DEMO, "--exact-velocity", "--scheme", "paper", "--delay-frames", "4"
+    filters = (), ("--set", "coupling.decimator=lowpass"), ("--set", "coupling.decimator=boxcar")
+    radii = [answer(*paper, *more)["spectral_radius"] for more in filters]
     assert radii[0] == radii[1] == pytest.approx(1.0817, abs=5e-5)
     assert radii[2] != radii[0]
 
 
-def test_words_for_people(capsys) -> None:
-    _, out, _ = run(capsys, "stability", "radius", DEMO, "--scheme", "coupling")
+def test_words_for_people(cogrip: Cogrip) -> None:
+    _, out, _ = cogrip("stability", "radius", DEMO, "--scheme", "coupling")
     assert "virtual coupling: NOT stable" in out
     assert "structural eigenvalues at 1: joint position" in out
-    _, out, _ = run(capsys, "stability", "limit", DEMO, "--exact-velocity")
+    _, out, _ = cogrip("stability", "limit", DEMO, "--exact-velocity")
     assert "stable at any stiffness up to 1e+07 N/m" in out
-    _, out, _ = run(capsys, "stability", "limit", DEMO, "--set", "coupling.impedance_nspm=300")
+    _, out, _ = cogrip("stability", "limit", DEMO, "--set", "coupling.impedance_nspm=300")
     assert "stable at no stiffness" in out
 
 
-def test_a_delay_that_is_no_whole_number_of_ticks_says_what_was_done(capsys) -> None:
+def test_a_delay_that_is_no_whole_number_of_ticks_says_what_was_done(cogrip: Cogrip) -> None:
     command = "stability", "radius", DEMO, "--exact-velocity", "--delay-frames"
-    code, out, err = run(capsys, *command, "1.3", "--json", "-")
+    code, out, err = cogrip(*command, "1.3", "--json", "-")
     assert code == 0
-    assert json.loads(out)["states"] == 18  # two frames each way
+    assert json.loads(out)["states"] == 18  # two frames each direction
     assert "10.4 device ticks, no whole number: taken as 11" in err
     assert "after 16 ticks or 2 frames" in err
-    _, _, err = run(capsys, *command, "2", "--json", "-")
+    _, _, err = cogrip(*command, "2", "--json", "-")
     assert err == ""
 
 
-def test_region_leaves_picture_numbers_and_record(capsys, tmp_path: Path) -> None:
+def test_region_leaves_picture_numbers_and_record(cogrip: Cogrip, tmp_path: Path) -> None:
     command = ["stability", "region", DEMO, "--scheme", "paper", "--delays-frames", "0,1,2,4", "--out", str(tmp_path)]
     command.append("--exact-velocity")
-    code, out, _ = run(capsys, *command, "--grid", "8")
+    code, out, _ = cogrip(*command, "--grid", "8")
     assert code == 0
-    assert "0 frames each way: to 1978 N/m if both are alike" in out
+    assert "0 frames each direction: to 1978 N/m if both are alike" in out
     assert {path.name for path in tmp_path.iterdir()} == {"region.png", "region.svg", "region.csv", "region.json"}
     assert (tmp_path / "region.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "region.svg").read_text().startswith("<?xml")
@@ -139,17 +131,17 @@ def test_region_leaves_picture_numbers_and_record(capsys, tmp_path: Path) -> Non
     assert [each["delay_frames"] for each in record["outlines"]] == [0, 1, 2, 4]
     assert all(each["verified"] for each in record["outlines"])
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert run(capsys, *command, "--grid", "8")[0] == 0  # the same question may be asked again
+    assert cogrip(*command, "--grid", "8")[0] == 0  # the same query may be repeated
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-    code, _, err = run(capsys, *command)
+    code, _, err = cogrip(*command)
     assert code == 2
     assert "answers another question (other grid)" in err
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_region_does_not_write_over_what_is_no_answer(capsys, tmp_path: Path) -> None:
+def test_region_overwrites_no_other_files(cogrip: Cogrip, tmp_path: Path) -> None:
     (tmp_path / "region.png").write_text("my holiday")
-    code, _, err = run(capsys, "stability", "region", DEMO, "--scheme", "paper", "--out", str(tmp_path))
+    code, _, err = cogrip("stability", "region", DEMO, "--scheme", "paper", "--out", str(tmp_path))
     assert code == 2
     assert "in the way" in err
     assert [path.name for path in tmp_path.iterdir()] == ["region.png"]
@@ -181,36 +173,33 @@ def test_region_does_not_write_over_what_is_no_answer(capsys, tmp_path: Path) ->
     ],
 )  # fmt: skip
 def test_bad_input_is_named_and_leaves_nothing(
-    capsys, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cogrip: Cogrip, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(capsys, *arguments)
+    code, out, err = cogrip(*arguments)
     assert code == 2
     assert out == ""
     assert words in err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_advice_in_words_and_in_numbers(capsys) -> None:
-    code, out, err = run(capsys, "advise", DEMO)
+def test_advice_in_words_and_in_numbers(answer: Answer, cogrip: Cogrip) -> None:
+    code, out, err = cogrip("advise", DEMO)
     out = " ".join(out.split())
     assert code == 0
-    assert (
-        "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 N s/m"
-        in out
-    )
-    assert "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device" in out
-    assert "note laboratory anna, ben: a spring of 1000 N/m felt like 363 N/m at rest over this link" in out
-    assert "ok laboratory a session of 6.25 s with these settings: passive and stable" in out
-    assert "conditions velocities as clients estimate them" in out
-    assert "b T_c / m = 0.20" in out
-    assert (
-        "b = 20 of at most 25.6 N s/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg"
-        in out
-    )
-    assert "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %" in out
+    for words in (
+        "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 N s/m",
+        "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device",
+        "note laboratory anna, ben: a spring of 1000 N/m felt like 363 N/m at rest over this link",
+        "ok laboratory a session of 6.25 s with these settings: passive and stable",
+        "conditions velocities as clients estimate them",
+        "b T_c / m = 0.20",
+        "b = 20 of at most 25.6 N s/m, its lag bound, where the 4 ticks that its damper is late take all of its 0.1 kg",
+        "--set coupling.impedance_nspm=25.6: felt stiffness would miss what is asked by 58 % in place of 64 %",
+    ):
+        assert words in out
     assert "20.48 device ticks" in err
-    found = answer(capsys, "advise", DEMO, "--set", "coupling.kind=coupling")
+    found = answer("advise", DEMO, "--set", "coupling.kind=coupling")
     assert not found["stable"]
     assert found["warnings"][0].startswith("NOT stable: spectral radius 1.13")
     assert found["change"]["set"] == 'coupling.kind="wave"'
@@ -219,48 +208,48 @@ def test_advice_in_words_and_in_numbers(capsys) -> None:
     assert found["users"][0]["impedance_bound"] == "lag"
 
 
-def test_advice_the_other_way_round(capsys) -> None:
+def test_advice_the_other_way_round(answer: Answer, cogrip: Cogrip) -> None:
     """`advise` says the same of the settings that it names, and a session in virtual time feels it."""
-    found = answer(capsys, "advise", DEMO, "--for-stiffness")["stiffest"]
+    found = answer("advise", DEMO, "--for-stiffness")["stiffest"]
     sets = [word for setting in found["set"] for word in ("--set", setting)]
-    there = answer(capsys, "advise", DEMO, "--no-laboratory", *sets)
+    there = answer("advise", DEMO, "--no-laboratory", *sets)
     assert there["stable"]
     assert found["felt_stiffness_npm"] == min(user["felt_stiffness_npm"] for user in there["users"])
     for user in found["users"]:
         assert user["laboratory_felt_npm"] == pytest.approx([found["felt_stiffness_npm"]], rel=0.01)
-    code, out, _ = run(capsys, "advise", DEMO, "--for-stiffness")
+    code, out, _ = cogrip("advise", DEMO, "--for-stiffness")
     assert code == 0
     assert f"stiffest {found['felt_stiffness_npm']:.4g} N/m" in " ".join(out.split())
     assert "--set coupling.impedance_nspm=25.6" in out
 
 
-def test_serve_warns_in_the_words_of_advise(capsys, tmp_path: Path) -> None:
+def test_serve_warns_in_the_words_of_advise(answer: Answer, cogrip: Cogrip, tmp_path: Path) -> None:
     outside = ["--set", "coupling.impedance_nspm=60"]
-    warnings = answer(capsys, "advise", DEMO, "--no-laboratory", *outside)["warnings"]
+    warnings = answer("advise", DEMO, "--no-laboratory", *outside)["warnings"]
     assert warnings
-    code, out, _ = run(
-        capsys, "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report", *outside
+    code, out, _ = cogrip(
+        "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report", *outside
     )
     assert code == 0
     for text in warnings:
         assert text.partition(": ")[2] in out
-    _, out, _ = run(capsys, "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report")
+    _, out, _ = cogrip("serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report")
     assert "warning" not in out
 
 
-def test_feel_in_words_numbers_and_a_picture(capsys, tmp_path: Path) -> None:
-    found = answer(capsys, "feel", DEMO, "--delay-frames", "1", "--out", str(tmp_path))
+def test_feel_in_words_numbers_and_a_picture(answer: Answer, cogrip: Cogrip, tmp_path: Path) -> None:
+    found = answer("feel", DEMO, "--delay-frames", "1", "--out", str(tmp_path))
     assert found["conditions"]["on a wall"]["stiffness_npm"] == pytest.approx(630.5, abs=0.05)
     assert set(found["conditions"]) == {"no contact", "alone with the object", "on a wall", "others hold on"}
     assert found["delay_total_ms"] == pytest.approx(3 * 7.8125)
     assert {path.name for path in tmp_path.iterdir()} == {"feel.png", "feel.svg", "feel.csv"}
-    code, out, _ = run(capsys, "feel", DEMO, "--delay-frames", "1")
+    code, out, _ = cogrip("feel", DEMO, "--delay-frames", "1")
     assert code == 0
     assert "630.5" in out
 
 
-def test_figures_by_name(capsys, tmp_path: Path) -> None:
-    code, out, _ = run(capsys, "figures", "fig4", "fig5", "decimators", "--out", str(tmp_path))
+def test_figures_by_name(cogrip: Cogrip, tmp_path: Path) -> None:
+    code, out, _ = cogrip("figures", "fig4", "fig5", "decimators", "--out", str(tmp_path))
     assert code == 0
     names = {f"{name}.{suffix}" for name in ("fig4", "fig5", "decimators") for suffix in ("png", "svg", "csv")}
     assert {path.name for path in tmp_path.iterdir()} == names
@@ -269,7 +258,9 @@ def test_figures_by_name(capsys, tmp_path: Path) -> None:
     assert "devices of 0.045 kg: 567, 567, 567, 567 N/m; devices of 0.1 kg: 1978, 1299, 716, 325 N/m" in out
 
 
-def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(capsys, tmp_path: Path) -> None:
+def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(
+    answer: Answer, cogrip: Cogrip, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     command = [
         "sweep",
@@ -280,22 +271,22 @@ def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(capsys, tmp_p
         "coupling.kind=wave,coupling",
     ]
     command += ["--measure", "lifted.spectral_radius", "--jobs", "1", "--out", str(out)]
-    found = answer(capsys, *command)
+    found = answer(*command)
     assert (found["cells"], found["computed"], found["kept"], found["failed"]) == (6, 6, 0, 0)
     assert {"sweep.json", "cells.jsonl", "table.csv", "heatmap-lifted.spectral_radius.png"} <= {
         path.name for path in out.iterdir()
     }
-    found = answer(capsys, *command)
+    found = answer(*command)
     assert (found["computed"], found["kept"]) == (0, 6)
     table = (out / "table.csv").read_bytes()
-    code, _, err = run(capsys, *command, "--measure", "lifted.stable")
+    code, _, err = cogrip(*command, "--measure", "lifted.stable")
     assert code == 2
     assert "holds another sweep (other columns)" in err
     assert (out / "table.csv").read_bytes() == table
 
 
-def test_bench_stability_prints_its_ratios(capsys) -> None:
-    code, out, _ = run(capsys, "bench", "stability", "--rounds", "1", "--cells", "6")
+def test_bench_stability_prints_its_ratios(cogrip: Cogrip) -> None:
+    code, out, _ = cogrip("bench", "stability", "--rounds", "1", "--cells", "6")
     assert code in (0, 1)  # how fast this machine is today is no test
     assert "eigvals" in out
     assert "MB" in out

@@ -1,4 +1,4 @@
-"""What is said before a session is run, and what is refused: `lab`, `demo`, `compare`, `replay --what-if`."""
+"""Warnings and refusals before a session is run: `lab`, `demo`, `compare`, `replay --what-if`."""
 
 import json
 from pathlib import Path
@@ -13,9 +13,7 @@ WORDS = "anna, ben: b = 50 N s/m is more than device sim:phantom carries"
 CURE = "set coupling.impedance_nspm to 25.6 or less; --allow-unstable runs it all the same"
 
 
-@pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 @pytest.mark.parametrize("command", [["lab", DEMO], ["demo", "--config", DEMO]])
@@ -82,7 +80,7 @@ def test_hardware_is_never_held_with_more_than_it_carries(cogrip: Cogrip, comman
     assert "leave the flag out" in err
 
 
-def test_what_cannot_be_meant_is_refused_whatever_is_allowed(cogrip: Cogrip, tmp_path: Path) -> None:
+def test_an_implausible_hand_is_refused_whatever_is_allowed(cogrip: Cogrip, tmp_path: Path) -> None:
     for command in (
         ["lab", DEMO],
         ["demo", "--config", DEMO],
@@ -113,27 +111,14 @@ def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogri
     code, out, err = cogrip(
         "replay", run, "--what-if", "--set", "coupling.kind=coupling", "--set", "link.delay_ms=40", "--runs", "other"
     )
-    assert code == 1, "the other world is judged by the same rules"
+    assert code == 1, "the changed session is judged by the same rules"
     assert "warning: NOT stable: spectral radius" in err
 
 
 def test_methods_are_compared_where_they_are_unstable_but_not_beyond_their_devices(
     cogrip: Cogrip, tmp_path: Path
 ) -> None:
-    compare = (
-        "compare",
-        DEMO,
-        "--profiles",
-        "own",
-        "--seeds",
-        "1",
-        "--workers",
-        "1",
-        "--set",
-        "seconds=2",
-        "--out",
-        "out",
-    )
+    compare = ["compare", DEMO, "--profiles", "own", "--seeds", 1, "--workers", 1, "--set", "seconds=2", "--out", "out"]
     code, _, err = cogrip(*compare, "--methods", "coupling")
     assert code == 0
     assert "warning: coupling on own: NOT stable" in err

@@ -1,4 +1,4 @@
-"""How many threads the linear algebra may have: one, unless the user has said something else by any of the variables."""
+"""Count of threads of the linear algebra: one, unless the user has set any of the variables."""
 
 import os
 
@@ -9,9 +9,7 @@ from cogrip.sim.blas_threads import BLAS_THREADS
 
 
 @pytest.mark.parametrize("set_by_user", ["", *BLAS_THREADS])
-def test_the_number_of_threads_is_the_users_if_he_has_set_any(
-    monkeypatch: pytest.MonkeyPatch, set_by_user: str
-) -> None:
+def test_the_number_of_threads_is_the_users_where_any_is_set(monkeypatch: pytest.MonkeyPatch, set_by_user: str) -> None:
     for name in BLAS_THREADS:
         monkeypatch.setenv(name, "")  # so that it is as it was, afterwards
         monkeypatch.delenv(name)

@@ -1,4 +1,4 @@
-"""Why a command of ours ended, as whoever started it tells: its own reason, and never the last line of its log."""
+"""Reasons of the end of child processes: the one that the child stated, never the last line of its log."""
 
 import subprocess
 import sys
@@ -20,12 +20,12 @@ LOGS = {
         "anna: dealt with: reply missed 3\nanna: the session broke off, no force is left: device: serial: no reply\n"
     ),
     "cannot listen on 127.0.0.1:47800: taken": "warning: room demo: softer\ncogrip: cannot listen on 127.0.0.1:47800: taken\n",
-    "stopped (SIGTERM)": "listening on 127.0.0.1:1, plain\nstopped (SIGTERM)\nreport: runs/1/report.html\n",
+    "stopped (SIGTERM)": "listening on 127.0.0.1:1, unencrypted\nstopped (SIGTERM)\nreport: runs/1/report.html\n",
     "stopped (SIGINT)": '{"event": "notice", "text": "stopped (SIGINT)"}\n{"event": "left", "text": "anna left: goodbye"}\n',
     "stopped (its --seconds are over)": "up: nothing is emulated\nended: stopped (its --seconds are over)\n",
     "ZeroDivisionError: a bug": 'Traceback (most recent call last):\n  File "x.py", line 1\nZeroDivisionError: a bug\n',
     "Not passive: it gave.": "anna: not a good run: Not passive: it gave.\n",
-    "the server said goodbye: kicked": "anna: the looking on broke off: the server said goodbye: kicked\n",
+    "the server said goodbye: kicked": "anna: observing broke off: the server said goodbye: kicked\n",
     "": "demo: anna joined from 127.0.0.1:57089 with sim:phantom?hand=reach\nthe server is silent: trying to come back\n",
 }
 
@@ -42,7 +42,7 @@ def test_a_log_that_is_not_there_states_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "said", "told"),
+    ("code", "said", "reason"),
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "", "was killed by SIGKILL"),
         ("raise SystemExit(3)", "joined", "gave no reason (exit code 3)"),
@@ -51,15 +51,15 @@ def test_a_log_that_is_not_there_states_nothing(tmp_path: Path) -> None:
         ("", "joined", "ended in order"),
     ],
 )
-def test_the_end_of_a_process_in_words(code: str, said: str, told: str, tmp_path: Path) -> None:
+def test_the_end_of_a_process_in_words(code: str, said: str, reason: str, tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.write_text(f"{said}\n")
     child = subprocess.Popen([sys.executable, "-c", code])
     child.wait(60.0)
-    assert how_ended(child, log) == told
+    assert how_ended(child, log) == reason
 
 
-def test_a_server_that_never_came_up_is_told_of_in_one_line(tmp_path: Path) -> None:
+def test_a_server_that_did_not_start_is_a_problem_of_one_line(tmp_path: Path) -> None:
     log = tmp_path / "server.log"
     log.write_text("warning: soft\ncogrip: cannot listen on 127.0.0.1:9: taken\n")
     child = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])

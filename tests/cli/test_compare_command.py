@@ -26,9 +26,8 @@ hand = "hold"
 
 
 @pytest.fixture
-def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "pair.toml"
+def config(empty_folder: Path) -> Path:
+    path = empty_folder / "pair.toml"
     path.write_text(PAIR)
     return path
 
@@ -57,13 +56,6 @@ def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     code, _, err = cogrip(*command, "--out", folder, "--set", "seconds=3")
     assert code == 2
     assert "holds another comparison (other settings, rest_s)" in err
-
-
-def test_its_help_says_what_happens(cogrip: Cogrip) -> None:
-    code, out, _ = cogrip("compare", "--help")
-    assert code == 0
-    for words in ("hands come to rest", "goes on where", "Exit code 0", "--profiles"):
-        assert " ".join(out.split()).count(words) == 1
 
 
 def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:

@@ -1,4 +1,4 @@
-"""How cogrip prints: as it is told, on consoles that one place makes."""
+"""Consoles: texts are printed unchanged, and one factory makes all consoles."""
 
 import io
 import re

@@ -35,7 +35,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("line", "said"), MISTAKES, ids=[line for line, _ in MISTAKES])
-def test_a_mistake_is_told_in_one_line(line: str, said: str, cogrip: Cogrip) -> None:
+def test_a_mistake_is_answered_in_one_line(line: str, said: str, cogrip: Cogrip) -> None:
     code, out, err = cogrip(*line.split())
     assert (code, out, err) == (2, "", f"cogrip: {said}\n")
 

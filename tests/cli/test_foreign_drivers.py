@@ -1,4 +1,4 @@
-"""Drivers of other packages that are not as they should be: `lab`, `join` and `devices conform` say so in a line, or cope."""
+"""Defective drivers of other packages: `lab`, `join` and `devices conform` name them in one line, or cope."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ Install = Callable[[Callable[[], Any]], None]
 
 @pytest.fixture
 def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Make `foreign:` the scheme of a package whose driver is made by this, however many axes are asked for."""
+    """Make `foreign:` the scheme of a package whose driver this function makes, for any count of axes."""
 
     def installed(driver: Callable[[], Device]) -> None:
         module = ModuleType("foreign_driver")
@@ -54,7 +54,6 @@ class Broken:
 def test_a_driver_of_more_axes_than_the_room_has_is_held_by_its_first(
     cogrip: Cogrip, install: Install, axes: int
 ) -> None:
-    """`lab` ended in a traceback, where `demo` did not."""
     install(lambda: make("sim:phantom?hand=reach", axes=2))
     code, out, _ = cogrip(
         "lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=2", "--set", f"object.axes={axes}"
@@ -100,7 +99,7 @@ def test_a_driver_that_fails_in_the_session_ends_it_in_a_fault(cogrip: Cogrip, i
     assert f"device: sim: IndexError: list index out of range in {verb}" in anna["reason"]
 
 
-def test_conform_tells_a_defect_and_goes_on(cogrip: Cogrip, install: Install) -> None:
+def test_conform_reports_a_defect_and_continues(cogrip: Cogrip, install: Install) -> None:
     install(lambda: Broken("write"))
     code, out, _ = cogrip("devices", "conform", "foreign:x", "--axes", "1")
     assert code == 1

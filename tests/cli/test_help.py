@@ -1,51 +1,57 @@
-"""Every help text says all that its docstring says: nothing in it is taken for markup."""
+"""Help pages: the list of commands by group, and the whole docstring of each command, with nothing taken for markup."""
 
-import io
 import re
 from collections.abc import Iterator
 
 import pytest
 from cyclopts import App
-from rich.console import Console
 
-from cogrip.cli.main import app
+from cogrip.cli.main import COMMANDS, GROUPS, app
+
+from tests.cli.spoiled_runs import Cogrip
 
 
 def commands(within: App, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], App]]:
-    """Every command, with those that stand below others."""
+    """Yield every command, with those below it."""
     yield path, within
     for name in within:
         if not name.startswith("-"):
             yield from commands(within[name], (*path, name))
 
 
+LINES = {path: app.help for path, app in commands(app)}  # before any page was shown
 ALL = dict(commands(app))
 
 
 def bare(text: str) -> str:
-    """`text` without what a help page lays out: blanks, boxes, the marks of code."""
+    """Return `text` without the layout of a help page: blanks, boxes, the marks of code."""
     return re.sub(r"[\s`\u2500-\u257f]", "", text)
 
 
-def said_in(docstring: str) -> list[str]:
-    """The words about the parameters in a docstring. What stands before them, the list of commands says in its own words."""
-    _, _, told = docstring.partition("----------\n")
-    return [word for line in told.splitlines() if line.startswith(" " * 8) for word in line.split()]
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("path", [path for path in ALL if path], ids=" ".join)
+def test_a_page_shows_the_line_of_the_list_and_the_whole_docstring(
+    path: tuple[str, ...], columns: int, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    code, out, _ = cogrip(*path, "--help")
+    shown = bare(out)
+    assert code == 0
+    assert shown.count(bare(LINES[path].partition("\n\n")[0])) == 1
+    command = ALL[path].default_command
+    text, _, parameters = ((command.__doc__ or "") if command else "").partition("Parameters\n")
+    described = [line for line in parameters.splitlines() if line.startswith(" " * 8)]
+    words = " ".join([text, *described]).split()
+    assert not [word for word in words if bare(word) not in shown]
 
 
 @pytest.mark.parametrize("columns", [80, 120])
-@pytest.mark.parametrize("path", ALL, ids=" ".join)
-def test_no_word_of_a_docstring_is_eaten(path: tuple[str, ...], columns: int) -> None:
-    out = io.StringIO()
-    app.help_print(path, console=Console(file=out, width=columns, color_system=None))
-    shown = bare(out.getvalue())
-    command = ALL[path].default_command
-    words = said_in(command.__doc__ or "") if command else []
-    missing = [word for word in words if bare(word) not in shown]
-    assert not missing
-
-
-def test_the_sweeps_folder_is_named_whole() -> None:
-    out = io.StringIO()
-    app.help_print(("sweep",), console=Console(file=out, width=120, color_system=None))
-    assert "sweeps/<name>-<digest>" in out.getvalue()
+def test_the_list_has_every_command_in_its_group(columns: int, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    code, out, _ = cogrip("--help")
+    assert code == 0
+    assert all(len(line) <= columns for line in out.splitlines())
+    assert re.findall(r"^╭─ (\w+) ─", out, re.MULTILINE) == [*GROUPS, "Options"]
+    assert tuple(re.findall(r"^│ ([a-z]+) ", out, re.MULTILINE)) == COMMANDS
+    lines = [line for table in GROUPS.values() for _, line in table.values()]
+    assert not [word for line in lines for word in line.split() if word not in out]

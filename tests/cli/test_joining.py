@@ -1,4 +1,4 @@
-"""What `cogrip join` is told by a link or an address, before anything is sent; and what an observer is shown."""
+"""`cogrip join` before anything is sent: link or address, device, advice; and the display of an observer."""
 
 import io
 from pathlib import Path
@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cogrip.cli.session import join
+from cogrip.cli.session import join, join_target, joined_device
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.client.io.paths import Paths
 from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
 from cogrip.devices.device import Device
+from cogrip.devices.registry import make
 from cogrip.protocol import messages
 from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.io.dtls_client import DtlsClient
@@ -29,13 +30,13 @@ from tests.cli.spoiled_runs import Cogrip
 
 FINGERPRINT, TOKEN = "0123456789abcdef" * 4, "tokentokentokentoken_-"
 LINK = f"cogrip://127.0.0.1:4711/lab#{FINGERPRINT}.{TOKEN}"
-NO_NAME = "this is for looking on: --name has no effect"
+NO_NAME = "an observer has no seat: --name has no effect"
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        ([LINK, "--insecure"], 2, "--insecure is for HOST:PORT; with a link everything is sealed"),
+        ([LINK, "--insecure"], 2, "--insecure is for HOST:PORT; with a link everything is encrypted"),
         ([LINK, "--room", "attic"], 2, "room 'attic' is asked for, and the link is for 'lab'"),
         ([LINK[:-3]], 2, "the token has 19 characters"),
         ([LINK.partition("#")[0]], 2, "the part after # is missing: put the link in quotes"),
@@ -73,28 +74,28 @@ def test_what_cannot_be_joined_is_refused_in_words_without_the_secret(
 
 def test_the_end_of_a_link_is_not_looked_up(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     looked_up: list[object] = []
-    monkeypatch.setattr(join, "find", lambda *where: looked_up.append(where))
+    monkeypatch.setattr(join_target, "find", lambda *where: looked_up.append(where))
     for text in (f"{FINGERPRINT}.{TOKEN}", f"cdef.{TOKEN}", FINGERPRINT, f"#{FINGERPRINT}.{TOKEN}", f"lab#{TOKEN}"):
         assert cogrip("join", text)[0] == 2
     assert looked_up == []
 
 
 def asked(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[Hello, Paths]:
-    """What would go to the server, looked at where it would go out."""
+    """Return the hello and the paths, caught where the client would start."""
     found: list[tuple[Hello, Paths]] = []
 
     def client(arm: Device, hello: Hello, calls: Paths, *_: object) -> None:
         found.append((hello, calls))
         raise BadInput("nobody is there")
 
-    def look_on(session: ClientSession, calls: Paths, *_: object) -> None:
+    def observe_room(session: ClientSession, paths: Paths, *_: object) -> None:
         hello = messages.decode(session.hello)
         assert isinstance(hello, Hello)
-        found.append((hello, calls))
+        found.append((hello, paths))
         raise BadInput("nobody is there")
 
     monkeypatch.setattr(join, "LiveClient", client)
-    monkeypatch.setattr(join, "look_on", look_on)
+    monkeypatch.setattr(join, "observe_room", observe_room)
     assert cogrip("join", *arguments)[0] == 2
     [(hello, calls)] = found
     return hello, calls
@@ -104,7 +105,7 @@ def test_a_link_is_all_that_is_needed(cogrip: Cogrip, monkeypatch: pytest.Monkey
     hello, calls = asked(cogrip, monkeypatch, LINK)
     assert (hello.room, hello.role, hello.token, hello.ticket) == ("lab", "player", TOKEN, "")
     assert (calls.server.host, calls.server.port) == ("127.0.0.1", 4711)
-    assert isinstance(calls.make_channel(), DtlsClient), "with a link nothing is ever said in the open"
+    assert isinstance(calls.make_channel(), DtlsClient), "with a link everything is encrypted"
 
 
 @pytest.mark.parametrize("pasted", [f"<{LINK}>", f"'{LINK}'", f" cogrip join '{LINK}'\n"])
@@ -123,7 +124,7 @@ def test_standard_input_without_a_link_is_said(cogrip: Cogrip, monkeypatch: pyte
 
 def test_a_hello_claims_its_devices_record(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     hello, calls = asked(cogrip, monkeypatch, "127.0.0.1", "--device", "sim:phantom?hand=hold")
-    record = join.make("sim:phantom?hand=hold", axes=3).capability
+    record = make("sim:phantom?hand=hold", axes=3).capability
     assert (hello.device_force_n, hello.device_speed_mps) == (
         record.peak_force_n,
         min(record.speed_mps, messages.NO_BOUND),
@@ -133,11 +134,11 @@ def test_a_hello_claims_its_devices_record(cogrip: Cogrip, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("where", ["127.0.0.1:4711", "localhost:4711", "[::1]:4711"])
-def test_this_machine_may_be_spoken_to_in_the_open(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+def test_loopback_needs_no_encryption(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     assert asked(cogrip, monkeypatch, where)[1].server.port == 4711
 
 
-def test_another_one_only_where_that_is_asked_for(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_machine_without_encryption_needs_insecure(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     _, calls = asked(cogrip, monkeypatch, "192.0.2.7", "--insecure")
     assert isinstance(calls.make_channel(), UnencryptedChannel)
 
@@ -147,8 +148,8 @@ def test_an_observer_needs_no_device(cogrip: Cogrip, monkeypatch: pytest.MonkeyP
     assert (hello.role, hello.token, hello.device) == ("observer", TOKEN, "none")
 
 
-def test_a_name_has_no_effect_on_one_who_looks_on(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(join, "look_on", lambda *_: 0)
+def test_a_name_has_no_effect_on_an_observer(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(join, "observe_room", lambda *_: 0)
     assert cogrip("join", LINK, "--observe") == (0, "", "")
     assert cogrip("join", LINK, "--observe", "--name", "anna") == (0, f"{NO_NAME}\n", "")
 
@@ -164,13 +165,13 @@ def test_a_name_has_no_effect_on_one_who_looks_on(cogrip: Cogrip, monkeypatch: p
     assert cogrip("join", LINK, "--name", "anna") == (0, f"{NO_NAME}\n", "")
 
 
-# What is said of a seat, whatever the server asks for ---------------------------------------------------------------------
+# Advice on a seat, whatever the server asks for ---------------------------------------------------------------------
 
 
 def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **sections: object) -> tuple[str, int]:
-    """What a person reads, and how often the model was asked."""
+    """Return the printed warnings, and how often the model was asked."""
     seat = seat_settings(resolve({"users": [{"name": "a"}], **sections}), 0)
-    record = join.make("sim:phantom?hand=hold", axes=1).capability
+    record = make("sim:phantom?hand=hold", axes=1).capability
     asked: list[object] = []
 
     def advise_seat(*what: object) -> Advice:
@@ -179,9 +180,9 @@ def warned(monkeypatch: pytest.MonkeyPatch, raises: Exception | None = None, **s
             raise raises
         return Advice(Verdict("passive", 0.5, 0.5, (), 1), Limit(None, 1.0), 1.0, (), ())
 
-    monkeypatch.setattr(join, "advise_seat", advise_seat)
+    monkeypatch.setattr(joined_device, "advise_seat", advise_seat)
     said: list[str] = []
-    assert join._judge("sim:phantom", False, said.append, seat, record) == ""
+    assert joined_device.judge_seat("sim:phantom", False, said.append, seat, record) == ""
     return "".join(f"{line}\n" for line in said), len(asked)
 
 
@@ -213,12 +214,12 @@ def test_a_model_that_would_take_for_ever_is_not_asked(
     assert warned(monkeypatch, **sections) == (said, asked)
 
 
-# What an observer is shown ----------------------------------------------------------------------------------------------
+# Display of an observer ----------------------------------------------------------------------------------------------
 
 
 def seeing(view: View | None) -> ObserverCore:
     seat = msgspec.structs.replace(seat_settings(resolve({"users": [{"name": "a"}]}), 0), user="observer 1")
-    hello = join.Wanted(join.Place("127.0.0.1", 1, ""), "", "").to_look_on()
+    hello = join_target.Target("127.0.0.1", 1, "").observer()
     core = ObserverCore(ClientSession(hello))
     core.call(0)
     core.receive(messages.encode(Welcome(3, hello.nonce, 5, "", "1", seat, "t", "observer")), 0)

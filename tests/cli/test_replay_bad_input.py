@@ -1,5 +1,6 @@
-"""`cogrip replay`, and `join` with a replay, given what they cannot use: it is named, and nothing is left."""
+"""Refusals of `cogrip replay` and of `join` with a replay: the input is named, and nothing is left."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from tests.recording_files import rewrite
     [
         (("run",), "say either --verify or --what-if"),
         (("run", "--verify", "--what-if"), "say either --verify or --what-if"),
-        (("run", "--verify", "--set", "seed=2"), "--set changes the world, so it goes with --what-if"),
+        (("run", "--verify", "--set", "seed=2"), "--set goes with --what-if"),
         (("run", "--what-if", "--json", "-"), "--json goes with --verify"),
         (("nowhere", "--verify"), "nowhere: there is no such run; name a run folder or a .mcap file"),
         (("run/settings.json", "--verify"), "is not a recording (no MCAP file); name a run folder or its .mcap file"),
@@ -93,11 +94,17 @@ def test_a_header_that_cannot_be_read_is_bad_input_for_what_if(
         ("replay:run#user=cleo", (), "no recording of user cleo; there is: 0 (anna), 1 (ben)"),
         ("replay:run#user=cleo", ("--axes", 1), "no recording of user cleo; there is: 0 (anna), 1 (ben)"),
         ("replay:run#user=anna", ("--axes", 3), "was recorded on 1 axes, 3 are asked for"),
+        ("replay:run#user=bem", (), "there is: 0 (anna), 1 (ben); write #user=ben"),
+        ("replay:alone#user=1", (), "there is: 0 (anna); write #user=anna"),
+        ("replay:alone#user=ben", (), "there is: 0 (anna); write #user=anna"),
+        ("replay:alone/nobody#user=1", (), "there is no such run"),
     ],
 )
 def test_joining_with_a_replay_that_cannot_be_played(
     run: Path, cogrip: Cogrip, device: str, more: tuple[object, ...], words: str
 ) -> None:
+    Path("alone").mkdir()
+    shutil.copy(run / ANNA, "alone")
     code, _, problems = cogrip("join", "127.0.0.1:1", "--device", device, *more)
     assert code == 2
     assert words in problems
@@ -110,7 +117,7 @@ def test_joining_with_a_replay_that_cannot_be_played(
 def test_joining_takes_the_axes_that_were_recorded(
     run: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, device: str, more: tuple[object, ...], axes: int
 ) -> None:
-    """What goes to the server, looked at where it would go out."""
+    """The hello is caught where the client would start."""
     asked: list[tuple[int, int]] = []
 
     def client(arm: Device, hello: Hello, *_: object) -> None:
@@ -120,19 +127,3 @@ def test_joining_takes_the_axes_that_were_recorded(
     monkeypatch.setattr(join, "LiveClient", client)
     assert cogrip("join", "127.0.0.1:1", "--device", device, *more)[0] == 2
     assert asked == [(axes, axes)]
-
-
-def test_a_run_of_one_person_names_them_and_what_to_write(run, cogrip):
-    (run / "client-ben.mcap").unlink()
-    (run / "server.mcap").unlink()
-    for device in ("replay:run#user=1", "replay:run#user=ben"):
-        code, _, problem = cogrip("join", "127.0.0.1:9", "--device", device)
-        assert code == 2
-        assert "there is: 0 (anna); write #user=anna" in problem
-    code, _, problem = cogrip("join", "127.0.0.1:9", "--device", "replay:run/nobody#user=1")
-    assert (code, "there is no such run" in problem) == (2, True)
-
-
-def test_the_person_that_is_nearly_named_is_offered(run, cogrip):
-    code, _, problem = cogrip("join", "127.0.0.1:9", "--device", "replay:run#user=bem")
-    assert (code, "there is: 0 (anna), 1 (ben); write #user=ben" in problem) == (2, True)

@@ -25,10 +25,7 @@ def test_a_run_that_plays_again(run: Path, cogrip: Cogrip) -> None:
             rf"^{file}: equal, bit by bit: \d+ messages, {ticks(file)} {what}, 0\.4\d\d s$", said, re.MULTILINE
         )
     assert len(said.splitlines()) == 3
-
-
-def test_one_file_alone(run: Path, cogrip: Cogrip) -> None:
-    code, said, _ = cogrip("replay", run / BEN, "--verify")
+    code, said, _ = cogrip("replay", run / BEN, "--verify")  # one file alone
     assert code == 0
     assert said.startswith(f"{BEN}: equal, bit by bit: ")
     assert len(said.splitlines()) == 1
@@ -55,10 +52,7 @@ def test_the_first_difference_is_named_with_time_field_and_both_values(run: Path
 
 def test_another_input_makes_another_run(run: Path, cogrip: Cogrip) -> None:
     """A position is an input; what differs is what came of it, in that tick or a later one."""
-    rewrite(
-        run / ANNA,
-        tick(201, lambda record: msgspec.structs.replace(record, position_m=(0.001,))),
-    )
+    rewrite(run / ANNA, tick(201, lambda record: msgspec.structs.replace(record, position_m=(0.001,))))
     code, said, _ = cogrip("replay", run / ANNA, "--verify")
     assert code == 1
     assert "differs at 0.196289 s in /anna/tick velocity_mps[0]: recorded" in said
@@ -179,16 +173,12 @@ def test_what_is_still_being_written_is_read_as_it_is(run: Path, cogrip: Cogrip)
     assert cogrip("recover", run)[0] == 0
 
 
-def test_a_part_that_cannot_be_read_is_named(run: Path, cogrip: Cogrip) -> None:
+def test_an_unreadable_part_is_named_and_the_run_is_not_exact(run: Path, cogrip: Cogrip) -> None:
     (run / BEN).write_bytes(b"something else")
     code, said, _ = cogrip("replay", run, "--verify")
     assert code == 1
     assert f"note: {run / BEN} is not a recording" in said
     assert f"{ANNA}: equal, bit by bit" in said
-
-
-def test_a_run_with_a_part_that_cannot_be_read_is_not_exact(run: Path, cogrip: Cogrip) -> None:
-    (run / BEN).write_bytes(b"something else")
     code, said, _ = cogrip("replay", run, "--verify", "--json", "-")
     assert code == 1
     answer = json.loads(said)

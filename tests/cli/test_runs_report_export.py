@@ -1,4 +1,4 @@
-"""The commands that read what runs left: `cogrip runs`, `report`, `export`."""
+"""Commands on run folders: `cogrip runs`, `report`, `export`."""
 
 import csv
 import fcntl
@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.main import main
-from cogrip.cli.runs.listing import _size
+from cogrip.cli.runs.listing import size
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -67,17 +66,12 @@ def listed(base: Path) -> dict[str, ListedRun]:
     return {run.name: run for run in list_runs(base, not_running)}
 
 
-def said(capsys: pytest.CaptureFixture[str]) -> str:
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.err
-    return captured.out + captured.err
-
-
 @pytest.mark.parametrize("columns", [80, 150])
-def test_runs_are_listed_newest_first_with_a_line_each(base, capsys, monkeypatch, columns):
+def test_runs_are_listed_newest_first_with_a_line_each(base, cogrip, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
-    assert main(["runs", str(base)]) == 0
-    heading, *lines = capsys.readouterr().out.splitlines()
+    code, out, _ = cogrip("runs", base)
+    assert code == 0
+    heading, *lines = out.splitlines()
     assert [line.split()[0] for line in lines] == [SOFT, FIRST, THREE, APART, SPRING]
     assert heading.split()[:5] == ["run", "age", "kind", "people", "verdict"]
     assert re.search(r" \d+ d +lab +anna, ben +✓ good\b", lines[1])
@@ -136,9 +130,8 @@ def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
     assert listed(runs)[compared.name].brief == "unreadable"
 
 
-def test_runs_as_json(base, capsys):
-    assert main(["runs", str(base), "--json", "-"]) == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_runs_as_json(base, cogrip):
+    answer = json.loads(cogrip("runs", base, "--json", "-")[1])
     rows = {row["run"]: row for row in answer["runs"]}
     assert list(rows) == [SOFT, FIRST, THREE, APART, SPRING]
     row = rows[FIRST]
@@ -149,11 +142,8 @@ def test_runs_as_json(base, capsys):
     assert (row["kind"], row["brief"]) == ("lab", "good")
     assert row["verdict"].startswith("passive, stable, felt as intended"), "the whole one"
     assert {name: rows[name]["tone"] for name in (APART, SPRING)} == {APART: "bad", SPRING: "bad"}
-
-
-def test_a_run_named_by_itself_is_listed(base, capsys):
-    assert main(["runs", str(base / FIRST), "--json", "-"]) == 0
-    assert [row["run"] for row in json.loads(capsys.readouterr().out)["runs"]] == [FIRST]
+    alone = json.loads(cogrip("runs", base / FIRST, "--json", "-")[1])["runs"]
+    assert [row["run"] for row in alone] == [FIRST], "a run named by itself"
 
 
 def test_what_has_no_time_in_its_name_goes_by_its_files_time(runs):
@@ -274,82 +264,71 @@ def test_no_summary_is_too_strange_to_be_listed(tmp_path_factory, summary):
     [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (2_180_000, "2.18 MB"), (999_999, "1 MB"), (3.1e9, "3.1 GB")],
 )
 def test_sizes_have_the_unit_that_fits(size_bytes, text):
-    assert _size(size_bytes) == text
+    assert size(size_bytes) == text
 
 
-def test_no_runs_is_no_error(tmp_path, capsys):
-    assert main(["runs", str(tmp_path)]) == 0
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "no runs in" in captured.err
+def test_no_runs_is_no_error(tmp_path, cogrip):
+    assert cogrip("runs", tmp_path) == (0, "", f"no runs in {tmp_path}\n")
 
 
-def test_the_report_of_one_run_is_written_anew(runs, capsys):
+def test_the_report_of_one_run_is_written_anew(runs, cogrip):
     report = runs / FIRST / "report.html"
     report.write_text("old")
-    assert main(["report", str(runs / FIRST)]) == 0
-    assert f"report: {report}" in said(capsys)
+    code, out, _ = cogrip("report", runs / FIRST)
+    assert (code, f"report: {report}" in out) == (0, True)
     assert "Passive" in report.read_text(encoding="utf-8")
     assert (runs / FIRST / "plots" / "positions.png").exists()
 
 
-def test_several_runs_are_compared_on_one_page(runs, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "160")
-    for _ in range(2):  # a comparison of ours is replaced
-        assert main(["report", str(runs / FIRST), str(runs / SOFT), str(runs / SPRING)]) == 0
-    words = said(capsys)
-    assert "report: comparison.html" in words
-    assert "peak force [N]" in words
+def test_several_runs_are_compared_on_one_page(runs, tmp_path, empty_folder, cogrip):
+    for _ in range(2):  # an earlier comparison is replaced
+        code, out, _ = cogrip("report", runs / FIRST, runs / SOFT, runs / SPRING)
+        assert code == 0
+    assert "report: comparison.html" in out
+    assert "peak force [N]" in out
     page = (tmp_path / "comparison.html").read_text(encoding="utf-8")
     assert "3 runs compared" in page
     assert all(name in page for name in (FIRST, SOFT, SPRING))
     assert not (runs / FIRST / "report.html").exists()
 
 
-def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path, capsys):
+def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path, cogrip):
     folder = runs / FIRST
-    assert main(["export", str(folder), "--to", "csv"]) == 0
-    assert f"{folder / 'client-anna.tick.csv'}: 1024 rows" in said(capsys)
+    code, out, _ = cogrip("export", folder, "--to", "csv", "--datagrams")
+    assert (code, f"{folder / 'client-anna.tick.csv'}: 1024 rows" in out) == (0, True)
+    assert (folder / "server.datagram_in.csv").exists()
     with (folder / "client-anna.tick.csv").open(newline="") as file:
         head, *rows = csv.reader(file)
     assert head[:2] == ["time_s", "tick"]
     recorded = open_run(folder).clients["anna"].columns("tick", "position_m")
     assert [float(row[head.index("position_m_x")]) for row in rows] == recorded["position_m"][:, 0].tolist()
     assert [float(row[0]) for row in rows] == recorded["time_s"].tolist()
-    assert main(["export", str(folder / "client-ben.mcap"), "--to", "csv", "--out", str(tmp_path / "a" / "b")]) == 0
+    assert cogrip("export", folder / "client-ben.mcap", "--to", "csv", "--out", tmp_path / "a" / "b")[0] == 0
     there = {path.name for path in (tmp_path / "a" / "b").iterdir()}
     assert "client-ben.tick.csv" in there
     assert all(name.startswith("client-ben.") and "datagram" not in name for name in there)
 
 
-def test_export_of_datagrams_is_asked_for(runs, capsys):
-    assert main(["export", str(runs / FIRST), "--to", "csv", "--datagrams"]) == 0
-    assert (runs / FIRST / "server.datagram_in.csv").exists()
-
-
-def test_export_saves_what_was_cut_short_and_says_so(runs, capsys):
-    """The old recording stays; the tables are called as ever."""
+def test_export_recovers_a_recording_that_was_cut_short_and_says_so(runs, cogrip):
+    """The old recording stays; the tables have their usual names."""
     cut = runs / FIRST / "client-ben.mcap"
     os.truncate(cut, 40_000)
-    assert main(["export", str(runs / FIRST), "--to", "csv"]) == 0
-    words = said(capsys)
-    assert "client-ben.mcap was not closed" in words
+    code, _, err = cogrip("export", runs / FIRST, "--to", "csv")
+    assert (code, "client-ben.mcap was not closed" in err) == (0, True)
     with (runs / FIRST / "client-ben.tick.csv").open() as file:
         rows = sum(1 for _ in file) - 1
     assert 0 < rows < 1024
     assert cut.stat().st_size == 40_000
 
 
-def test_export_names_what_a_damaged_chunk_cost(runs, capsys):
+def test_export_warns_of_a_damaged_chunk(runs, cogrip):
     path = runs / FIRST / "client-ben.mcap"
     content = bytearray(path.read_bytes())
     middle = len(content) // 2
     content[middle : middle + 20] = bytes(20)
     path.write_bytes(content)
-    assert main(["export", str(runs / FIRST), "--to", "csv"]) == 0
-    words = said(capsys)
-    assert "warning: client-ben.mcap: damaged chunk" in words
+    code, _, err = cogrip("export", runs / FIRST, "--to", "csv")
+    assert (code, "warning: client-ben.mcap: damaged chunk" in err) == (0, True)
     with (runs / FIRST / "client-ben.tick.csv").open(newline="") as file:
         ticks = [int(row["tick"]) for row in csv.DictReader(file)]
     assert ticks[0] == 0
@@ -381,21 +360,19 @@ def test_export_names_what_a_damaged_chunk_cost(runs, capsys):
         (["export", f"RUNS/{FIRST}", "--to", "csv", "--out", "/proc/x"], "/proc/x"),
     ],
 )
-def test_bad_input_is_named_and_nothing_is_left(arguments, words, base, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "400")
+def test_bad_input_is_named_and_nothing_is_left(arguments, words, base, empty_folder, cogrip):
     before = {path: path.stat().st_mtime_ns for path in base.rglob("*")}
-    assert main([argument.replace("RUNS", str(base)) for argument in arguments]) == 2
-    assert words in said(capsys)
-    assert list(tmp_path.iterdir()) == []
+    code, out, err = cogrip(*(argument.replace("RUNS", str(base)) for argument in arguments))
+    assert (code, words in out + err) == (2, True), out + err
+    assert list(empty_folder.iterdir()) == []
     assert {path: path.stat().st_mtime_ns for path in base.rglob("*")} == before
 
 
-def test_export_overwrites_nothing(runs, capsys):
+def test_export_overwrites_nothing(runs, cogrip):
     table = runs / FIRST / "server.step.csv"
     table.write_text("mine")
-    assert main(["export", str(runs / FIRST), "--to", "csv"]) == 2
-    assert f"{table} exists, and nothing is overwritten" in said(capsys)
+    code, _, err = cogrip("export", runs / FIRST, "--to", "csv")
+    assert (code, f"{table} exists, and nothing is overwritten" in err) == (2, True)
     assert [path.name for path in (runs / FIRST).glob("*.csv")] == [table.name]
 
 

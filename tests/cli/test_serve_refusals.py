@@ -1,4 +1,4 @@
-"""`cogrip serve` as a service runs it: what no restart mends ends with code 2, what is dangerous is said at the start."""
+"""`cogrip serve` as a service: errors that no restart mends end with code 2, dangerous rooms are warned of at the start."""
 
 import configparser
 import os
@@ -62,16 +62,16 @@ def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, cogrip: Co
         ('decimator = "none"', 'decimator = "none"'),
     ],
 )
-def test_a_room_that_is_not_passive_is_told_of_where_others_can_come(
+def test_a_room_that_is_not_passive_is_warned_of_where_others_can_join(
     tmp_path: Path, cogrip: Cogrip, config: Path, coupling: str, words: str
 ) -> None:
     config.write_text(f"{config.read_text()}[coupling]\n{coupling}\n")
-    told = f"warning: room lab is not passive ({words}): it can make energy"
+    warning = f"warning: room lab is not passive ({words}): it can make energy"
     for more in (("--seal", "--state", tmp_path / "state"), ("--host", "0.0.0.0", "--insecure")):
         code, said = served(cogrip, config, *more)
         assert code == 0
-        assert told in said
-    assert told not in served(cogrip, config)[1]  # on this machine alone
+        assert warning in said
+    assert warning not in served(cogrip, config)[1]  # on this machine alone
 
 
 @posix

@@ -1,4 +1,4 @@
-"""Settings that come with cogrip, by name: in every command, listed, shown, copied; and a file of that name."""
+"""Settings that come with cogrip, by name: in every command, listed, shown, copied; and files of the same name."""
 
 import json
 import zipfile
@@ -16,10 +16,7 @@ ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
 
 
-@pytest.fixture(autouse=True)
-def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
 def test_every_file_has_a_name_and_a_line_that_ends() -> None:
@@ -42,7 +39,7 @@ def test_list(command: list[str], columns: str, monkeypatch: pytest.MonkeyPatch,
     assert all(len(line) <= int(columns) for line in out.splitlines())
 
 
-def test_show_and_copy(cogrip: Cogrip, empty_folder: Path) -> None:
+def test_show_and_copy(cogrip: Cogrip) -> None:
     text = (CONFIGS / "wan.toml").read_text()
     assert cogrip("configs", "show", "wan")[:2] == (0, text)
     assert cogrip("configs", "copy", "wan")[0] == 0
@@ -74,9 +71,7 @@ def test_a_bare_name_stands_for_the_file(command: list[str], cogrip: Cogrip) -> 
     assert code == 0, problem
 
 
-def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(
-    capsys: pytest.CaptureFixture[str], empty_folder: Path
-) -> None:
+def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(capsys: pytest.CaptureFixture[str]) -> None:
     Path("demo").mkdir()
     assert load(Path("demo")).name == "demo"
     Path("demo").rmdir()
@@ -85,7 +80,7 @@ def test_a_file_of_that_name_comes_first_and_a_folder_does_not_count(
     assert capsys.readouterr().err == ""
 
 
-def test_a_copy_beside_it_is_told_of(cogrip: Cogrip) -> None:
+def test_a_note_names_a_copy_in_the_folder(cogrip: Cogrip) -> None:
     """`demo` is always the same, whatever stands in the folder; but whoever edited a copy learns how to name it."""
     Path("demo.toml").write_text('name = "mine"\nseconds = 0.1')
     code, out, problem = cogrip("lab", "demo", "--set", "seconds=0.1", "--json", "-")
@@ -106,7 +101,7 @@ def test_a_copy_beside_it_is_told_of(cogrip: Cogrip) -> None:
         ("a/b/qqq", "give the path of a settings file, or a name of `cogrip configs`"),
     ],
 )
-def test_what_is_not_there_is_said_with_what_is(given: str, words: str, cogrip: Cogrip) -> None:
+def test_a_missing_name_is_answered_with_the_nearest(given: str, words: str, cogrip: Cogrip) -> None:
     Path("mine.toml").write_text('name = "mine"')
     code, _, problem = cogrip("lab", given)
     assert code == 2

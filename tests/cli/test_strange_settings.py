@@ -1,4 +1,4 @@
-"""Settings and hands that no session has: one line that names the file and the cure, and exit code 2."""
+"""Settings and hands that no session can have: one line that names the file and the cure, and exit code 2."""
 
 import json
 import os

@@ -1,20 +1,18 @@
 """`cogrip who`, asked of a server that answers."""
 
 import json
-import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from cogrip.server.io.control import Control, Who
+from cogrip.server.io.control import Who
 from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder, write_server
 from cogrip.server.roster import RosterEntry
 
+from tests.cli.answering_server import answering
 from tests.cli.spoiled_runs import Cogrip
 
-LIMIT_S = 20.0
 PEOPLE = (
     RosterEntry("anna", "lab", "10.0.0.7:5", 3723.4, 0, "sim:phantom\x1b[2J", 41.25, 20.0, 21.25, 7, True),
     RosterEntry("ben", "lab", "away", 61.0, 1, "mouse:", None, None, None, 0),
@@ -32,21 +30,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> StateFolder:
 
 @pytest.fixture
 def asked(folder: StateFolder) -> Iterator[list[object]]:
-    control, stop = Control(folder), threading.Event()
-    orders: list[object] = []
-
-    def serve() -> None:
-        while not stop.wait(0.001):
-            for request in control.poll():
-                orders.append(request.order)
-                control.answer(request, "3 in 1 room", people=PEOPLE)
-
-    with ThreadPoolExecutor(1) as pool:
-        loop = pool.submit(serve)
+    with answering(folder, lambda order: {"text": "3 in 1 room", "people": PEOPLE}) as orders:
         yield orders
-        stop.set()
-        loop.result(LIMIT_S)
-    control.close()
 
 
 def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> None:
@@ -56,7 +41,7 @@ def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object
         "name        room  seat       address     since    rtt ms  up ms  down ms  lost  device",
         "anna        lab   0          10.0.0.7:5  1:02:03    41.2   20.0     21.2     7  sim:phantom\\x1b[2J",
         "ben         lab   1 (comes)  away        1:01          -      -        -     0  mouse:",
-        "observer 1  lab   looks on   [::1]:9     0:00          -      -        -     -  -",
+        "observer 1  lab   observes   [::1]:9     0:00          -      -        -     -  -",
         "3 in 1 room",
     ]
     assert asked == [Who("")]
@@ -65,15 +50,9 @@ def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object
 def test_as_json(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> None:
     code, out, _ = cogrip("who", "--room", "lab", "--json", "-", "--state", folder.path)
     assert code == 0
-    anna, _, looks = json.loads(out)["people"]
-    assert (anna["up_ms"], anna["down_ms"], anna["lost"], anna["since_s"], anna["holds"]) == (
-        20.0,
-        21.25,
-        7,
-        3723.4,
-        True,
-    )
-    assert (looks["seat"], looks["rtt_ms"], looks["device"]) == (None, None, "")
+    anna, _, observer = json.loads(out)["people"]
+    assert [anna[key] for key in ("up_ms", "down_ms", "lost", "since_s", "holds")] == [20.0, 21.25, 7, 3723.4, True]
+    assert (observer["seat"], observer["rtt_ms"], observer["device"]) == (None, None, "")
     assert asked == [Who("lab")]
 
 

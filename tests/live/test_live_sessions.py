@@ -133,7 +133,7 @@ def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
     assert "the session is over, no force is left: the server was stopped (SIGTERM)\n" in person.said
     assert "broke off" not in person.said
     assert looks_on.end() == 1
-    assert "the looking on is over: the server was stopped (SIGTERM)\n" in looks_on.said
+    assert "observing is over: the server was stopped (SIGTERM)\n" in looks_on.said
     # the client's account still reached the server
     assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from cogrip.cli.session.live_table import LiveTable
+from cogrip.cli.session.live_views import LiveTable
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory

@@ -1,63 +1,54 @@
-"""The table of commands, and how their errors reach a person."""
+"""The commands by group, and how their errors reach a person."""
 
 import os
 import sys
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Group
 
+from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.flag_errors import words_of
 from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH
 
-COMMANDS = {
-    "demo": (
-        "cogrip.cli.session.demo:demo",
-        "Two simulated people hold one cube over UDP on this machine; ends with a report.",
-    ),
-    "serve": ("cogrip.cli.session.serve:serve", "Serve the shared object of one or several settings files."),
-    "join": ("cogrip.cli.session.join:join", "Join a server with one force-feedback device, real or simulated."),
-    "relay": ("cogrip.cli.session.relay:relay", "Put an emulated network between any two programs that speak UDP."),
-    "replay": ("cogrip.cli.runs.replay:replay", "Play a recorded session again: bit by bit, or as what if."),
-    "runs": ("cogrip.cli.runs.listing:runs", "List the recorded runs, newest first."),
-    "report": ("cogrip.cli.runs.report:report", "Write the report of a run, or of several compared."),
-    "export": ("cogrip.cli.runs.export:export", "Write a run's recordings as CSV or Parquet tables."),
-    "recover": ("cogrip.cli.runs.recover:recover", "Save what is whole of a recording that was cut short or damaged."),
-    "merge": ("cogrip.cli.runs.merge:merge", "Bring the recordings of one run from several machines together."),
-    "lab": ("cogrip.cli.session.lab:lab", "Run a whole session in virtual time, without sleeping."),
-    "advise": (
-        "cogrip.cli.study.advise:advise_command",
-        "Say before anyone holds a device whether a session is stable, what it will feel like, and what would help.",
-    ),
-    "stability": (
-        "cogrip.cli.study.stability:stability",
-        "Say whether a session is stable, up to which stiffness, and in which region.",
-    ),
-    "feel": (
-        "cogrip.cli.study.feel:feel",
-        "Say what a hand will feel: stiffness, damping, inertia, impedance, delays.",
-    ),
-    "figures": ("cogrip.cli.study.figures:figures", "Draw the paper's figures, and ours beside them."),
-    "sweep": (
-        "cogrip.cli.study.sweep:sweep",
-        "Run sessions, or their linear models, over a grid of settings; resumable.",
-    ),
-    "compare": (
-        "cogrip.cli.study.compare:compare",
-        "Compare methods of sharing an object under the same hands, on networks as they are: one table; resumable.",
-    ),
-    "configs": ("cogrip.cli.session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
-    "devices": ("cogrip.cli.devices.commands:devices", "Devices: list, find, calibrate, check, emulate."),
-    "token": ("cogrip.cli.admin.token:token", "Tokens: make, list, revoke the rights to come into a sealed server."),
-    "who": ("cogrip.cli.admin.who:who", "List who sits and looks on in a running server."),
-    "kick": ("cogrip.cli.admin.kick:kick", "Show somebody out of a running session."),
-    "doctor": (
-        "cogrip.cli.admin.doctor:doctor",
-        "Measure what this machine can do in real time, and say how to do better.",
-    ),
-}
+GROUPS: dict[str, Table] = {
+    "Session": {
+        "demo": ("session.demo:demo", "Two simulated people hold one cube over UDP on this machine; ends with a report."),
+        "serve": ("session.serve:serve", "Serve the shared object of one or several settings files."),
+        "join": ("session.join:join", "Join a server with one force-feedback device, real or simulated; or observe."),
+        "relay": ("session.relay:relay", "Put an emulated network between any two programs that speak UDP."),
+        "lab": ("session.lab:lab", "Run a whole session in virtual time, without sleeping."),
+        "configs": ("session.configs:configs", "Settings that come with cogrip, by name: list, show, copy."),
+    },
+    "Runs": {
+        "runs": ("runs.listing:runs", "List the recorded runs, newest first."),
+        "report": ("runs.report:report", "Write the report of a run, or of several compared."),
+        "export": ("runs.export:export", "Write a run's recordings as CSV or Parquet tables."),
+        "replay": ("runs.replay:replay", "Replay a recorded session: bit by bit, or as what-if."),
+        "merge": ("runs.merge:merge", "Merge the recordings of one run from several machines."),
+        "recover": ("runs.recover:recover", "Recover what is whole of a recording that was cut short or damaged."),
+    },
+    "Study": {
+        "advise": ("study.advise:advise_command", "Advise on stability, feel and improvements before anyone holds a device."),
+        "stability": ("study.stability:stability", "Stability: spectral radius, largest stable stiffness, stable region."),
+        "feel": ("study.feel:feel", "What a hand will feel: stiffness, damping, inertia, impedance, delays."),
+        "sweep": ("study.sweep:sweep", "Run sessions, or their linear models, over a grid of settings; resumable."),
+        "compare": ("study.compare:compare", "Compare coupling methods under the same hands over network profiles; resumable."),
+        "figures": ("study.figures:figures", "Draw the paper's figures, and ours beside them."),
+    },
+    "Devices": {
+        "devices": ("devices.commands:devices", "Force-feedback devices: list, find, calibrate, check, conform, emulate."),
+    },
+    "Administration": {
+        "token": ("admin.token:token", "Tokens, the rights to join an encrypted server: new, list, revoke."),
+        "who": ("admin.who:who", "List who is seated or observes in a running server."),
+        "kick": ("admin.kick:kick", "Kick somebody from a running session."),
+        "doctor": ("admin.doctor:doctor", "Measure what this machine can do in real time, and advise how to improve it."),
+    },
+}  # fmt: skip
+COMMANDS = tuple(name for table in GROUPS.values() for name in table)
 
 MOVED = {"bench": "benchmarks need a checkout of cogrip: run `python3 dev.py bench NAME` there"}
 """Commands of earlier versions, and what to run instead."""
@@ -68,8 +59,11 @@ app = App(
     help="Several people hold one virtual object together over a network, and feel it and each other.",
     suppress_keyboard_interrupt=False,
 )
-for _name, (_target, _help) in COMMANDS.items():
-    app.command(_target, name=_name, help=_help)
+for _number, (_group, _table) in enumerate(GROUPS.items()):
+    add_commands(app, _table, Group(_group, sort_key=_number))
+_options = Group("Options", sort_key=len(GROUPS))
+for _flag in (*app.help_flags, *app.version_flags):
+    app[_flag].group = _options
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,18 +79,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     errors = make_console(stderr=True, soft_wrap=True)
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in MOVED:
-        errors.print(f"cogrip: {MOVED[given[0]]}", markup=False)
+        errors.print(f"cogrip: {MOVED[given[0]]}")
         return 2
     try:
+        show_docstrings(app, given)
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
-        errors.print(f"cogrip: {words_of(error, tuple(COMMANDS))}", markup=False)
+        errors.print(f"cogrip: {words_of(error, COMMANDS)}")
         return 2
     except Problem as problem:
-        errors.print(f"cogrip: {problem}", markup=False)
+        errors.print(f"cogrip: {problem}")
         return problem.exit_code
     except KeyboardInterrupt:
-        errors.print("cogrip: interrupted", markup=False)
+        errors.print("cogrip: interrupted")
         return 130
     except BrokenPipeError:
         return 1

@@ -1,1 +1,1 @@
-"""Commands for administrators: tokens, who, kick, doctor."""
+"""Commands for administrators: token, who, kick, doctor."""

@@ -1,18 +1,15 @@
-"""`cogrip doctor`: how punctual this machine is, what it allows, and what to do about it."""
+"""`cogrip doctor`: the punctuality of this machine, its permissions, and advice."""
 
 import dataclasses
-import json as jsonlib
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console, Group
 from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.io import punctuality
 from cogrip.protocol.io.punctuality import Machine, Punctuality
@@ -23,7 +20,7 @@ _INTERRUPTED = 130  # what a shell reports for Ctrl-C
 
 
 def _machine_table(machine: Machine) -> Table:
-    """The machine's settings and this user's permissions."""
+    """Return the machine's settings and this user's permissions."""
 
     def shown(value: object) -> str:
         return "not readable" if value is None else str(value)
@@ -56,7 +53,7 @@ def _machine_table(machine: Machine) -> Table:
 
 
 def _lateness_table(found: Sequence[Punctuality]) -> Table:
-    """Lateness by rate and setup, in us."""
+    """Return the lateness by rate and setup, in us."""
     table = Table(
         title="Lateness of ticks in us", title_justify="left", header_style="bold", box=None, padding=(0, 1, 0, 0)
     )
@@ -102,19 +99,19 @@ def _render(console: Console, machine: Machine, found: Sequence[Punctuality], ad
     )
 
 
-def doctor(*, seconds: float = 1.0, json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None) -> int:
-    """Measures how punctual this machine is and says what would help. Exit code 0 says that it measured, whatever it found.
+def doctor(*, seconds: float = 1.0, json: Json = None) -> int:
+    """Measure what this machine can do in real time, and advise how to improve it.
+
+    With --json - the answer is printed in place of the tables. Exit code 0 whatever was found.
 
     Parameters
     ----------
     seconds
-        How long each row is measured: three rates, with and without each real-time measure.
-    json
-        Also write everything to this file; `-` prints it instead of the tables.
+        Time for which each row is measured: three rates, with and without each real-time measure.
     """
     if not 0.05 <= seconds <= 600.0:
-        raise BadInput(f"--seconds {seconds:g} is outside 0.05 to 600: so long is each row measured")
-    console = make_console()
+        raise BadInput(f"--seconds {seconds:g} is outside 0.05 to 600, the time for each row")
+    console = make_console(markup=True)
     found: list[Punctuality] = []
     columns = (TextColumn("{task.description:<32}"), BarColumn(), TimeRemainingColumn())
     interrupted = False
@@ -131,18 +128,8 @@ def doctor(*, seconds: float = 1.0, json: Annotated[str | None, Parameter(allow_
     machine = punctuality.after(machine)
     advice = punctuality.advise(machine, found)
     if json is not None:
-        text = jsonlib.dumps(
-            {
-                "machine": dataclasses.asdict(machine),
-                "lateness": [dataclasses.asdict(each) for each in found],
-                "advice": advice,
-            },
-            indent=1,
-        )
-        if json == "-":
-            print(text)
-        else:
-            Path(json).write_text(text + "\n", encoding="utf-8")
+        lateness = [dataclasses.asdict(each) for each in found]
+        write_json({"machine": dataclasses.asdict(machine), "lateness": lateness, "advice": advice}, json)
     if json != "-":
         _render(console, machine, found, advice)
     if interrupted:

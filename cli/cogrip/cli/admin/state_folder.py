@@ -1,4 +1,4 @@
-"""The state folder that a command is to work on, and what the server there said of itself."""
+"""State folder of the server that an administrator's command works on, and requests to that server."""
 
 import difflib
 import re
@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.join_link import DEFAULT_PORT
+from cogrip.server.io.control import Answer, Kick, Who, ask
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -18,36 +19,42 @@ from cogrip.server.io.state_folder import (
     find_folder,
     read_server,
     state_path,
-)
+)  # fmt: skip
 
 State = Annotated[Path | None, Parameter(help="The server's state folder; else the one of --port.")]
-Port = Annotated[int, Parameter(help="The server's port: says which state folder of this user it has.")]
+Port = Annotated[int, Parameter(help="The server's port, which names its state folder.")]
 
 
 def state_at(state: Path | None, port: int = DEFAULT_PORT) -> StateFolder:
-    """Raises BadInput where there is no such folder, Problem where it is not fit for use."""
+    """Return the folder. Raises BadInput where there is none, Problem where it is not fit for use."""
     if not 0 < port < 65536:
         raise BadInput(f"--port {port} is outside 1 to 65535")
     path = state_path(state, port)
     assert path is not None  # the port is not 0
-    try:
+    with Problem.of(StateError), BadInput.of(NoStateError):
         return find_folder(path)
-    except NoStateError as error:
-        raise BadInput(str(error)) from None
-    except StateError as error:
-        raise Problem(str(error)) from None
 
 
 def server_at(folder: StateFolder) -> ServerRecord | None:
-    """Raises Problem for a record that cannot be read."""
-    try:
+    """Return what the server wrote of itself, None where none has. Raises Problem."""
+    with Problem.of(StateError):
         return read_server(folder)
-    except StateError as error:
-        raise Problem(str(error)) from None
+
+
+def answer_of(command: str, order: Who | Kick, folder: StateFolder) -> Answer:
+    """Return the running server's answer. Raises BadInput for an unknown room, Problem where it refuses or does not run."""
+    server = server_at(folder)
+    if server is not None:
+        check_known("--room", order.room, list(server.rooms), "room")
+    with Problem.of(StateError):
+        answer = ask(folder, order)
+    if not answer.ok:
+        raise Problem(f"{command}: {answer.text}")
+    return answer
 
 
 def check_words(what: str, text: str, most: int) -> None:
-    """Raises BadInput for what is too long, or would upset a terminal."""
+    """Raise BadInput for a text that is too long, or holds control characters."""
     if len(text) > most:
         raise BadInput(f"{what} has {len(text)} characters, more than {most}; say it shorter")
     if re.search(r"[\x00-\x1f\x7f-\x9f]", text):
@@ -55,7 +62,7 @@ def check_words(what: str, text: str, most: int) -> None:
 
 
 def check_known(flag: str, name: str, known: Sequence[str], what: str) -> None:
-    """Raises BadInput, with the nearest, unless `name` is "" or known."""
+    """Raise BadInput, with the nearest, unless `name` is "" or known."""
     if not name or name in known:
         return
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)

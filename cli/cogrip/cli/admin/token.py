@@ -1,19 +1,16 @@
-"""`cogrip token`: who may come in."""
+"""`cogrip token`: the rights to join an encrypted server."""
 
 from cyclopts import App
 
 from cogrip.cli.admin.token_list import token_list
+from cogrip.cli.terminal.commands import add_commands
 
 COMMANDS = {
-    "new": ("cogrip.cli.admin.token_new:token_new", "Make a token, and print its join link."),
-    "list": ("cogrip.cli.admin.token_list:token_list", "List the tokens of a server, and what has become of them."),
-    "revoke": (
-        "cogrip.cli.admin.token_revoke:token_revoke",
-        "Let nobody in by these tokens any more, and end their seats.",
-    ),
+    "new": ("admin.token_new:token_new", "Make a token, and print its join link."),
+    "list": ("admin.token_list:token_list", "List the tokens of a server, and their states."),
+    "revoke": ("admin.token_revoke:token_revoke", "Revoke tokens, and end the seats that were taken with them."),
 }
 
-token = App(name="token", help="Tokens: who may come into a sealed server.")
-for _name, (_target, _help) in COMMANDS.items():
-    token.command(_target, name=_name, help=_help)
+token = App(name="token")
+add_commands(token, COMMANDS)
 token.default(token_list)

@@ -1,4 +1,4 @@
-"""`cogrip token list`: who may come in, and what has become of each right."""
+"""`cogrip token list`: the tokens of a server, and their states."""
 
 import time
 from collections.abc import Sequence
@@ -18,35 +18,36 @@ from cogrip.server.tokens import Token, TokenState, date_text
 
 _TONES: dict[str, str] = {"good": "green", "used": "dim", "expired": "dim", "revoked": "red"}
 _HEADINGS = ("id", "role", "room", "seat", "device", "good for", "state", "when", "note")
-_SAYS_NOTHING = ("any", "-", "")  # a column in which every row is one of these is left out
-_PIPED_WIDTH = 10_000  # a line each, whatever it takes
+_NO_CONTENT = ("any", "-", "")  # a column in which every row is one of these is left out
+_PIPED_WIDTH = 10_000  # a line each
 
 
 def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
-    """List the tokens of a server, oldest first. The tokens themselves are nowhere: only hashes are kept."""
+    """List the tokens of a server, and their states.
+
+    Oldest first. The tokens themselves are stored nowhere: only hashes are.
+    """
     folder = state_at(state, port)
-    try:
+    with Problem.of(StateError):
         tokens = TokenFile(folder).load().tokens
-    except StateError as error:
-        raise Problem(str(error)) from None
     now_s = time.time()
     if json is not None:
         write_json({"folder": str(folder.path), "tokens": [_as_json(token, now_s) for token in tokens]}, json)
         return 0
     if not tokens:
-        make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}", markup=False)
+        make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}")
         return 0
     console = make_console()
     if not has_width(console):
         console.width = _PIPED_WIDTH
-    console.print(_tables(tokens, now_s))
+    console.print(token_tables(tokens, now_s))
     return 0
 
 
-def _tables(tokens: Sequence[Token], now_s: float) -> Fitted:
-    """A row a token; where that is too wide, in several tables that begin with its id. Columns that say nothing are missing."""
+def token_tables(tokens: Sequence[Token], now_s: float) -> Fitted:
+    """Return a row a token; where that is too wide, in several tables with its id. Columns without content are left out."""
     rows = [dict(zip(_HEADINGS, _cells(token, now_s), strict=True)) for token in tokens]
-    kept = [heading for heading in _HEADINGS if not {row[heading] for row in rows} <= set(_SAYS_NOTHING)]
+    kept = [heading for heading in _HEADINGS if not {row[heading] for row in rows} <= set(_NO_CONTENT)]
 
     def tables(*groups: Sequence[str]) -> list[Table]:
         wanted = ([heading for heading in group if heading in kept] for group in groups)
@@ -62,47 +63,28 @@ def _tables(tokens: Sequence[Token], now_s: float) -> Fitted:
 
 
 def _cells(token: Token, now_s: float) -> tuple[str, ...]:
-    """As _HEADINGS."""
-    ails = token.state(now_s)
-    looks_on = token.role == "observer"
-    return (
-        token.id,
-        token.role,
-        token.room or "any",
-        "-" if looks_on else token.user or "any",
-        "-" if looks_on else token.device or "any",
-        "one time" if token.once else "standing",
-        ails,
-        _when(token, ails),
-        token.note,
-    )
+    """Return the cells below _HEADINGS."""
+    state = token.state(now_s)
+    seat, device = ("-", "-") if token.role == "observer" else (token.user or "any", token.device or "any")
+    good_for = "one time" if token.once else "standing"
+    return token.id, token.role, token.room or "any", seat, device, good_for, state, _when(token, state), token.note
 
 
-def _when(token: Token, ails: TokenState) -> str:
-    """The date that matters."""
-    if ails == "revoked":
+def _when(token: Token, state: TokenState) -> str:
+    """Return the date of the last change of the state, or of the next."""
+    if state == "revoked":
         return f"at {date_text(token.revoked or 0)}"
-    if ails == "used":
+    if state == "used":
         return f"at {date_text(token.used or 0)}"
     if token.expires is not None:
-        return f"{'at' if ails == 'expired' else 'until'} {date_text(token.expires)}"
+        return f"{'at' if state == 'expired' else 'until'} {date_text(token.expires)}"
     return f"since {date_text(token.created)}"
 
 
 def _as_json(token: Token, now_s: float) -> dict[str, Any]:
-    """All but the hash. Dates are Unix seconds."""
+    """Return all but the hash. Dates are Unix seconds."""
     return {
-        "id": token.id,
-        "role": token.role,
-        "room": token.room,
-        "seat": token.user,
-        "device": token.device,
-        "once": token.once,
-        "start": token.start,
-        "state": token.state(now_s),
-        "created_s": token.created,
-        "expires_s": token.expires,
-        "used_s": token.used,
-        "revoked_s": token.revoked,
-        "note": token.note,
-    }
+        "id": token.id, "role": token.role, "room": token.room, "seat": token.user, "device": token.device,
+        "once": token.once, "start": token.start, "state": token.state(now_s), "created_s": token.created,
+        "expires_s": token.expires, "used_s": token.used, "revoked_s": token.revoked, "note": token.note,
+    }  # fmt: skip

@@ -1,4 +1,4 @@
-"""`cogrip token new`: a link for somebody."""
+"""`cogrip token new`: a token, and its join link."""
 
 import difflib
 import re
@@ -40,12 +40,14 @@ def token_new(
     port: Port = DEFAULT_PORT,
     json: Json = None,
 ) -> int:
-    """Make a token, and print its join link: the link alone, on standard output, and never again.
+    """Make a token, and print its join link.
+
+    The link alone goes to standard output, and is never shown again.
 
     Parameters
     ----------
     role
-        A player may hold the object, or look on; an observer may look on.
+        A player may hold the object, or observe; an observer may observe.
     room
         For this room only; any if not given.
     name
@@ -53,14 +55,14 @@ def token_new(
     device
         For devices whose address begins so only, such as hid:woodenhaptics.
     once
-        Good for one time. A person who has come in by it comes back by themselves after a break of the line all the same.
+        Good for one time. Whoever joined by it still resumes after a lost connection.
     expires
         After so long (90s, 30m, 2h, 3d, 1w), or at a time (2026-12-24T18:00, this machine's), or at the end of a day
         (2026-12-24: good all that day); never if not given.
     note
         For `cogrip token list`: who has it.
     host
-        HOST or HOST:PORT by which this person reaches the server; else as the server says.
+        HOST or HOST:PORT by which this person reaches the server; else as the server recorded.
     """
     if json not in (None, "-"):
         raise BadInput(
@@ -69,7 +71,7 @@ def token_new(
     check_words("token new: --device", device, _MOST_DEVICE)
     check_words("token new: --note", note, _MOST_NOTE)
     folder = state_at(state, port)
-    server = _sealed_server(folder)
+    server = _encrypted_server(folder)
     rooms = list(server.rooms)
     check_known("--room", room, rooms, "room")
     seats = [seat for each in ([room] if room else rooms) for seat in server.rooms[each]]
@@ -78,30 +80,26 @@ def token_new(
     end_s = expiry(expires, now_s) if expires else None
     where = _place(host, server)
     secret = draw_token()
-    try:
+    with Problem.of(StateError), BadInput.of(LinkError, TokenError, where="token new: "):
         link = JoinLink(*where, room, server.fingerprint, secret)
         made = TokenFile(folder).change(
             lambda book: book.new(
                 secret, now_s, role=role, room=room, user=name, device=device, once=once, expires=end_s, note=note
             )
         )
-    except (LinkError, TokenError) as error:
-        raise BadInput(f"token new: {error}") from None
-    except StateError as error:
-        raise Problem(str(error)) from None
     errors = make_console(stderr=True, soft_wrap=True)
-    if doubt := _doubt(device):
-        errors.print(f"warning: {doubt}", markup=False)
+    if warning := _device_warning(device):
+        errors.print(f"warning: {warning}")
     if json is not None:
         write_json(_as_json(made, link), json)
         return 0
-    errors.print(f"token {made.id}: {_terms(made)}", markup=False)
+    errors.print(f"token {made.id}: {_terms(made)}")
     print(link.text)
     return 0
 
 
-def _doubt(device: str) -> str:
-    """What is odd about the beginning of a device address, "" for nothing: the client may have drivers that we have not."""
+def _device_warning(device: str) -> str:
+    """Return a warning of an unknown device family, "" for none: the client may have drivers that this machine has not."""
     scheme, colon, _ = device.partition(":")
     known = sorted(schemes())
     if scheme in known or (not colon and any(each.startswith(scheme) for each in known)):
@@ -109,12 +107,12 @@ def _doubt(device: str) -> str:
     near = difflib.get_close_matches(scheme, known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"there is: {', '.join(known)}"
     return (
-        f"--device {device!r}: no device family here is called {scheme!r}, so perhaps nobody comes in by this; {hint}"
+        f"--device {device!r}: no device family here is called {scheme!r}, so perhaps nobody can join by this; {hint}"
     )
 
 
 def expiry(text: str, now_s: float) -> int:
-    """Unix seconds of a time from now, of a date with a time, or of the end of a day. Raises BadInput."""
+    """Return Unix seconds of a time from now, of a date with a time, or of the end of a day. Raises BadInput."""
     if found := re.fullmatch(r"([0-9]{1,9}) ?([smhdwSHDW])", text.strip()):  # not M: that may be meant as a month
         end_s = now_s + int(found[1]) * _SECONDS[found[2].lower()]
     else:
@@ -132,7 +130,7 @@ def expiry(text: str, now_s: float) -> int:
 
 
 def _date_s(text: str) -> float:
-    """Raises ValueError, OverflowError, OSError."""
+    """Return Unix seconds of a date. Raises ValueError, OverflowError, OSError."""
     try:
         day = date.fromisoformat(text)
     except ValueError:
@@ -140,7 +138,8 @@ def _date_s(text: str) -> float:
     return datetime.combine(day + timedelta(days=1), day_time()).astimezone().timestamp()
 
 
-def _sealed_server(folder: StateFolder) -> ServerRecord:
+def _encrypted_server(folder: StateFolder) -> ServerRecord:
+    """Return the record of the server whose key the link needs. Raises BadInput."""
     server = server_at(folder)
     if server is None:
         raise BadInput(
@@ -148,52 +147,41 @@ def _sealed_server(folder: StateFolder) -> ServerRecord:
         )
     if not server.fingerprint:
         raise BadInput(
-            f"{folder.path}: the server is plain, and asks nobody for a token; serve on another address than loopback, "
-            "or with --seal"
+            f"{folder.path}: the server is unencrypted, and asks nobody for a token; serve on another address than "
+            "loopback, or with --seal"
         )
     return server
 
 
 def _place(host: str, server: ServerRecord) -> tuple[str, int]:
-    """Where a person finds the server."""
+    """Return host and port of the server for the link. Raises BadInput."""
     if host:
-        try:
+        with BadInput.of(LinkError, where="--host: "):
             name, port = split_place(host)
-        except LinkError as error:
-            raise BadInput(f"--host: {error}") from None
         return name, port or server.port
     if server.host in EVERYWHERE:
-        raise BadInput(
-            f"the server listens on all addresses ({server.host}); say by which one it is found: --host NAME"
-        )
+        raise BadInput(f"the server listens on all addresses ({server.host}); name the one for the link: --host NAME")
     return server.host, server.port
 
 
 def _terms(token: Token) -> str:
-    """What it is good for, for people."""
-    return ", ".join(
-        text
-        for text in (
-            token.role,
-            f"room {token.room}" if token.room else "any room",
-            "" if token.role == "observer" else f"seat {token.user}" if token.user else "any seat",
-            f"device {token.device}" if token.device else "",
-            "one time" if token.once else "standing",
-            f"until {date_text(token.expires)}" if token.expires is not None else "",
-        )
-        if text
-    )
+    """Return the rights of a token in words."""
+    seat = f"seat {token.user}" if token.user else "any seat"
+    terms = [
+        token.role,
+        f"room {token.room}" if token.room else "any room",
+        *([] if token.role == "observer" else [seat]),
+    ]
+    if token.device:
+        terms.append(f"device {token.device}")
+    terms.append("one time" if token.once else "standing")
+    if token.expires is not None:
+        terms.append(f"until {date_text(token.expires)}")
+    return ", ".join(terms)
 
 
 def _as_json(token: Token, link: JoinLink) -> dict[str, Any]:
     return {
-        "id": token.id,
-        "link": link.text,
-        "role": token.role,
-        "room": token.room,
-        "seat": token.user,
-        "device": token.device,
-        "once": token.once,
-        "expires_s": token.expires,
-        "note": token.note,
-    }
+        "id": token.id, "link": link.text, "role": token.role, "room": token.room, "seat": token.user,
+        "device": token.device, "once": token.once, "expires_s": token.expires, "note": token.note,
+    }  # fmt: skip

@@ -1,4 +1,4 @@
-"""`cogrip token revoke`: let nobody in by these any more."""
+"""`cogrip token revoke`: revoke tokens, and end the seats that were taken with them."""
 
 import re
 import time
@@ -18,9 +18,9 @@ ID_DIGITS = 8
 
 
 def token_revoke(*ids: str, state: State = None, port: Port = DEFAULT_PORT) -> int:
-    """Let nobody in by these tokens any more, and end the seats that were taken with them. All are revoked, or none.
+    """Revoke tokens, and end the seats that were taken with them.
 
-    Exit code 1 where the server runs but did not say that it knows: then only new ones are kept out.
+    All are revoked, or none. Exit code 1 where the server runs but did not confirm: then only new connections are refused.
 
     Parameters
     ----------
@@ -39,20 +39,19 @@ def token_revoke(*ids: str, state: State = None, port: Port = DEFAULT_PORT) -> i
             book = book.revoke(ident, now_s)
         return book, already
 
-    try:
-        already = TokenFile(folder).change(edit)
-    except UnknownTokenError as error:
-        raise BadInput(f"token revoke: {error} (nothing was changed)") from None
-    except StateError as error:
-        raise Problem(str(error)) from None
+    with Problem.of(StateError):
+        try:
+            already = TokenFile(folder).change(edit)
+        except UnknownTokenError as error:
+            raise BadInput(f"token revoke: {error} (nothing was changed)") from None
     console = make_console(soft_wrap=True)
     for ident in dict.fromkeys(wanted):
-        console.print(f"{ident} {'was revoked before' if ident in already else 'is revoked'}", markup=False)
-    return _tell_server(folder, console)
+        console.print(f"{ident} {'was revoked before' if ident in already else 'is revoked'}")
+    return _notify_server(folder, console)
 
 
 def _id(text: str) -> str:
-    """An id; what may be a token is not shown. Raises BadInput."""
+    """Return the id; a text that may be a token is not shown. Raises BadInput."""
     if not re.fullmatch(rf"[0-9a-fA-F]{{{ID_DIGITS}}}", text):
         given = f"{len(text)} characters" if len(text) != ID_DIGITS else "other characters"
         raise BadInput(
@@ -62,17 +61,15 @@ def _id(text: str) -> str:
     return text.lower()
 
 
-def _tell_server(folder: StateFolder, console: Console) -> int:
+def _notify_server(folder: StateFolder, console: Console) -> int:
     try:
         answer = ask(folder, Reload())
     except NotRunningError:
-        console.print("no server is running there: it will know from its start", markup=False)
+        console.print("no server is running there: it will read this at its start")
         return 0
     except ControlError as error:
-        raise Problem(
-            f"revoked, and nobody new comes in by it, but whoever sits by it may still sit: {error}"
-        ) from None
+        raise Problem(f"revoked, and nobody new can join by it, but seats taken with it may last: {error}") from None
     if not answer.ok:
         raise Problem(f"revoked, but the server could not read it: {answer.text}")
-    console.print(f"the server knows: {answer.text}", markup=False)
+    console.print(f"the server has read it: {answer.text}")
     return 0

@@ -1,30 +1,28 @@
-"""`cogrip who`: who sits and looks on in a running server."""
+"""`cogrip who`: everyone who is seated or observes in a running server."""
 
 from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
-from cogrip.cli.admin.state_folder import Port, State, check_known, check_words, server_at, state_at
+from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words, state_at
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.problem import Problem
-from cogrip.cli.terminal.tables import Fitted, columns_table, has_width
+from cogrip.cli.terminal.tables import Fitted, clock, columns_table, has_width
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.messages import shown
-from cogrip.server.io.control import MOST_WORD, Who, ask
-from cogrip.server.io.state_folder import StateError
+from cogrip.server.io.control import MOST_WORD, Who
 from cogrip.server.roster import RosterEntry
 
 _HEADINGS = ("name", "room", "seat", "address", "since", "rtt ms", "up ms", "down ms", "lost", "device")
 _SHORT = {"name": 16}
 _NUMBERS = ("rtt ms", "up ms", "down ms", "lost")
-_PIPED_WIDTH = 10_000  # a line each, whatever it takes
+_PIPED_WIDTH = 10_000  # a line each
 
 
 def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json: Json = None) -> int:
-    """List who sits and looks on in a running server: since when, from where, and how far away they are.
+    """List who is seated or observes in a running server.
 
-    Exit code 1 where the server does not run.
+    With the time since they joined, address, round trip, delays and losses. Exit code 1 where the server does not run.
 
     Parameters
     ----------
@@ -33,15 +31,7 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
     """
     check_words("who: --room", room, MOST_WORD)
     folder = state_at(state, port)
-    server = server_at(folder)
-    if server is not None:
-        check_known("--room", room, list(server.rooms), "room")
-    try:
-        answer = ask(folder, Who(room))
-    except StateError as error:
-        raise Problem(str(error)) from None
-    if not answer.ok:
-        raise Problem(f"who: {answer.text}")
+    answer = answer_of("who", Who(room), folder)
     if json is not None:
         people = [{name: getattr(each, name) for name in RosterEntry.__struct_fields__} for each in answer.people]
         write_json({"folder": str(folder.path), "people": people, "said": answer.text}, json)
@@ -50,13 +40,13 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
     if not has_width(console):
         console.width = _PIPED_WIDTH
     if answer.people:
-        console.print(_tables(answer.people))
-    console.print(answer.text, markup=False)
+        console.print(people_tables(answer.people))
+    console.print(answer.text)
     return 0
 
 
-def _tables(people: Sequence[RosterEntry]) -> Fitted:
-    """A row a person; where that is too wide, where they come from stands in tables of its own, beside the names."""
+def people_tables(people: Sequence[RosterEntry]) -> Fitted:
+    """Return a row a person; where that is too wide, addresses stand in tables of their own, beside the names."""
     rows = [dict(zip(_HEADINGS, _cells(each), strict=True)) for each in people]
     whose = _HEADINGS[:2]
     session = tuple(heading for heading in _HEADINGS if heading not in ("address", "device"))
@@ -74,17 +64,10 @@ def _tables(people: Sequence[RosterEntry]) -> Fitted:
 
 
 def _cells(each: RosterEntry) -> tuple[str, ...]:
-    """As _HEADINGS. Names and devices are what strangers say of themselves."""
-    seat = "looks on" if each.seat is None else f"{each.seat}" if each.holds else f"{each.seat} (comes)"
+    """Return the cells below _HEADINGS. Names and devices are escaped: peers choose them."""
+    seat = "observes" if each.seat is None else f"{each.seat}" if each.holds else f"{each.seat} (comes)"
     directions = ["-" if value is None else f"{value:.1f}" for value in (each.rtt_ms, each.up_ms, each.down_ms)]
     return (
-        shown(each.name), shown(each.room), seat, shown(each.address), _ago(each.since_s), *directions,
+        shown(each.name), shown(each.room), seat, shown(each.address), clock(each.since_s), *directions,
         "-" if each.lost is None else f"{each.lost}", shown(each.device) or "-",
     )  # fmt: skip
-
-
-def _ago(seconds: float) -> str:
-    """As a watch shows it."""
-    minutes, rest = divmod(int(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,4 +1,4 @@
-"""`cogrip devices calibrate`: where the arm stands when its counters begin, and what its mechanism itself takes."""
+"""`cogrip devices calibrate`: the pose of an arm at the start of its counters, and the losses of its mechanism."""
 
 import time
 from math import degrees
@@ -18,17 +18,18 @@ from cogrip.protocol.io.realtime import engage, release
 
 
 def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = False) -> int:
-    """Walk through the calibration of an arm, and keep it until the arm is plugged in again. No motor gets current.
+    """Calibrate a device, and keep the calibration.
 
-    With --damping, of an arm whose pose is known: swing it with small forces for up to a minute, nobody holding it, and keep
-    what damping and friction its mechanism has at least, for good. Sessions then count on them; without, on none.
+    For arms; until the arm is plugged in again, and no motor gets current. With --damping, of an arm whose pose is known:
+    swing it with small forces for up to a minute, nobody holding it, and keep the least damping and friction of its
+    mechanism permanently. Sessions then count on them; without, on none.
 
     Parameters
     ----------
     address
         Device address (`cogrip devices`), as you will join with it.
     yes
-        The arm stands in its home pose already (--damping: freely in mid-range): do not ask.
+        Do not ask: the arm is in its home pose already (--damping: free in mid-range).
     damping
         Identify damping and friction instead. Off by default: the motors move the arm, by themselves.
     """
@@ -36,22 +37,20 @@ def device_calibrate(address: str, /, *, yes: bool = False, damping: bool = Fals
     arm = arm_at(address)
     if damping:
         return _identify(arm, address, console, yes=yes)
-    console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).", markup=False)
+    console.print(f"Home pose: {_home(arm, address)} (see docs/devices.md).")
     if not yes:
         wait_for_enter(console, "Put the arm there and hold it still.")
-    try:
-        calibration = arm.calibrate(time.strftime("%Y-%m-%d %H:%M:%S"))
+    with Problem.of(DeviceError):
+        calibration = arm.calibrate(_now())
         path = CalibrationStore().keep(calibration)
-    except DeviceError as error:
-        raise Problem(str(error)) from None
     home = arm.model.kinematics.forward(arm.model.drive.angles(arm.model.home_counts))
     where = "" if home is None else f"; the tip of the home pose is at ({', '.join(f'{at:.3f}' for at in home)}) m"
-    console.print(f"{calibration.model} is calibrated{where}", markup=False)
+    console.print(f"{calibration.model} is calibrated{where}")
     if not calibration.stamp:
         console.print(
             "this system cannot tell when it is plugged in again, so join with the key pose=home instead, each time anew"
         )
-    console.print(f"kept in {path}, until the arm is plugged in again or loses power", markup=False)
+    console.print(f"kept in {path}, until the arm is plugged in again or loses power")
     return 0
 
 
@@ -62,38 +61,31 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         )
     if not yes:
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
-    try:
-        # Haply's "currents" are torques: half of what its motors can do for ever is small enough
+    with Problem.of(DeviceError):
+        # Haply's "currents" are torques: half of the motors' continuous torque is small enough
         force_n = force_within(arm.model, float("inf") if address.startswith("haply:") else MOST_TEST_MA)
-        rate_hz = min(RATE_HZ, arm.model.record.rate_hz)
+        clock = Clock(min(RATE_HZ, arm.model.record.rate_hz))
         measures = engage(["gc-frozen", "fifo"])
         try:
             with termination_raised():
-                found = identify(
-                    arm,
-                    arm.model,
-                    force_n,
-                    Clock(rate_hz).newest,
-                    lambda text: console.print(f"  {text}", markup=False),
-                )
+                found = identify(arm, arm.model, force_n, clock.newest, lambda text: console.print(f"  {text}"))
         finally:
             release(measures)
-        path = CalibrationStore().keep_losses(
-            arm.losses(found.damping_nspm, found.friction_n, time.strftime("%Y-%m-%d %H:%M:%S"))
-        )
-    except DeviceError as error:
-        raise Problem(str(error)) from None
+        path = CalibrationStore().keep_losses(arm.losses(found.damping_nspm, found.friction_n, _now()))
     console.print(
         f"{arm.model.record.model}: its mechanism takes at least {found.damping_nspm:.3g} N s/m of damping and "
         f"{found.friction_n:.3g} N of friction, anywhere in its workspace",
-        markup=False,
     )
-    console.print(f"kept in {path}; sessions count on it from now on. Delete it if the mechanism changes", markup=False)
+    console.print(f"kept in {path}; sessions count on it from now on. Delete it if the mechanism changes")
     return 0
 
 
+def _now() -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S")
+
+
 def _home(arm: ArmDevice, address: str) -> str:
-    """In words. Planar arms have no usual one: theirs is a setting."""
+    """Return the home pose in words. Planar arms have no usual one: theirs is a setting."""
     if address.startswith("haply:"):
         a, b, _ = (degrees(angle) for angle in arm.model.drive.angles(arm.model.home_counts))
         return f"first link at {a:.0f}, second at {b:.0f} degrees, as the key home_deg says"

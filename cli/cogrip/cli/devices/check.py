@@ -1,4 +1,4 @@
-"""`cogrip devices check`: a verdict on an arm before anyone holds it."""
+"""`cogrip devices check`: the verdict on an arm before anyone holds it."""
 
 from collections.abc import Sequence
 
@@ -23,10 +23,11 @@ MOST_MOVING_S = 600.0
 def device_check(
     address: str, /, *, current_ma: float = MOST_TEST_MA, moving_s: float = MOVING_S, yes: bool = False
 ) -> int:
-    """Push every axis with a small current, and measure signs, rate, latency, noise and encoder range.
+    """Check whether a device is fit to be held: signs, rate, noise, latency.
 
-    The arm must be free in mid-range, and nobody may hold it; one that is not balanced (Polhem) hangs on a thread. Needs no
-    calibration. Exit code 0 when all is well.
+    Every axis of an arm is pushed with a small current, and its encoder range measured as well. The arm must be free in
+    mid-range, and nobody may hold it; one that is not balanced (Polhem) hangs on a thread. Needs no calibration. Exit code 0
+    when all is well.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ def device_check(
     current_ma
         Test current, at most 200 mA, and never more than the limit of a motor.
     moving_s
-        How long you will move the arm through its range at the end; 0 leaves that out.
+        Time for which you will move the arm through its range at the end; 0 leaves that out.
     yes
         Do not ask whether the arm is free.
     """
@@ -51,15 +52,13 @@ def device_check(
         )
     if not yes:
         wait_for_enter(console, "Put the arm in mid-range, take your hands off it, keep one at the power switch.")
-    try:
+    with Problem.of(DeviceError):
         model, measured, current_ma = _measure(arm, current_ma, moving_s, console)
-    except DeviceError as error:
-        raise Problem(str(error)) from None
     rows = verdict(measured, current_ma)
     if moving_s <= 0.0:
         rows = [row for row in rows if not row.what.startswith("range")]
     say(console, f"{address}: {model.record.model}")
-    console.print(_table(rows))
+    console.print(rows_table(rows))
     for row in rows:
         if not row.good:
             say(console, f"{row.what}: {row.cure}")
@@ -68,21 +67,20 @@ def device_check(
     return 1 if bad else 0
 
 
-def _table(rows: Sequence[Row]) -> Table:
-    """A row a thing that was measured."""
+def rows_table(rows: Sequence[Row]) -> Table:
+    """Return a row a measured quantity."""
     table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("", no_wrap=True)
     for heading in ("measured", "found", "wanted"):
         table.add_column(heading, overflow="fold")
     for row in rows:
-        table.add_row(
-            Text("✓", "green") if row.good else Text("✗", "red"), Text(row.what), Text(row.found), Text(row.wanted)
-        )
+        mark = Text("✓", "green") if row.good else Text("✗", "red")
+        table.add_row(mark, Text(row.what), Text(row.found), Text(row.wanted))
     return table
 
 
 def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Console) -> tuple[ArmModel, Measured, float]:
-    """What the arm is, what was found, and the current that pushed it. Raises DeviceError."""
+    """Return the arm's model, the measurements, and the current that pushed it. Raises DeviceError."""
     most_ma = min(arm.model.drive.largest_ma)
     if most_ma <= 0.0:
         raise DeviceError(f"{arm.exchange.port.name}: gives no force, so there is nothing to check: it is read only")
@@ -92,6 +90,6 @@ def _measure(arm: ArmDevice, current_ma: float, moving_s: float, console: Consol
         try:
             reading = check.begin()
             model = arm.recognised(reading)
-            return model, check.measured(lambda text: console.print(f"  {text}", markup=False), moving_s), current_ma
+            return model, check.measured(lambda text: console.print(f"  {text}"), moving_s), current_ma
         finally:
             check.end()

@@ -1,28 +1,19 @@
-"""`cogrip devices`: what there is to hold, and making it ready."""
+"""`cogrip devices`: the commands for devices, and for making them ready."""
 
 from cyclopts import App
 
 from cogrip.cli.devices.listing import device_list
+from cogrip.cli.terminal.commands import add_commands
 
 COMMANDS = {
-    "list": (
-        "cogrip.cli.devices.listing:device_list",
-        "List the devices that can be named by address, with their records.",
-    ),
-    "find": ("cogrip.cli.devices.find:device_find", "Look for devices that are plugged in here."),
-    "calibrate": ("cogrip.cli.devices.calibrate:device_calibrate", "Walk through a device's calibration, and keep it."),
-    "check": (
-        "cogrip.cli.devices.check:device_check",
-        "Find out whether a device is fit to be held: signs, rate, noise, latency.",
-    ),
-    "conform": ("cogrip.cli.devices.conform:device_conform", "Try every promise that a device makes, on this one."),
-    "emulate": (
-        "cogrip.cli.devices.emulate:device_emulate",
-        "Serve an emulated device on a pseudo-terminal or a socket.",
-    ),
+    "list": ("devices.listing:device_list", "List the devices that have an address, with their records."),
+    "find": ("devices.find:device_find", "Find the devices that are plugged in here."),
+    "calibrate": ("devices.calibrate:device_calibrate", "Calibrate a device, and keep the calibration."),
+    "check": ("devices.check:device_check", "Check whether a device is fit to be held: signs, rate, noise, latency."),
+    "conform": ("devices.conform:device_conform", "Run the conformance suite on one device."),
+    "emulate": ("devices.emulate:device_emulate", "Serve an emulated device on a pseudo-terminal or a socket."),
 }
 
-devices = App(name="devices", help="Force-feedback devices and their stand-ins.")
-for _name, (_target, _help) in COMMANDS.items():
-    devices.command(_target, name=_name, help=_help)
+devices = App(name="devices")
+add_commands(devices, COMMANDS)
 devices.default(device_list)

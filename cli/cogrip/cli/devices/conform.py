@@ -1,4 +1,4 @@
-"""`cogrip devices conform`: the conformance suite on one device, as a driver's author wants it."""
+"""`cogrip devices conform`: the conformance suite on one device, for authors of drivers."""
 
 import time
 
@@ -11,34 +11,30 @@ from cogrip.devices.registry import axes_of, is_real, make, record_of
 from cogrip.protocol.rates import due_ns
 
 PUSH_N = 0.2  # on a device that is real
-PLANT_PUSH_N = (
-    1.0  # a simulated machine has its limits in its plant: it takes any force, and its hand would be torn off
-)
+PLANT_PUSH_N = 1.0  # on a simulated machine, which takes any force: more would tear its hand off
 
 
 def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1024, yes: bool = False) -> int:
-    """Try every promise of `cogrip.devices.conformance` on the device at ADDRESS. A real one is only pushed gently.
+    """Run the conformance suite on one device.
 
-    Exit code 0 when all are kept.
+    That is `cogrip.devices.conformance`; a real device is only pushed gently. Exit code 0 when all promises are kept.
 
     Parameters
     ----------
     address
         Device address (`cogrip devices`).
     axes
-        On how many axes; all it has if not given.
+        Count of axes; all it has if not given.
     rate_hz
         Rate of the loop.
     yes
         Do not ask whether a real device is free.
     """
     console = make_console(soft_wrap=True)
-    try:
+    with BadInput.of(DeviceError):
         count = axes_of(address) if axes is None else axes
         device = make(address, axes=count)
         real = is_real(address)
-    except DeviceError as error:
-        raise BadInput(str(error)) from None
     _try(device, address, rate_hz)
     knows = not real and hasattr(device, "force_n")
     subject = Subject(
@@ -48,29 +44,27 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
         time.monotonic_ns if real else None,
     )  # fmt: skip
     if real and not yes:
-        wait_for_enter(
-            console, f"Nobody holds the device, it is in mid-range; it will be pushed with at most {PUSH_N:g} N."
-        )
+        wait_for_enter(console, f"Nobody holds the device, it is in mid-range; it is pushed with at most {PUSH_N:g} N.")
     broken = 0
     for check in CHECKS:
         try:
             check(subject)
         except (UnfitError, DeviceError) as error:
             broken += 1
-            console.print(f"✗ {check.__name__}: {error}", markup=False)
-        except Exception as error:  # noqa: BLE001 (that is what a driver's author wants to know)
+            console.print(f"✗ {check.__name__}: {error}")
+        except Exception as error:  # noqa: BLE001 (a driver's author has to see it)
             broken += 1
             found = f"{type(error).__name__}: {error}"
-            console.print(f"✗ {check.__name__}: only DeviceError may be raised, not {found}", markup=False)
+            console.print(f"✗ {check.__name__}: only DeviceError may be raised, not {found}")
         else:
-            console.print(f"✓ {check.__name__}", markup=False)
+            console.print(f"✓ {check.__name__}")
     console.print(f"{len(CHECKS) - broken} of {len(CHECKS)} promises kept")
     return 1 if broken else 0
 
 
 def _try(device: Device, address: str, rate_hz: int) -> None:
-    """Whether it can be had at all. Raises BadInput, or Problem."""
-    try:
+    """Open and close the device. Raises BadInput, or Problem."""
+    with Problem.of(DeviceError):
         most_hz = record_of(device, address).rate_hz
         if not 1 <= rate_hz <= most_hz:
             raise BadInput(f"--rate-hz {rate_hz} is outside 1 to {most_hz}")
@@ -78,18 +72,17 @@ def _try(device: Device, address: str, rate_hz: int) -> None:
             device.open(rate_hz)
         with defects_named(repr(address), "close"):
             device.close()
-    except DeviceError as error:
-        raise Problem(str(error)) from None
 
 
 class Clock:
-    """Waits for the ticks of a loop that begins anew with every tick 0."""
+    """Clock of a loop that begins anew with every tick 0."""
 
     def __init__(self, rate_hz: int) -> None:
         self._rate_hz = rate_hz
         self._start_ns = time.monotonic_ns()
 
     def wait(self, tick: int) -> None:
+        """Wait until a tick is due."""
         if tick == 0:
             self._start_ns = time.monotonic_ns()
         rest_ns = due_ns(self._start_ns, tick, self._rate_hz) - time.monotonic_ns()
@@ -97,6 +90,6 @@ class Clock:
             time.sleep(rest_ns * 1e-9)
 
     def newest(self, tick: int) -> int:
-        """Wait as well; the newest tick that is due then, which is a later one after a stall."""
+        """Wait, and return the newest tick that is due then, which is a later one after a stall."""
         self.wait(tick)
         return max(tick, (time.monotonic_ns() - self._start_ns) * self._rate_hz // 10**9)

@@ -1,4 +1,4 @@
-"""`cogrip devices emulate`: an emulated device on a pseudo-terminal or a socket, faults on request."""
+"""`cogrip devices emulate`: an emulated device on a pseudo-terminal or a socket, with faults on request."""
 
 import os
 import stat
@@ -32,23 +32,24 @@ def device_emulate(
     link: Path | None = None,
     fast: bool = True,
 ) -> int:
-    """Behave as a device's firmware does, with the arm's mechanics and a hand behind it, until Ctrl-C.
+    """Serve an emulated device on a pseudo-terminal or a socket.
 
-    Lines on its input are verbs: silence, garbage, split, merge, short, slow, stale, model, jump, stuck, unplug, deaf,
-    each with its seconds (`silence 0.3`; for ever without); mend; press (the calibrate button); status; quit.
+    It behaves as the device's firmware, with the arm's mechanics and a hand behind it, until Ctrl-C. Lines on its input are
+    verbs: silence, garbage, split, merge, short, slow, stale, model, jump, stuck, unplug, deaf, each with its seconds
+    (`silence 0.3`; for ever without); mend; press (the calibrate button); status; quit.
 
     Parameters
     ----------
     kind
-        Which wire: serial (hfab) or haply, on a pseudo-terminal; or hid, on a local socket, which `hid:` takes as its path.
+        The wire: serial (hfab) or haply, on a pseudo-terminal; or hid, on a local socket, which `hid:` takes as its path.
     model
-        Which machine; vintage, 2diy or woodenhaptics if not given.
+        The machine; vintage, 2diy or woodenhaptics if not given.
     hand
-        What holds it, with its keys and those of sim:phantom: 'reach&amplitude_m=0.02&x0_m=0,0,0.01'.
+        The hand that holds it, with its keys and those of sim:phantom: 'reach&amplitude_m=0.02&x0_m=0,0,0.01'.
     powered_at_m
-        Where the tip was when the arm was powered up: X Y Z; in its home pose if not given.
+        Position of the tip when the arm was powered up: X Y Z; in its home pose if not given.
     seed
-        Of garbage.
+        Seed of garbage.
     link
         Make a symbolic link of this name to the pseudo-terminal, also when it changes; hid: the name of the socket.
     fast
@@ -65,22 +66,17 @@ def device_emulate(
         what = "socket" if kind == "hid" else "link"
         raise BadInput(f"--link {link}: is there already and no {what}; name another one, it would be replaced")
     console = make_console(soft_wrap=True)
-    try:
+    with BadInput.of(DeviceError):
         firmware = make_firmware(machines[name], parse_address(f"sim:phantom?hand={hand}").query, seed, powered_at_m)
-    except DeviceError as error:
-        raise BadInput(str(error)) from None
-
-    def say(text: str) -> None:
-        console.print(text, markup=False)
 
     wire: ServedFirmware
     folder = ""
     if kind == "hid":
         folder = tempfile.mkdtemp(prefix="cogrip-") if link is None else ""
-        wire = ReportSocket(firmware, link or Path(folder) / "hid", say)
+        wire = ReportSocket(firmware, link or Path(folder) / "hid", console.print)
         keys = "&pose=home"
     else:
-        wire = PseudoTerminal(firmware, link, say)
+        wire = PseudoTerminal(firmware, link, console.print)
         keys = "?pose=home" if kind == "serial" else f"?model={name}&pose=home"  # a Haply board does not say what it is
     pose = f"its counters are zero in the home pose: join it with {keys}"
     if powered_at_m is not None:
@@ -95,7 +91,7 @@ def device_emulate(
         measures = engage(["gc-frozen", "fifo"]) if fast else []
         try:
             port = f"hid:{name}?path={wire.where}" if kind == "hid" else f"{kind}:{wire.where}"
-            say(f"{name} behind {port}; {pose}")
+            console.print(f"{name} behind {port}; {pose}")
             wire.run(_verbs(), lambda: bool(stop.reason))
         finally:
             release(measures)
@@ -105,7 +101,7 @@ def device_emulate(
 
 
 def _verbs() -> int | None:
-    """The input, where somebody may write to it: a terminal or a pipe."""
+    """Return the file descriptor of a terminal or pipe on standard input, None for others."""
     try:
         descriptor = sys.stdin.fileno()
         return descriptor if os.isatty(descriptor) or stat.S_ISFIFO(os.fstat(descriptor).st_mode) else None

@@ -1,4 +1,4 @@
-"""`cogrip devices list`: what there is to hold."""
+"""`cogrip devices list`: the devices that have an address, with their records."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -25,7 +25,7 @@ from cogrip.devices.registry import (
     is_real,
     make,
     record_of,
-)
+)  # fmt: skip
 from cogrip.devices.settings import parse_address
 
 NOT_RUN = "not yet run on hardware"
@@ -41,42 +41,40 @@ def device_list(
     axes: int = MOST_AXES,
     json: Json = None,
 ) -> int:
-    """List the devices that can be named by address, a line each, or the whole capability record of some.
+    """List the devices that have an address, with their records.
+
+    A line each, or the whole capability record of some.
 
     Parameters
     ----------
     name
-        Of which to show the whole record: an address, a family such as sim, or a part of an address such as omega.
+        Show the whole records of these: an address, a family such as sim, or a part of an address such as omega.
     verbose
         Show the whole record of every device.
     axes
-        How many axes to make them with, 1 to 3.
+        Count of axes to make them with, 1 to 3.
     """
     if not 1 <= axes <= MOST_AXES:
         raise BadInput(f"--axes {axes} is outside 1 to {MOST_AXES}")
-    try:
+    with BadInput.of(DeviceError):
         listings, summaries = describe(axes=axes), families()
         listings = _named(name, listings, axes) if name else listings
-    except DeviceError as error:
-        raise BadInput(str(error)) from None
     if json is not None:
         write_json(_as_json(listings, summaries), json)
         return 0
     console = make_console()
-    grouped = {
-        scheme: [each for each in listings if _scheme(each) == scheme] for scheme in sorted(summaries, key=_rank)
-    }
     widths = _widths(listings, console.width)
     if not (name or verbose):
         console.print(_table(_HEADINGS, widths, "dim"))
-    for scheme, found in grouped.items():
+    for scheme in sorted(summaries, key=_rank):
+        found = [each for each in listings if _scheme(each) == scheme]
         if name and not found:
             continue
         mark = f" ({NOT_RUN})" if _untried(scheme) else ""
         say(console, f"{scheme}: {summaries[scheme]}{mark}")
         if name or verbose:
             for listing in found:
-                _tell(listing, console)
+                _print_record(listing, console)
         elif found:
             console.print(_table([_cells(each) for each in found], widths))
     for text in broken().values():
@@ -87,7 +85,7 @@ def device_list(
 
 
 def _named(name: str, listings: Sequence[Listing], axes: int) -> tuple[Listing, ...]:
-    """Those whose address is `name`, else of that family, else with that in their address; else the one that it addresses.
+    """Return those whose address is `name`, else of that family, else with that in their address; else the one at `name`.
 
     Raises DeviceError where there is none.
     """
@@ -108,23 +106,23 @@ def _scheme(listing: Listing) -> str:
 
 
 def _rank(scheme: str) -> tuple[int, str]:
-    """Devices in order: what everybody has first, then hardware by name, then what stands in for it."""
+    """Return the place of a family in the list: sim first, then hardware by name, then its substitutes."""
     return (0 if scheme == "sim" else 2 + _LAST.index(scheme) if scheme in _LAST else 1), scheme
 
 
 def _untried(scheme: str) -> bool:
-    """Of other packages' drivers nothing is known."""
+    """Return whether the family is our driver of hardware; of other packages' drivers nothing is known."""
     return scheme in FAMILIES and is_real(f"{scheme}:")
 
 
 def _widths(listings: Sequence[Listing], width: int) -> list[int]:
-    """Widths of the columns, so that all tables stand below one heading; an address gives way where there is no room."""
+    """Return widths of the columns, for all tables below one heading; addresses are wrapped where there is no room."""
     first, *numbers = [max(map(len, column)) for column in zip(*_HEADINGS, *map(_cells, listings), strict=True)]
     return [min(first, width - sum(numbers) - len(numbers)), *numbers]
 
 
 def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = "") -> Table:
-    """A row a device, or the heading of all."""
+    """Return a row a device, or the heading of all."""
     table = Table(box=None, show_header=False, padding=(0, 1, 0, 0), pad_edge=False, style=style)
     for number, width in enumerate(widths):
         table.add_column(justify="right" if number else "left", width=width, overflow="fold")
@@ -134,7 +132,7 @@ def _table(rows: Sequence[Sequence[str]], widths: Sequence[int], style: str = ""
 
 
 def _cells(listing: Listing) -> tuple[str, ...]:
-    """As _HEADINGS."""
+    """Return the cells below _HEADINGS."""
     record = listing.capability
     return (
         listing.address, f"{record.axes}", f"{record.peak_force_n:.4g}", f"{record.stiffness_npm:.5g}",
@@ -142,8 +140,8 @@ def _cells(listing: Listing) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _tell(listing: Listing, console: Console) -> None:
-    """The whole record, a line a subject."""
+def _print_record(listing: Listing, console: Console) -> None:
+    """Print the whole record, a line a subject."""
     record = listing.capability
     own = [
         *([f"damping {_number(record.own_damping_nspm, 'N s/m')}"] if record.own_damping_nspm else []),
@@ -168,7 +166,7 @@ def _tell(listing: Listing, console: Console) -> None:
 
 
 def _workspace(record: Capability) -> Sequence[str]:
-    """One text, where it is the same along all axes."""
+    """Return a text an axis, or one if all are the same."""
     texts = [
         f"±{high * 1e3:g} mm" if high == -low else f"{low * 1e3:g} to {high * 1e3:g} mm"
         for low, high in record.workspace_m
@@ -181,7 +179,7 @@ def _number(value: float, unit: str) -> str:
 
 
 def _as_json(listings: Sequence[Listing], summaries: dict[str, str]) -> dict[str, Any]:
-    """The records, field by field."""
+    """Return the records, field by field."""
     return {
         "families": {
             scheme: {"summary": summary, "real": is_real(f"{scheme}:"), "not_run_on_hardware": _untried(scheme)}

@@ -1,4 +1,4 @@
-"""The arm at an address, for the commands that make arms ready, and what they have in common: asking, and ending well."""
+"""Arm at an address for the commands that prepare arms, with their prompt and their safe end."""
 
 import signal
 import sys
@@ -15,22 +15,20 @@ from cogrip.devices.registry import axes_of, make
 
 
 def arm_at(address: str) -> ArmDevice:
-    """Made, not opened. Raises BadInput for what is no arm with motors and encoders of its own."""
-    try:
+    """Return the arm, not opened. Raises BadInput for a device that is no arm with motors and encoders of its own."""
+    with BadInput.of(DeviceError):
         device = make(address, axes=axes_of(address))
-    except DeviceError as error:
-        raise BadInput(str(error)) from None
     if not isinstance(device, ArmDevice):
         raise BadInput(
             f"{address}: there is nothing to calibrate or check here: this is for arms on serial:, haply: and hid:, "
-            "all others know their pose, or their maker's tools do; `cogrip devices conform` tries any driver"
+            "all others know their pose, or their maker's tools do; `cogrip devices conform` tests any driver"
         )
     return device
 
 
 def wait_for_enter(console: Console, text: str) -> None:
-    """Raises Problem where nobody can press it."""
-    console.print(f"{text} Enter when it is so, Ctrl-C to leave.", markup=False)
+    """Ask for Enter. Raises Problem where nobody can press it."""
+    console.print(f"{text} Enter when it is so, Ctrl-C to leave.")
     try:
         input()
     except EOFError:
@@ -39,7 +37,7 @@ def wait_for_enter(console: Console, text: str) -> None:
 
 @contextmanager
 def termination_raised() -> Iterator[None]:
-    """While inside, SIGTERM and a closed terminal are what Ctrl-C is: whoever pushes an arm lets go before it ends."""
+    """Handle SIGTERM and a closed terminal as Ctrl-C, so that no arm is pushed any more when the process ends."""
 
     def end(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt

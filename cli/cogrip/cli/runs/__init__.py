@@ -1,1 +1,1 @@
-"""Commands that read run folders: runs, report, export, replay, merge, recover."""
+"""Commands on run folders: runs, report, export, replay, merge, recover."""

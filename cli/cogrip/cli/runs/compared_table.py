@@ -1,4 +1,4 @@
-"""Runs side by side on the terminal: the numbers of each, and how they differ from the first."""
+"""Table of compared runs on the terminal: the numbers of each, and the differences from the first."""
 
 from collections.abc import Sequence
 
@@ -6,15 +6,14 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.terminal.tables import Fitted, marked
+from cogrip.cli.terminal.tables import Fitted, marked, plain_table
 from cogrip.sim.runs.comparison import Difference
 
 
 def compared_table(rows: Sequence[Difference], labels: Sequence[str]) -> Group:
-    """A row a number, a group a person; `=` where a number is the same as in the first run.
+    """Return a row a number, a group a person; `=` where a number is the same as in the first run.
 
-    Runs are called by letters, explained below. Those that do not fit side by side stand in further tables, each beside the
-    first run.
+    Runs have letters, explained below. Those that do not fit stand in further tables, each beside the first run.
     """
     letters = [chr(ord("A") + number) for number in range(len(labels))]
     others = range(1, len(labels))
@@ -28,12 +27,10 @@ def compared_table(rows: Sequence[Difference], labels: Sequence[str]) -> Group:
 
 
 def _table(rows: Sequence[Difference], letters: Sequence[str], others: Sequence[int]) -> Table:
-    table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column(Text(""), no_wrap=True)
-    table.add_column(Text(letters[0]), justify="right", no_wrap=True)
-    for number in others:
-        table.add_column(Text(letters[number]), justify="right", no_wrap=True)
-        table.add_column(Text("difference"), justify="right", style="dim", no_wrap=True)
+    headings = ["", letters[0], *(heading for number in others for heading in (letters[number], "difference"))]
+    table = plain_table(headings, [], gap=2)
+    for column in table.columns[3::2]:
+        column.style = "dim"
     who: str | None = None
     for row in rows:
         if row.who != who:

@@ -1,23 +1,21 @@
-"""`cogrip export`: a run's recordings as plain tables."""
+"""`cogrip export`: a run's recordings as CSV or Parquet tables."""
 
 from pathlib import Path
 
-from rich.console import Console
-
-from cogrip.cli.runs.opened_run import opened
+from cogrip.cli.runs.run_folder import opened
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.sim.runs.export import Exported, ExportError, Format
+from cogrip.sim.runs.export import ExportError, Format
 from cogrip.sim.runs.export import export as export_run
-from cogrip.sim.runs.records import RunRecords
 from cogrip.sim.runs.traces import losses
 
 
 def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool = False) -> int:
-    """Write a run's recordings as tables: a file for each end and kind of message, such as client-anna.tick.csv.
+    """Write a run's recordings as CSV or Parquet tables.
 
-    `time_s` stands first, in seconds of the run; vectors are spread over columns (position_m_x), accounts too
-    (link_up_lost, ticks_late_us_p99); what is not known is empty. A number in a CSV file reads back as the very same bits.
+    A file for each end and kind of message, such as client-anna.tick.csv. `time_s` stands first, in seconds of the run;
+    vectors are spread over columns (position_m_x), accounts too (link_up_lost, ticks_late_us_p99); unknown values are empty.
+    A number in a CSV file reads back as the very same bits.
     Nothing is overwritten.
 
     Parameters
@@ -35,19 +33,13 @@ def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     into = out or records.folder
     try:
-        with errors.status("exporting"):
+        with errors.status("exporting"), BadInput.of(ExportError):
             tables = export_run(records, to, into, datagrams=datagrams)
-    except ExportError as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         raise Problem(f"{error.filename or into}: cannot be written: {error.strerror or error}") from None
-    _tell(records, tables, console, errors)
-    return 0
-
-
-def _tell(records: RunRecords, tables: list[Exported], console: Console, errors: Console) -> None:
     for path, rows in tables:
-        console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}", markup=False)
+        console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}")
     ends = [*records.clients.values(), *([records.server] if records.server else [])]
     for note in [*records.notes, *(note for end in ends for note in losses(end))]:
-        errors.print(f"warning: {note}", markup=False)
+        errors.print(f"warning: {note}")
+    return 0

@@ -1,4 +1,4 @@
-"""`cogrip runs`: what was run, newest first."""
+"""`cogrip runs`: the recorded runs, newest first."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -23,15 +23,15 @@ _RIGHT = ("age", "length", "size")
 _KEPT = 5  # columns that every terminal shows
 _NAME_WIDTH = 32  # for which columns are left out: a time and a short name
 _PEOPLE_WIDTH = 12  # of names; more people are counted
-_BETWEEN = " "
 _PIPED_WIDTH = 200  # where it is not shown on a terminal
 _AGES = ((60.0, "s"), (60.0, "min"), (24.0, "h"), (1000.0, "d"))  # how many of each make one of the next
 
 
 def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
-    """List the runs in a folder, newest first, each with its verdict in a word or two. Exit code 0 whatever the verdicts.
+    """List the recorded runs, newest first.
 
-    `--json` has the whole verdict, the time, and everybody's name.
+    Each has its verdict in a word or two. Exit code 0 whatever the verdicts. `--json` has the whole verdict, the time, and
+    all names.
 
     Parameters
     ----------
@@ -49,15 +49,15 @@ def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
         return 0
     if found:
         console = make_console(soft_wrap=True)
-        for line in _lines(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
+        for line in lines_of(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
             console.print(line)
     else:
-        make_console(stderr=True).print(f"no runs in {folder}", markup=False)
+        make_console(stderr=True).print(f"no runs in {folder}")
     return 0
 
 
-def _lines(found: Sequence[ListedRun], width: int, now: datetime) -> list[Text]:
-    """A heading, then a line a run; a name that leaves no room for the rest has a line to itself, and is never cut."""
+def lines_of(found: Sequence[ListedRun], width: int, now: datetime) -> list[Text]:
+    """Return a heading, then a line a run; a name that leaves no room for the rest has its own line, and is never cut."""
     rows = [_cells(run, now) for run in found]
     widths = [max(map(cell_len, column)) for column in zip(_HEADINGS, *rows, strict=True)]
     many = len(_HEADINGS)
@@ -78,28 +78,20 @@ def _lines(found: Sequence[ListedRun], width: int, now: datetime) -> list[Text]:
 
 
 def _line(cells: Sequence[str], widths: Sequence[int], many: int) -> str:
-    parts = [
-        padded(cell, width, right=heading in _RIGHT)
-        for heading, cell, width in zip(_HEADINGS[:many], cells, widths, strict=False)
-    ]
-    return _BETWEEN.join(parts).rstrip()
+    columns = zip(_HEADINGS[:many], cells, widths, strict=False)
+    return " ".join(padded(cell, width, right=heading in _RIGHT) for heading, cell, width in columns).rstrip()
 
 
 def _cells(run: ListedRun, now: datetime) -> tuple[str, ...]:
-    """As _HEADINGS."""
+    """Return the cells below _HEADINGS."""
     return (
-        shown(run.name),
-        _age((now - run.when).total_seconds()),
-        run.kind,
-        _people(run.people),
-        f"{_TONES[run.tone][0]} {run.brief}",
-        "-" if run.seconds is None else _length(run.seconds),
-        _size(run.size_bytes),
-    )
+        shown(run.name), age((now - run.when).total_seconds()), run.kind, _people(run.people),
+        f"{_TONES[run.tone][0]} {run.brief}", "-" if run.seconds is None else _length(run.seconds), size(run.size_bytes),
+    )  # fmt: skip
 
 
 def _people(names: Sequence[str]) -> str:
-    """The first of them, and how many more there are: `anna, ben +2`."""
+    """Return the first names, and how many more there are: `anna, ben +2`."""
     for many in range(len(names), 0, -1):
         more = f" +{len(names) - many}" if len(names) > many else ""
         text = shown(", ".join(names[:many]))
@@ -108,8 +100,8 @@ def _people(names: Sequence[str]) -> str:
     return "-"
 
 
-def _age(seconds: float) -> str:
-    """How long ago, in the largest unit of which there is one."""
+def age(seconds: float) -> str:
+    """Return an age in the largest unit of which there is one."""
     left = max(0.0, seconds)
     for many, unit in _AGES:
         if left < many:
@@ -119,13 +111,14 @@ def _age(seconds: float) -> str:
 
 
 def _length(seconds: float) -> str:
-    """Length of a session, in few digits."""
-    return (
-        f"{seconds:.1f} s" if seconds < 99.95 else f"{seconds:.0f} s" if seconds < 9999.5 else f"{seconds / 3600:.1f} h"
-    )
+    """Return the length of a session in few digits."""
+    if seconds >= 9999.5:
+        return f"{seconds / 3600:.1f} h"
+    return f"{seconds:.1f} s" if seconds < 99.95 else f"{seconds:.0f} s"
 
 
-def _size(size_bytes: float) -> str:
+def size(size_bytes: float) -> str:
+    """Return a size with three digits."""
     for unit in ("B", "kB", "MB"):
         if size_bytes < 999.5:  # three digits, rounded
             return f"{size_bytes:.3g} {unit}"
@@ -135,14 +128,7 @@ def _size(size_bytes: float) -> str:
 
 def _record(run: ListedRun) -> dict[str, Any]:
     return {
-        "run": run.name,
-        "folder": str(run.folder),
-        "kind": run.kind,
-        "when": run.when.isoformat(),
-        "seconds": run.seconds,
-        "people": list(run.people),
-        "tone": run.tone,
-        "brief": run.brief,
-        "verdict": run.verdict,
+        "run": run.name, "folder": str(run.folder), "kind": run.kind, "when": run.when.isoformat(), "seconds": run.seconds,
+        "people": list(run.people), "tone": run.tone, "brief": run.brief, "verdict": run.verdict,
         "size_bytes": run.size_bytes,
-    }
+    }  # fmt: skip

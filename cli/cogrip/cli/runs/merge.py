@@ -1,4 +1,4 @@
-"""`cogrip merge`: the recordings of one run from several folders or machines, in one folder and on one clock."""
+"""`cogrip merge`: the recordings of one run from several machines, in one folder and on one clock."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from cogrip.sim.runs.merge import merge as merge_recordings
 
 
 def merge(*folders: Path, out: Path) -> int:
-    """Bring the parts of one run together: the server's and those of its clients.
+    """Merge the recordings of one run from several machines: the server's and those of its clients, on one clock.
 
     Parameters
     ----------
@@ -30,11 +30,10 @@ def merge(*folders: Path, out: Path) -> int:
     except OSError as error:
         raise BadInput(f"{error.filename or out}: {error.strerror}") from None
     for each in alignments:
-        give_ms = (each.most_ns - each.least_ns) * 0.5e-6
+        bound_ms = (each.most_ns - each.least_ns) * 0.5e-6
         console.print(
             f"{each.file}: {each.add_ns * 1e-6:+.3f} ms to the server's clock, by {each.by} "
-            f"(datagrams bound it to ±{give_ms:.1f} ms)",
-            markup=False,
+            f"(datagrams bound it to ±{bound_ms:.1f} ms)",
         )
-    console.print(f"merged: {out}; see `cogrip report {out}`", markup=False)
+    console.print(f"merged: {out}; see `cogrip report {out}`")
     return 0

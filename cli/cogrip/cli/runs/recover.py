@@ -1,4 +1,4 @@
-"""`cogrip recover`: save what is whole of a recording that was cut short or damaged."""
+"""`cogrip recover`: recover what is whole of a recording that was cut short or damaged."""
 
 from pathlib import Path
 
@@ -31,15 +31,13 @@ def recover(file: Path, /) -> int:
                 raise BadInput(f"{file} holds no recording; name a run folder or a .mcap file")
             broken = [each for each in found if not is_closed(each)]
             if not broken:
-                console.print(
-                    f"{file}: every recording was closed as it should; there is nothing to recover", markup=False
-                )
+                console.print(f"{file}: every recording was closed; there is nothing to recover")
         else:
             broken = [file]
         for each in broken:
             if is_being_written(each):
                 raise Problem(f"{each} is still being written; end its session first")
-            console.print(words(each, recover_recording(each)), markup=False)
+            console.print(words(each, recover_recording(each)))
     except (RecordingError, FileNotFoundError) as error:
         raise BadInput(str(error)) from None
     except FileExistsError as error:
@@ -49,23 +47,23 @@ def recover(file: Path, /) -> int:
     return 0
 
 
-def recover_what_was_cut(path: Path, console: Console) -> None:
-    """Before a run is opened: recover its recordings that were not closed, and say what was saved."""
+def recover_unclosed(path: Path, console: Console) -> None:
+    """Recover a run's recordings that were not closed, before it is opened, and say what was saved."""
     for each in recordings_of(path):
         if is_closed(each) or is_being_written(each):
             continue
         try:
-            console.print(f"note: {words(each, recover_recording(each))}", markup=False)
+            console.print(f"note: {words(each, recover_recording(each))}")
         except FileExistsError:
             pass  # it was recovered before, and this file was named by itself
         except RecordingError:
-            continue  # whoever opens it will say so
+            continue  # the caller reports it on opening
         except OSError as error:
-            console.print(f"note: {each.name} was not closed; it is read as it is ({error.strerror})", markup=False)
+            console.print(f"note: {each.name} was not closed; it is read as it is ({error.strerror})")
 
 
 def words(file: Path, saved: Recovered) -> str:
-    """What was saved, in a sentence."""
+    """Return what was saved, in a sentence."""
     lost = sum(damage.length for damage in saved.damage)
     left = f"; {lost} bytes could not be read" if lost else ""
     return f"{file.name} was not closed: {saved.messages} messages over {saved.seconds:.3f} s are saved in {saved.path}{left}"

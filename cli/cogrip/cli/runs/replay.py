@@ -1,4 +1,4 @@
-"""`cogrip replay`: does a recorded session play again exactly, and what would it have been with another setting?"""
+"""`cogrip replay`: verify that a recorded session replays exactly, or run it again as what-if, with other settings."""
 
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -9,14 +9,13 @@ from typing import Any
 from rich.console import Console
 
 from cogrip.cli.runs.compared_table import compared_table
-from cogrip.cli.runs.new_run import new_run_folder
-from cogrip.cli.runs.opened_run import opened
+from cogrip.cli.runs.run_folder import new_run_folder, opened
 from cogrip.cli.runs.summary_table import verdict_lines
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.settings_file import override, try_hands
-from cogrip.cli.study.analysis_query import Overrides
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say as say_lines
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -45,33 +44,31 @@ def replay(
     overrides: Overrides = (),
     hands: Hands = "same",
     allow_unstable: AllowUnstable = False,
-    runs: Path = Path("runs"),
+    runs: Runs = Path("runs"),
     json: Json = None,
 ) -> int:
-    """Play a recorded session again.
+    """Replay a recorded session: bit by bit, or as what-if.
 
     --verify feeds the recorded inputs into the same cores and compares every output bit by bit; exit code 1 and the
-    first difference if there is one. --what-if runs the same hands in another world, in virtual time, and compares; exit code
-    0 only if that world was passive and stable, devices included.
+    first difference if there is one. --what-if runs the same hands with other settings, in virtual time, and compares; exit
+    code 0 only if that run was passive and stable, devices included.
 
     Parameters
     ----------
     run
         Run folder, or one of its .mcap files.
     verify
-        Compare everything that comes out with the recording.
+        Compare all outputs with the recording.
     what_if
         Run the hands again with the settings changed by --set.
     hands
         How people take part in --what-if: `same` simulated hand (others through an impedance); their recorded effort
         behind an `impedance`; or their recorded `positions`, whatever the force.
-    runs
-        Folder in which the new run's folder is made.
     """
     if verify == what_if:
         raise BadInput("replay: say either --verify or --what-if")
     if overrides and verify:
-        raise BadInput("replay: --set changes the world, so it goes with --what-if; --verify plays what was recorded")
+        raise BadInput("replay: --set goes with --what-if; --verify replays what was recorded")
     records = opened(run)
     console = make_console(soft_wrap=True)
     if verify:
@@ -91,28 +88,25 @@ def _verify(records: RunRecords, console: Console, json: str | None) -> int:
     for note in records.notes:
         say(f"note: {note}")
     for end in ends:  # before, not after
-        differences = end.recording.header.versions.differences(versions_here())
-        if differences:
+        if differences := end.recording.header.versions.differences(versions_here()):
             say(f"note: {end.path.name} was recorded by other versions: {'; '.join(differences)}")
-    verdicts: list[dict[str, Any]] = []
-    exact = not records.unreadable
-    try:
-        found = _verdicts([end.recording for end in ends])
-    except RecordingError as error:
-        raise BadInput(str(error)) from None
-    for end, verdict in zip(ends, found, strict=True):
-        exact = exact and verdict.exact
-        for line in _words(end.path.name, verdict):
+    with BadInput.of(RecordingError):
+        found = {
+            end.path.name: verdict
+            for end, verdict in zip(ends, _verdicts([end.recording for end in ends]), strict=True)
+        }
+    for file, verdict in found.items():
+        for line in _words(file, verdict):
             say(line)
-        verdicts.append(_as_json(end.path.name, verdict))
+    exact = not records.unreadable and all(verdict.exact for verdict in found.values())
     if json:
-        unreadable = [str(path) for path in records.unreadable]
-        write_json({"exact": exact, "files": verdicts, "unreadable": unreadable}, json)
+        files = [_as_json(file, verdict) for file, verdict in found.items()]
+        write_json({"exact": exact, "files": files, "unreadable": [str(path) for path in records.unreadable]}, json)
     return 0 if exact else 1
 
 
 def _verdicts(recordings: list[Recording]) -> list[Verdict]:
-    """One for each; those of a long run are found side by side. Raises RecordingError."""
+    """Return one for each; those of a long run are found in parallel. Raises RecordingError."""
     workers = min(len(recordings), os.cpu_count() or 1)
     if workers < 2 or sum(each.path.stat().st_size for each in recordings) < WORTH_WORKERS_BYTES:
         return [verify_recording(each) for each in recordings]
@@ -124,48 +118,35 @@ def _words(file: str, verdict: Verdict) -> list[str]:
     what = "steps" if verdict.who == "server" else "ticks"
     played = f"{verdict.messages} messages, {verdict.ticks} {what}, {verdict.seconds:.3f} s"
     lines = []
-    if verdict.difference is not None:
-        found = verdict.difference
+    if (found := verdict.difference) is not None:
         at_s = (found.time_ns - verdict.start_ns) * 1e-9
         where = f"{found.topic} {found.field}".strip()
-        lines.append(
-            f"{file}: differs at {at_s:.6f} s in {where}: recorded {found.recorded}, replayed {found.replayed}"
-        )
-        lines.append(f"{file}: equal until then: {played}")
+        lines.append(f"differs at {at_s:.6f} s in {where}: recorded {found.recorded}, replayed {found.replayed}")
+        lines.append(f"equal until then: {played}")
     else:
-        lines.append(f"{file}: {'equal' if verdict.exact else 'equal up to a hole'}, bit by bit: {played}")
+        lines.append(f"{'equal' if verdict.exact else 'equal up to a hole'}, bit by bit: {played}")
     if isinstance(verdict.hole, Gap):
         lines.append(
-            f"{file}: {verdict.hole.messages} messages are missing ({verdict.hole.reason}): nothing after can be compared"
+            f"{verdict.hole.messages} messages are missing ({verdict.hole.reason}): nothing after can be compared"
         )
     elif verdict.hole is not None:
-        lines.append(f"{file}: {describe(verdict.hole, -verdict.start_ns * 1e-9)}: nothing after can be compared")
+        lines.append(f"{describe(verdict.hole, -verdict.start_ns * 1e-9)}: nothing after can be compared")
     if verdict.cut:
-        lines.append(f"{file}: was not closed; what is there was compared")
-    return lines
+        lines.append("was not closed; what is there was compared")
+    return [f"{file}: {line}" for line in lines]
 
 
 def _as_json(file: str, verdict: Verdict) -> dict[str, Any]:
     found = verdict.difference
+    difference = found and {
+        "time_s": (found.time_ns - verdict.start_ns) * 1e-9, "topic": found.topic, "field": found.field,
+        "recorded": found.recorded, "replayed": found.replayed,
+    }  # fmt: skip
     return {
-        "file": file,
-        "exact": verdict.exact,
-        "messages": verdict.messages,
-        "ticks": verdict.ticks,
-        "seconds": verdict.seconds,
-        "cut": verdict.cut,
-        "hole": verdict.hole is not None,
-        "versions": list(verdict.versions),
-        "difference": None
-        if found is None
-        else {
-            "time_s": (found.time_ns - verdict.start_ns) * 1e-9,
-            "topic": found.topic,
-            "field": found.field,
-            "recorded": found.recorded,
-            "replayed": found.replayed,
-        },
-    }
+        "file": file, "exact": verdict.exact, "messages": verdict.messages, "ticks": verdict.ticks,
+        "seconds": verdict.seconds, "cut": verdict.cut, "hole": verdict.hole is not None,
+        "versions": list(verdict.versions), "difference": difference,
+    }  # fmt: skip
 
 
 def _what_if(
@@ -173,17 +154,13 @@ def _what_if(
 ) -> int:
     changes = dict(override(text) for text in overrides)
     worlds = {f"what if {label(changes)}": (changes, "")}
-    if changes and not records.virtual:  # what living in virtual time changes by itself stands beside it
+    if changes and not records.virtual:  # so that the effect of virtual time alone can be seen
         worlds = {"unchanged, in the laboratory": ({}, "unchanged"), **worlds}
-    try:
+    with BadInput.of(RecordingError, SettingsError):
         made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
-    except (RecordingError, SettingsError) as error:
-        raise BadInput(str(error)) from None
     for name, world in made.items():
         try_hands(world.settings)
-        if name == next(
-            reversed(worlds)
-        ):  # what was recorded may be seen again as it was: only what is asked for is refused
+        if name == next(reversed(worlds)):  # the recorded settings may be run again: only the changed ones are refused
             check_settings(world.settings, allow_unstable or not changes, world.overloads)
     from cogrip.sim.runs.laboratory_run import run_laboratory
     from cogrip.sim.runs.report.compared import write_comparison
@@ -192,7 +169,7 @@ def _what_if(
     folder = new_run_folder(runs, folder_name(records))
     folders = {name: folder / place for name, (_, place) in worlds.items()}
     outcomes, stop = {}, Stop()
-    with on_signals(stop), console.status("running the other world"):
+    with on_signals(stop), console.status("running the changed session"):
         for name, world in made.items():
             folders[name].mkdir(exist_ok=True)
             outcomes[name] = run_laboratory(world.settings, folders[name], None, stop, world.begins)
@@ -202,12 +179,12 @@ def _what_if(
         try:
             page, rows = write_comparison(folder / "comparison.html", [records.folder, *folders.values()], labels)
         except ComparisonError as error:
-            raise BadInput(f"{error}; the other world's own run is in {folder}") from None
+            raise BadInput(f"{error}; the changed session's run is in {folder}") from None
     console.print(compared_table(rows, labels))
     for name, outcome in outcomes.items():
-        console.print(f"{name}:", markup=False)
+        console.print(f"{name}:")
         console.print(verdict_lines(outcome.summary))
-    console.print(f"comparison: {page}", markup=False)
+    console.print(f"comparison: {page}")
     if stop.reason:
         console.print("interrupted: the comparison covers what was run")
         return 130

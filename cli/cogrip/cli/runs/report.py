@@ -1,11 +1,11 @@
-"""`cogrip report`: the page on one run, or on several side by side."""
+"""`cogrip report`: the page on one run, or a comparison of several."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from cogrip.cli.runs.compared_table import compared_table
-from cogrip.cli.runs.recover import recover_what_was_cut
+from cogrip.cli.runs.recover import recover_unclosed
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
@@ -15,9 +15,9 @@ COMPARISON = Path("comparison.html")
 
 
 def report(*run: Path, out: Path | None = None) -> int:
-    """Write the report of one run anew into its folder, or one page that compares several.
+    """Write the report of a run, or of several compared.
 
-    The page is self-contained. Exit code 0 whatever the verdicts.
+    That of one run is written anew into its folder. The page is self-contained. Exit code 0 whatever the verdicts.
 
     Parameters
     ----------
@@ -30,19 +30,19 @@ def report(*run: Path, out: Path | None = None) -> int:
     _check(run, out)
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     for folder in run:
-        with suppress(FileNotFoundError):  # none is here: the page says so
-            recover_what_was_cut(folder, errors)
+        with suppress(FileNotFoundError):  # there is none: the page says so
+            recover_unclosed(folder, errors)
     try:
         with errors.status("writing the report"):
             page, rows = _write(run, out or COMPARISON)
     except (ComparisonError, RecordingError) as error:
         raise BadInput(f"report: {error}") from None
     except OSError as error:
-        told = f"{error.filename}: {error.strerror}; write to another folder" if error.strerror else str(error)
-        raise BadInput(f"report: {told}") from None
+        words = f"{error.filename}: {error.strerror}; write to another folder" if error.strerror else str(error)
+        raise BadInput(f"report: {words}") from None
     if rows:
         console.print(compared_table(rows, labels_of(run)))
-    console.print(f"report: {page}", markup=False)
+    console.print(f"report: {page}")
     return 0
 
 

@@ -1,6 +1,6 @@
-"""A run's summary on the terminal: a row a person, then the verdict in words.
+"""Summary of a run on the terminal: a row a person, then the verdict in words.
 
-What does not fit side by side stands in two tables, hands above networks; what does not even fit there, an axis a line.
+Columns that do not fit side by side stand in two tables, hands above networks; if these do not fit either, an axis a line.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,22 +10,26 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.runs.reserve_columns import device_ports, least_of_line
-from cogrip.cli.terminal.tables import Fitted, marked, shortened
+from cogrip.cli.terminal.tables import Fitted, marked, plain_table, shortened
 from cogrip.protocol.messages import shown
 from cogrip.sim.runs.summary_values import (
+    ROUNDING_J,
     UNKNOWN,
     Summary,
     dig,
     earlier,
+    energy,
     is_number,
+    least_reserve,
     name_of,
     number,
     people,
     share,
+    sittings,
     ticks_share,
     vector,
-)
+    worst_margin,
+)  # fmt: skip
 from cogrip.sim.runs.verdict_text import verdict
 
 _TONES = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
@@ -37,7 +41,7 @@ _NAME_WIDTH = 12
 
 
 class _Row(NamedTuple):
-    """A person, or the object. hand and network: as the headings of these names; hand[0] has an item an axis."""
+    """A person, or the object. hand and network: the cells below the headings of these names."""
 
     name: Text
     where: list[str]
@@ -48,10 +52,8 @@ class _Row(NamedTuple):
 
 
 def terminal_summary(summary: Summary) -> Group:
-    """What to print of `summary.json`. Whatever is null stands as a dash."""
-    rows = [
-        _person(seat_session, which, summary) for user in people(summary) for which, seat_session in _sittings(user)
-    ]
+    """Return the table and the verdict of `summary.json`. A null is shown as a dash."""
+    rows = [_person(each, which, summary) for user in people(summary) for which, each in _seat_sessions(user)]
     rows.append(_object(summary))
     title = Text(shown(str(summary.get("name") or "run")), style="bold")
 
@@ -70,34 +72,28 @@ def terminal_summary(summary: Summary) -> Group:
         return [first, _table(_NETWORK, networks(), rows, states=False)]
 
     tables = Fitted(side_by_side, lambda: two(" "), lambda: two("\n"))
-    devices = [marked(Text(""), Text(line, style="dim"))] if (line := device_ports(summary)) else []
+    devices = [marked(Text(""), Text(line, style="dim"))] if (line := _device_ports(summary)) else []
     return Group(title, tables, *devices, Text(""), verdict_lines(summary))
 
 
 def verdict_lines(summary: Summary) -> Group:
-    """The verdict, a paragraph a sentence."""
-    return Group(
-        *(
-            marked(Text(*_TONES[tone]), Text(shown(text), "bold red" if tone == "bad" else ""))
-            for tone, text in verdict(summary)
-        )
-    )
+    """Return the verdict, a paragraph a sentence."""
+    return Group(*(
+        marked(Text(*_TONES[tone]), Text(shown(text), "bold red" if tone == "bad" else "")) for tone, text in verdict(summary)
+    ))  # fmt: skip
 
 
 def _table(headings: Sequence[str], cells: list[list[Text]], rows: list[_Row], *, states: bool) -> Table:
-    table = Table(header_style="dim", box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column(Text("\nperson"), overflow="ellipsis", max_width=_NAME_WIDTH, no_wrap=True)
-    for heading in headings:
-        table.add_column(Text(heading), justify="right", no_wrap=True)
+    lines = [[row.name, *numbers, *([row.state] if states else [])] for row, numbers in zip(rows, cells, strict=True)]
+    state = ["\nstate"] if states else []
+    table = plain_table(["\nperson", *headings, *state], lines, styles=[row.style for row in rows])
     if states:
-        table.add_column(Text("\nstate"), no_wrap=True)
-    for row, numbers in zip(rows, cells, strict=True):
-        table.add_row(row.name, *numbers, *([row.state] if states else []), style=row.style)
+        table.columns[-1].justify = "left"
     return table
 
 
-def _sittings(user: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Every sitting of a person with its number, oldest first; 0 where there was only one."""
+def _seat_sessions(user: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield every seat session of a person with its number, oldest first; 0 where there was only one."""
     before = earlier(user)
     for which, seat_session in enumerate((*before, user), 1):
         yield which if before else 0, {**seat_session, "name": name_of(user)}
@@ -113,15 +109,11 @@ def _person(user: dict[str, Any], which: int, summary: Summary) -> _Row:
         [
             _cell(number(user.get("peak_force_n"), digits=2)),
             _cell("/".join(number(user.get(f"{kind}_stiffness_npm"), digits=0) for kind in ("felt", "predicted"))),
-            Text(least_of_line(user, summary)),
+            Text(_least_of_line(user, summary)),
         ],
         [
             _cell("/".join(number(dig(link, fate), digits=0) for fate in ("lost", "late", "duplicate"))),
-            _cell(
-                "/".join(
-                    map(_short, (*(dig(user, "delay", direction, "p50") for direction in ("up_ms", "down_ms")), rtt))
-                )
-            ),
+            _cell("/".join(map(_short, (*(dig(user, "delay", each, "p50") for each in ("up_ms", "down_ms")), rtt)))),
             *_loop(user.get("ticks")),
         ],
         Text(shown(str(state)) if state else _DASH, style=_STATES.get(str(state), "")),
@@ -135,12 +127,40 @@ def _object(summary: Summary) -> _Row:
     return _Row(Text("object"), where, hand, [*network, *_loop(dig(summary, "server", "ticks"))], blank, "dim")
 
 
+def _least_of_line(seat_session: dict[str, Any], summary: Summary) -> str:
+    """Return the least reserve of a whole line after the first second; of a run that was not passive, a margin below 0."""
+    alone = [{**seat_session, "earlier": None}]
+    worst, least = worst_margin(alone), least_reserve(alone, "line_reserve_j")
+    if worst and worst[0] < -ROUNDING_J and summary.get("passive") is False:
+        return energy(worst[0])
+    return energy(least[0]) if least else _DASH
+
+
+def _device_ports(summary: Summary) -> str:
+    """Return a line on the device ports, "" where nobody reported: least reserve, and most leaked to a hand, and whose."""
+    users = people(summary)
+    reserve, margin = least_reserve(users, "device_reserve_j"), least_reserve(users, "device_margin_j")
+    if margin and margin[0] < -ROUNDING_J:  # in the first second, or with energy that was written off
+        reserve = margin
+    leak = least_reserve(users, "device_leak_j")  # below 0: a hand got more than was taken from it
+
+    def of(least: tuple[float, str]) -> str:
+        return f" ({shown(least[1])})" if len(sittings(users)) > 1 else ""
+
+    parts = [f"least reserve {energy(reserve[0])}{of(reserve)}"] if reserve else []
+    if leak:
+        leaked = f"{energy(-leak[0])} leaked to the hand at most{of(leak)}"
+        parts.append(leaked if leak[0] < 0.0 else "no leak to the hand")
+    claimed = ", say the clients" if any(user.get("claimed") for user in users) else ""
+    return f"device ports: {', '.join(parts)}{claimed}" if parts else ""
+
+
 def _loop(ticks: Any) -> list[Text]:
     return [_cell(share(ticks_share(ticks))), _cell(number(dig(ticks, "late_us", "p99"), digits=0))]
 
 
 def _axes(position_m: Any) -> list[str]:
-    """A text an axis."""
+    """Return a text an axis."""
     return vector(position_m, scale=1e3).split(", ")
 
 
@@ -149,5 +169,5 @@ def _short(value_ms: Any) -> str:
 
 
 def _cell(text: str) -> Text:
-    """The words for what is not known are too long for a table."""
+    """Return the text, with a dash for the words for what is unknown, which are too long for a table."""
     return Text("\n".join(shown(line) for line in text.split("\n")).replace(UNKNOWN, _DASH))

@@ -1,1 +1,1 @@
-"""Commands that run a session: demo, serve, join, lab, relay, and their settings."""
+"""Commands that run a session: demo, serve, join, relay, lab, and their settings."""

@@ -1,6 +1,6 @@
-"""Before a session is run: warnings in `advise`'s words on standard error, and the refusal of what is known to be unstable.
+"""Checks before a session is run: warnings in `advise`'s words on standard error, and the refusal of unstable settings.
 
-Hardware is never held in what is refused: `--allow-unstable` is for simulated, emulated and replayed devices.
+A person never holds hardware in a refused session: `--allow-unstable` is for simulated, emulated and replayed devices.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,24 +25,22 @@ AllowUnstable = Annotated[
     Parameter(
         name="--allow-unstable",
         negative="",
-        help="Run what `cogrip advise` says is not stable, or more than a device carries. Never with hardware.",
+        help="Run a session that `cogrip advise` calls unstable, or that exceeds a device's record. Never with hardware.",
     ),
 ]
 ALLOW = "; --allow-unstable runs it all the same"
-HELD_BY_NOBODY = ("sim:", "emulated:", "replay:")  # no person's hand is in these
-MOST_STATES = 256  # of a model that is advised with before a run: its work goes with the cube, 2 s at this
+HELD_BY_NOBODY = ("sim:", "emulated:", "replay:")  # no person holds these
+MOST_STATES = 256  # of a model that is advised with before a run: its work grows with the cube, 2 s at this
 
 
 def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple[str, ...] = ()) -> None:
-    """Warn of all that there is to warn of, then refuse. Raises BadInput.
+    """Print all warnings, then refuse. Raises BadInput.
 
-    also: more reasons to refuse than the settings give, each with the value that would do.
+    also: more reasons to refuse than the settings give, each with its cure.
     """
     check_plausible(settings)
-    try:
+    with BadInput.of(DeviceError):
         warnings, refused = advice_on(settings)
-    except DeviceError as error:
-        raise BadInput(str(error)) from None
     names = [user.name for user in settings.users]
     first = "" if allow_unstable else next(iter(together((*also, *refused), names)), "")
     warn([text for text in together((*warnings, *also), names) if text != first])
@@ -51,7 +49,7 @@ def check_settings(settings: Settings, allow_unstable: bool = False, also: tuple
 
 
 def together(texts: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Return each text once: what is said of several people in the same words is said of all of them at once."""
+    """Return each text once, behind the names of all people of whom it is said."""
     known, who = set(names), dict[str, list[str]]()
     for text in dict.fromkeys(texts):
         name, colon, words = text.partition(": ")
@@ -60,9 +58,9 @@ def together(texts: Iterable[str], names: Iterable[str]) -> list[str]:
 
 
 def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = False) -> None:
-    """The same for sessions that are run side by side, by name. Raises BadInput.
+    """Do as `check_settings` for sessions that are compared, by name. Raises BadInput.
 
-    Methods are compared where they are unstable, too: only what a device does not carry is refused.
+    Unstable methods are compared, too: only what exceeds a device's record is refused.
     """
     said: dict[str, list[str]] = {}
     for name, settings in sessions.items():
@@ -78,16 +76,14 @@ def check_compared(sessions: Mapping[str, Settings], allow_unstable: bool = Fals
 
 
 def check_plausible(settings: Settings) -> None:
-    """Warn of inputs that are unlikely; raises BadInput for one that cannot be meant."""
-    try:
+    """Warn of unlikely inputs; raise BadInput for an implausible one."""
+    with BadInput.of(DeviceError):
         found = implausible(settings)
-    except DeviceError as error:
-        raise BadInput(str(error)) from None
-    tell_implausible(found)
+    refuse_implausible(found)
 
 
-def tell_implausible(found: Iterable[Finding]) -> None:
-    """Raises BadInput for what cannot be meant."""
+def refuse_implausible(found: Iterable[Finding]) -> None:
+    """Warn of unlikely inputs that were found; raise BadInput for an implausible one."""
     found = list(found)
     warn([finding.text for finding in found if not finding.refused])
     if refused := [finding.text for finding in found if finding.refused]:
@@ -95,7 +91,7 @@ def tell_implausible(found: Iterable[Finding]) -> None:
 
 
 def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """(warnings, refusals among them) of `advise`, as far as there is a model that does not take too long.
+    """Return (warnings, refusals among them) of `advise`, where there is a model that does not take too long.
 
     The refusal with the least value comes first. Raises DeviceError.
     """
@@ -112,20 +108,19 @@ def advice_on(settings: Settings) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(texts: Iterable[str]) -> None:
+    """Print warnings on standard error."""
     errors = make_console(stderr=True, soft_wrap=True)
     for text in texts:
         say(errors, f"warning: {text}")
 
 
 def refuse_hardware(addresses: Iterable[str]) -> None:
-    """Raises BadInput where `--allow-unstable` is asked for with hardware, or what may be: a driver of another package."""
+    """Raise BadInput where `--allow-unstable` is given with hardware, or with a driver of another package, which may be."""
     for address in addresses:
-        try:
+        with BadInput.of(DeviceError):
             real = is_real(address) or address.partition(":")[0] not in FAMILIES
-        except DeviceError as error:
-            raise BadInput(str(error)) from None
         if real:
             raise BadInput(
-                f"--allow-unstable: {address} is hardware, in somebody's hand, and settings may be another's: "
-                "it is held with no more than it carries; leave the flag out, or take sim: or emulated:"
+                f"--allow-unstable: {address} is hardware, which a person holds, and settings may be another's: its record "
+                "is never exceeded; leave the flag out, or take sim: or emulated:"
             )

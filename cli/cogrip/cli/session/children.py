@@ -1,4 +1,4 @@
-"""Commands of ours as processes of this machine: started, listened to, ended."""
+"""Child processes that run cogrip commands on this machine: start, stated reason of the end, end."""
 
 import json
 import re
@@ -14,18 +14,18 @@ from cogrip.protocol.io.stop import Stop
 
 START_LIMIT_S = 30.0
 END_LIMIT_S = 15.0
-_LOOK_EVERY_S = 0.02
+_POLL_EVERY_S = 0.02
 _STATED = re.compile(
     r"^(?:cogrip: (?P<problem>.+)"
-    r"|[^:]+: (?:(?:the session|the looking on) (?:broke off|is over)(?:, no force is left)?|not a good run): (?P<end>.+)"
+    r"|[^:]+: (?:(?:the session|observing) (?:broke off|is over)(?:, no force is left)?|not a good run): (?P<end>.+)"
     r"|(?P<stopped>stopped \(.+\))|ended: (?P<ended>.+)"
     r"|(?P<defect>[\w.]+(?:Error|Exception|Interrupt)(?:: .+)?))$"
 )
-"""A line in which a command of ours says why it ended; after a defect it is the last line of the traceback."""
+"""A line in which a command says why it ended; after a defect it is the last line of the traceback."""
 
 
 def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A child of its own session: Ctrl-C reaches it through us, so that its last words are not lost."""
+    """Start a child in a session of its own: Ctrl-C reaches it through us, so that its last lines are not lost."""
     with log.open("wb") as out:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "cogrip.cli", *arguments],
@@ -37,7 +37,7 @@ def start_child(log: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def stated_reason(log: Path) -> str:
-    """Return the reason that a child gave for its end, "" where it gave none: never a line about anything else."""
+    """Return the reason that a child gave for its end, "" where it gave none."""
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
     for line in reversed(lines):
         if line.startswith("{"):  # a server that logs for programs
@@ -51,7 +51,7 @@ def stated_reason(log: Path) -> str:
 
 
 def how_ended(child: subprocess.Popen[bytes], log: Path) -> str:
-    """Return how a child that has ended did so: the signal that killed it, or its own reason; and its exit code."""
+    """Return the signal that killed a child, or its own reason and exit code."""
     code = child.returncode
     if code < 0:
         try:
@@ -65,22 +65,22 @@ def how_ended(child: subprocess.Popen[bytes], log: Path) -> str:
 
 
 def listening_port(name: str, child: subprocess.Popen[bytes], log: Path, stop: Stop) -> int:
-    """The port that a server, or a relay, says in its log that it listens on. Raises Problem where it does not come up."""
+    """Return the port on which a server or relay listens, by its log. Raises Problem where it does not start."""
     until = time.monotonic() + START_LIMIT_S
     while time.monotonic() < until and child.poll() is None and not stop.reason:
         found = re.search(r"(?:listening on|relaying from) \S+:(\d+)", log.read_text())
         if found:
             return int(found[1])
-        time.sleep(_LOOK_EVERY_S)
+        time.sleep(_POLL_EVERY_S)
     if stop.reason:
         raise Problem(f"{stop.reason} before the {name} was up")
     why = f"it is not up after {START_LIMIT_S:g} s" if child.poll() is None else how_ended(child, log)
     raise Problem(f"the {name} did not start: {why} (see {log})")
 
 
-def end_all(children: Mapping[str, subprocess.Popen[bytes]], told: Collection[str]) -> list[str]:
-    """Wait for the end of all; those named in `told` are asked to end. Returns who did not end well, by name."""
-    for name in told:
+def end_all(children: Mapping[str, subprocess.Popen[bytes]], terminated: Collection[str]) -> list[str]:
+    """Wait for the end of all; those named in `terminated` get SIGTERM. Return the names of those that did not end well."""
+    for name in terminated:
         if children[name].poll() is None:
             children[name].send_signal(signal.SIGTERM)
     failed = []

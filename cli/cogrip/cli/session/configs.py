@@ -9,16 +9,13 @@ from cogrip.cli.session.shipped_settings import SUFFIX, no_such_settings, shippe
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 
-configs = App(
-    name="configs",
-    help="Settings that come with cogrip: list, show, copy. Every command that takes a settings file takes their names.",
-)
+configs = App(name="configs")
 
 
 @configs.default
 @configs.command(name="list")
 def list_configs() -> None:
-    """List them, with one line on each."""
+    """List the settings that come with cogrip, by the names that every command takes for a settings file."""
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(no_wrap=True)
     table.add_column()
@@ -29,7 +26,7 @@ def list_configs() -> None:
 
 @configs.command
 def show(name: str, /) -> None:
-    """Print one of them.
+    """Print the settings of one name.
 
     Parameters
     ----------

@@ -1,25 +1,24 @@
-"""`cogrip demo`: a server and its clients as processes of this machine, watched until they end."""
+"""`cogrip demo`: a server and its clients as processes of this machine, shown until they end."""
 
 import signal
 import subprocess
 import time
 from pathlib import Path
-from typing import Annotated
 
 import msgspec
-from cyclopts import Parameter
 from rich.console import Console
 from rich.live import Live
 
-from cogrip.cli.runs.new_run import new_run_folder
+from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.before_run import AllowUnstable, check_settings, refuse_hardware
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child, stated_reason
-from cogrip.cli.session.live_table import LiveTable
+from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.settings_file import load, try_hands, with_people
 from cogrip.cli.session.shipped_settings import shipped
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.flag_errors import above_zero
+from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary
@@ -34,31 +33,24 @@ WATCH_EVERY_S = 0.1
 def demo(
     *,
     config: Path | None = None,
-    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
-    hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
-    device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
+    overrides: Overrides = (),
+    hands: Hands = (),
+    device: Devices = (),
     seconds: float | None = None,
     allow_unstable: AllowUnstable = False,
-    runs: Path = Path("runs"),
+    runs: Runs = Path("runs"),
 ) -> int:
-    """Run a session live on this machine: a server, one client a person, UDP on loopback, an emulated link.
+    """Two simulated people hold one cube over UDP on this machine; ends with a report.
 
-    Exit code 0 only if the run was passive and stable, devices included, nothing broke off, and the object really moved.
+    A server, one client a person, UDP on loopback, an emulated link. Exit code 0 only if the run was passive and stable,
+    devices included, nothing broke off, and the object really moved.
 
     Parameters
     ----------
     config
         Settings file, or the name of one that comes with cogrip (`cogrip configs`); demo if not given.
-    overrides
-        Override a setting: section.key=value. Repeatable.
-    hands
-        Hand of the first, second ... person in place of the settings' (such as csv:FILE&time=t_s&x=x_m). Repeatable.
-    device
-        Device address of the first, second ... person in place of the settings' (`cogrip devices`). Repeatable.
     seconds
-        How long; the settings say if not given.
-    runs
-        Folder in which the run's own folder is made.
+        How long; as the settings say if not given.
     """
     above_zero("--seconds", seconds)
     path = config or shipped("demo")
@@ -78,14 +70,12 @@ def demo(
 
 
 def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str]) -> dict[str, str]:
-    """Start everyone, show them until they end, end the server. Returns how those ended who did not end well, by name."""
+    """Start everyone, show them until they end, end the server. Return how those ended that did not end well, by name."""
     write_settings(folder, settings)
     file = folder / SETTINGS
     common = ["--into", str(folder)]
-    # it would stop by itself if we were killed
-    server = start_child(
-        folder / "server.log", ["serve", str(file), "--port", "0", "--seconds", str(settings.seconds + 60), *common]
-    )
+    seconds = ["--seconds", str(settings.seconds + 60)]  # it stops by itself if we are killed
+    server = start_child(folder / "server.log", ["serve", str(file), "--port", "0", *seconds, *common])
     clients: dict[str, subprocess.Popen[bytes]] = {}
     failed: dict[str, str] = {}
     try:
@@ -93,16 +83,14 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
         for user in settings.users:
             log = folder / client_log(user.name)
             who = ["--config", str(file), "--name", user.name]
-            clients[user.name] = start_child(
-                log,
-                ["join", f"127.0.0.1:{port}", *who, "--seconds", str(settings.seconds), *flags, *common],
-            )
+            seconds = ["--seconds", str(settings.seconds)]
+            clients[user.name] = start_child(log, ["join", f"127.0.0.1:{port}", *who, *seconds, *flags, *common])
         table = LiveTable(folder, settings.name, list(clients))
-        told = begun = False
+        interrupted = begun = False
         with Live(table.table(), console=console, refresh_per_second=10, transient=False) as live:
             while any(client.poll() is None for client in clients.values()):
-                if stop.reason and not told:
-                    told = True
+                if stop.reason and not interrupted:
+                    interrupted = True
                     for client in clients.values():
                         client.send_signal(signal.SIGINT)
                 if server.poll() is not None:
@@ -111,9 +99,8 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
                 live.update(table.table())
                 if not begun and table.everyone():
                     begun = True
-                    live.console.print(
-                        f"everyone holds on, for {settings.seconds:g} s; Ctrl-C lets go; run folder {folder}"
-                    )
+                    text = f"everyone holds on, for {settings.seconds:g} s; Ctrl-C ends it; run folder {folder}"
+                    live.console.print(text)
         if not console.is_terminal:
             console.print()  # a live table ends its last line on terminals alone
     finally:
@@ -127,31 +114,26 @@ def _log(folder: Path, name: str) -> Path:
     return folder / ("server.log" if name == "server" else client_log(name))
 
 
-def _words(folder: Path, name: str) -> list[str]:
-    """What a client said, line by line."""
-    log = _log(folder, name)
-    return log.read_text().splitlines() if log.exists() else []
-
-
 def _conclude(settings: Settings, folder: Path, failed: dict[str, str], stop: Stop, console: Console) -> int:
     summary_file = folder / SUMMARY
     if summary_file.exists():
         summary = msgspec.json.decode(summary_file.read_bytes())
-    else:  # the server is gone: what the clients know is left
+    else:  # the server is gone: the clients' accounts are left
         summary = of_accounts(settings, read_accounts(folder, [user.name for user in settings.users]))
         write_summary(folder, summary)
     with console.status("writing the report"):
         report = write_report(folder)
     console.print(terminal_summary(summary))
     for user in settings.users:
-        for line in _words(folder, user.name):
+        log = _log(folder, user.name)
+        for line in log.read_text().splitlines() if log.exists() else []:
             if ": dealt with: " in line or line.startswith("warning: "):
-                console.print(line, markup=False)
-        early = "" if stop.reason or user.name in failed else stated_reason(_log(folder, user.name))
+                console.print(line)
+        early = "" if stop.reason or user.name in failed else stated_reason(log)
         if early:
-            console.print(f"{user.name}: ended early: {early}", markup=False)
+            console.print(f"{user.name}: ended early: {early}")
     for name, how in failed.items():
-        console.print(f"{name}: {how}; see {_log(folder, name)}", markup=False)
+        console.print(f"{name}: {how}; see {_log(folder, name)}")
     travel = summary["object"]["travel_m"]  # None where the server left no account of the object
     moved = settings.object.kind == "wall" or (travel is not None and travel > MOVED_M)
     if not moved and travel is not None:

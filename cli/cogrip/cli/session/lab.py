@@ -1,16 +1,15 @@
 """`cogrip lab`: a whole session in virtual time."""
 
-import sys
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cogrip.cli.runs.new_run import new_run_folder
+from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
 from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.json_answer import Json, write_text
+from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.laboratory_run import run_laboratory
@@ -18,34 +17,20 @@ from cogrip.sim.runs.verdict import succeeded
 
 
 def lab(
-    config: Path,
+    config: Config,
     /,
     *,
-    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
-    hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
-    device: Annotated[tuple[str, ...], Parameter(name="--device", negative="")] = (),
+    overrides: Overrides = (),
+    hands: Hands = (),
+    device: Devices = (),
     allow_unstable: AllowUnstable = False,
-    json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    runs: Path = Path("runs"),
+    json: Json = None,
+    runs: Runs = Path("runs"),
 ) -> int:
-    """Run a session in virtual time with the very cores of the live processes.
+    """Run a whole session in virtual time, without sleeping.
 
-    Exit code 0 only if the run was passive and stable, devices included, and nobody ended in a fault.
-
-    Parameters
-    ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
-    overrides
-        Override a setting: section.key=value. Repeatable; a user's are users.0.key.
-    hands
-        Hand of the first, second ... person in place of the settings'. Repeatable.
-    device
-        Device address of the first, second ... person in place of the settings', such as emulated:vintage. Repeatable.
-    json
-        Write only the summary, as JSON, to this file (- for standard output), and no run folder.
-    runs
-        Folder in which the run's own folder (summary, report, plots, traces) is made.
+    The cores are those of the live processes. A run folder is left, or with --json only the summary is written. Exit code 0
+    only if the run was passive and stable, devices included, and nobody ended in a fault.
     """
     settings = with_people(load(config, overrides), hands, device)
     refuse_real(settings)
@@ -60,10 +45,8 @@ def lab(
         task = progress.add_task(settings.name, total=settings.seconds)
         outcome = run_laboratory(settings, folder, lambda done, _: progress.update(task, completed=done), stop)
     summary = outcome.summary
-    if json == "-":
-        sys.stdout.write(summary_text(summary))
-    elif json:
-        Path(json).write_text(summary_text(summary))
+    if json:
+        write_text(summary_text(summary), json)
     else:
         from cogrip.cli.runs.summary_table import terminal_summary
         from cogrip.sim.runs.report.page import write_report

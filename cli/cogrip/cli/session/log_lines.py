@@ -1,4 +1,4 @@
-"""What a server says, on standard output: lines for people, or one JSON object a line for programs."""
+"""Log of a server on standard output: lines for people, or one JSON object a line for programs."""
 
 import errno
 import json
@@ -12,21 +12,22 @@ from typing import Literal, TextIO
 from cogrip.protocol.messages import shown
 from cogrip.server.events import ServerEvent
 
-WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")  # events; the others are good
+WARNINGS = ("lost", "kicked", "refused", "limited", "stiffness", "trouble")  # events; the others are information
 FIELDS = ("room", "user", "address", "code", "token")
-LONGEST_BYTES = 4096  # a pipe takes so much whole, or says beforehand that it will not
-LONGEST_TEXT = 1000  # characters; nothing that is said is longer, only what somebody made us say
-NOTICE = "notice"  # the event of plain words
+LONGEST_BYTES = 4096  # a pipe takes so many bytes whole or not at all
+LONGEST_TEXT = 1000  # characters; only a text that a peer controls is longer
+NOTICE = "notice"  # the event of a text without one
 
 
 def now() -> datetime:
-    """This moment, with this place's offset from UTC."""
+    """Return the time, with the local offset from UTC."""
     return datetime.now().astimezone()
 
 
 class LogLines:
-    """`say` a happening or plain words. A reader who is gone, or does not read, never holds or ends the server: `lost` counts
-    the lines that found none.
+    """Lines of events and texts. A reader that is gone, or does not read, never delays or ends the server.
+
+    lost: count of lines without a reader. above: takes lines while a live table stands where they would go.
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class LogLines:
     ) -> None:
         self.form = form
         self.lost = 0
-        self.above: Callable[[str], bool] | None = None  # takes lines while a live table stands where they would go
+        self.above: Callable[[str], bool] | None = None
         self._format = _as_json if form == "json" else _as_text
         self._stream = sys.stdout if stream is None else stream
         self._clock = clock
@@ -42,11 +43,11 @@ class LogLines:
         self._descriptor = _descriptor(self._stream)
 
     def say(self, what: ServerEvent | str) -> None:
-        """One line, at once."""
+        """Write one line, at once."""
         self.put(self._format(what, self._clock()))
 
     def put(self, text: str, *, wait: bool = False) -> None:
-        """Text as it stands, with what moves a cursor. wait: for whoever reads slowly."""
+        """Write a text unchanged, with its control characters. wait: for a slow reader."""
         if self.above is not None and self.above(text):
             return
         if self._gone or not self._put(text, wait):
@@ -59,7 +60,7 @@ class LogLines:
                 self._stream.flush()
                 return True
             if not wait and sys.platform != "win32" and not select.select([], [self._descriptor], [], 0.0)[1]:
-                return False  # whoever reads does not: a terminal that is held, a pipe that is full
+                return False  # a terminal on hold, or a full pipe
             data = line.encode("utf-8", "replace")
             while data:
                 data = data[os.write(self._descriptor, data) :]
@@ -71,7 +72,7 @@ class LogLines:
         return True
 
     def _leave(self, error: OSError) -> None:
-        """A closed pipe or terminal stays closed: what others print there must not fail either. A full disk may get room."""
+        """Replace a closed pipe or terminal, so that other prints do not fail either. A full disk may get room."""
         if self._descriptor is None or error.errno not in (errno.EPIPE, errno.EIO):
             return
         self._gone = True
@@ -81,7 +82,7 @@ class LogLines:
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """The file under a stream, past its buffers; None where there is none."""
+    """Return the file descriptor under a flushed stream; None where there is none."""
     try:
         stream.flush()
         return stream.fileno()
@@ -90,12 +91,12 @@ def _descriptor(stream: TextIO) -> int | None:
 
 
 def _as_text(what: ServerEvent | str, at: datetime) -> str:
-    """The words. What strangers name themselves may not move the cursor, or look like a line of ours."""
+    """Return the text, escaped: a peer's name must not move the cursor or imitate a line of the server."""
     return f"{shown((what if isinstance(what, str) else what.text)[:LONGEST_TEXT])}\n"
 
 
 def _as_json(what: ServerEvent | str, at: datetime) -> str:
-    """One object: time, level, event, text, and the fields that are set. ASCII."""
+    """Return one object: time, level, event, text, and the fields that are set. ASCII."""
     if isinstance(what, str):
         what = ServerEvent(NOTICE, what)
         warns = what.text.startswith("warning:")
@@ -108,8 +109,6 @@ def _as_json(what: ServerEvent | str, at: datetime) -> str:
         "text": what.text[:LONGEST_TEXT],
         **{name: value for name in FIELDS if (value := getattr(what, name))},
     }
-    while (
-        len(line := json.dumps(fields)) >= LONGEST_BYTES and fields["text"]
-    ):  # characters beyond ASCII take six bytes and more
+    while len(line := json.dumps(fields)) >= LONGEST_BYTES and fields["text"]:  # non-ASCII takes six bytes and more
         fields["text"] = fields["text"][: len(fields["text"]) // 2]
     return f"{line}\n"

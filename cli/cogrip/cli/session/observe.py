@@ -1,13 +1,13 @@
-"""What `cogrip join --observe` shows: the object, and the hands of those who hold it, as they move."""
+"""Display of `cogrip join --observe`: the object, and the hands of those who hold it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from cogrip.cli.terminal.problem import Problem
+from cogrip.cli.terminal.tables import plain_table
 from cogrip.client.io.paths import JoinError, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.client.observer_loop import LiveObserver
@@ -18,41 +18,39 @@ TABLE_EVERY_NS = 100_000_000
 LINE_EVERY_NS = 1_000_000_000
 
 
-def look_on(session: ClientSession, calls: Paths, stop: Stop, seconds: float | None, console: Console) -> int:
-    """Show the room until it ends, at a terminal as a table, elsewhere as a line a second. Exit code 0 if all went well.
+def observe_room(session: ClientSession, paths: Paths, stop: Stop, seconds: float | None, console: Console) -> int:
+    """Show the room until it ends, at a terminal as a table, elsewhere as a line a second. Return 0 if all went well.
 
-    Raises Problem where no place is to be had.
+    Raises Problem where there is no observer slot.
     """
-    core = ObserverCore(session)
-
-    def say(text: str) -> None:
-        console.print(text, markup=False)
-
-    try:
+    core, say = ObserverCore(session), console.print
+    with Problem.of(JoinError):
         if console.is_terminal:
             with Live(table(core, 0), console=console, auto_refresh=False) as live:
                 drawn = Every(TABLE_EVERY_NS, lambda now_ns: live.update(table(core, now_ns), refresh=True))
-                failed = LiveObserver(core, calls, stop, say, drawn.show, seconds).run()
+                failed = LiveObserver(core, paths, stop, say, drawn.show, seconds).run()
         else:
-            told = Every(LINE_EVERY_NS, lambda now_ns: say(line(core, now_ns)))
-            failed = LiveObserver(core, calls, stop, say, told.show, seconds).run()
-    except JoinError as error:
-        raise Problem(str(error)) from None
-    back = {"came back": session.resumed, "seat taken anew": session.renewed}
-    counts = {**session.dropped, **calls.counted(), **back}
-    say(f"{_name(core)}: saw {core.views} views")
-    dealt = ", ".join(f"{name} {count}" for name, count in sorted(counts.items()) if count)
-    if dealt:
-        say(f"{_name(core)}: dealt with: {dealt}")
+            printed = Every(LINE_EVERY_NS, lambda now_ns: say(line(core, now_ns)))
+            failed = LiveObserver(core, paths, stop, say, printed.show, seconds).run()
+    name = session.welcome.settings.user if session.welcome else "observer"
+    say(f"{name}: saw {core.views} views")
+    resumptions = {"came back": session.resumed, "seat taken anew": session.renewed}
+    if counts := counted({**session.dropped, **paths.counted(), **resumptions}):
+        say(f"{name}: dealt with: {counts}")
     if failed:
-        say(f"{_name(core)}: the looking on broke off: {failed}")
+        say(f"{name}: observing broke off: {failed}")
     elif session.ended:
-        say(f"{_name(core)}: the looking on is over: {session.ended}")
+        say(f"{name}: observing is over: {session.ended}")
     return 1 if failed or session.ended else 0
 
 
+def counted(counts: Mapping[str, int]) -> str:
+    """Return the counts that are not 0, by name."""
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()) if count)
+
+
 class Every:
-    """Calls `draw` at most once in `every_ns`."""
+    """Limit of how often `draw` is called: at most once in `every_ns`."""
 
     def __init__(self, every_ns: int, draw: Callable[[int], None]) -> None:
         self._every_ns = every_ns
@@ -66,17 +64,17 @@ class Every:
 
 
 def table(core: ObserverCore, now_ns: int) -> Table:
-    """One row a hand."""
-    shown = Table(title=_object(core, now_ns), title_justify="left", box=SIMPLE_HEAD)
-    for heading in ("seat", "hand\nmm", "force\nN"):
-        shown.add_column(heading, justify="right")
-    for seat, hand, force in _hands(core):
-        shown.add_row(f"{seat + 1}", _vector(hand, 1e3, "+6.1f"), _vector(force, 1.0, "+5.2f"))
+    """Return a row a hand."""
+    hands = [
+        (f"{seat + 1}", _vector(at, 1e3, "+6.1f"), _vector(force, 1.0, "+5.2f")) for seat, at, force in _hands(core)
+    ]
+    shown = plain_table(("seat", "hand\nmm", "force\nN"), hands, left=0)
+    shown.title, shown.title_justify = _object(core, now_ns), "left"
     return shown
 
 
 def line(core: ObserverCore, now_ns: int) -> str:
-    """The same in one line."""
+    """Return the same in one line."""
     hands = "; ".join(
         f"seat {seat + 1} at {_vector(hand, 1e3, '+.1f')} mm, {_vector(force, 1.0, '+.2f')} N"
         for seat, hand, force in _hands(core)
@@ -94,20 +92,13 @@ def _object(core: ObserverCore, now_ns: int) -> str:
 
 
 def _hands(core: ObserverCore) -> list[tuple[int, Sequence[float], Sequence[float]]]:
-    """Seat (from 0; people count from 1), place [m] and force [N] of everyone who holds the object."""
+    """Return seat (from 0), position [m] and force [N] of everyone who holds the object."""
     view = core.view
     if view is None:
         return []
     axes = len(view.object) // 2
     spans = [slice(axes * each, axes * (each + 1)) for each in range(len(view.seats))]
-    return [
-        (seat, view.proxies_m[span], view.forces_n[span]) for seat, span in zip(view.seats, spans, strict=True)
-    ]  # fmt: skip
-
-
-def _name(core: ObserverCore) -> str:
-    welcome = core.session.welcome
-    return welcome.settings.user if welcome else "observer"
+    return [(seat, view.proxies_m[span], view.forces_n[span]) for seat, span in zip(view.seats, spans, strict=True)]
 
 
 def _vector(values: Sequence[float], scale: float, form: str) -> str:

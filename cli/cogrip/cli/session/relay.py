@@ -5,10 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from io import StringIO
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
@@ -16,8 +15,9 @@ from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.settings_file import from_flags, load
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.cli.terminal.tables import Fitted, has_width, wrapped
+from cogrip.cli.terminal.tables import Fitted, has_width, plain_table, wrapped
 from cogrip.cli.terminal.tables import say as say_lines
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
@@ -48,7 +48,7 @@ def relay(
     to: str,
     listen: str = f"127.0.0.1:{RELAY_PORT}",
     profile: ProfileName | None = None,
-    overrides: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    overrides: Overrides = (),
     seed: int | None = None,
     up_trace: Path | None = None,
     down_trace: Path | None = None,
@@ -58,10 +58,11 @@ def relay(
     seconds: float | None = None,
     json: Json = None,
 ) -> int:
-    """Relay datagrams between clients and a server, and do to them what a network does, until Ctrl-C or SIGTERM.
+    """Put an emulated network between any two programs that speak UDP.
 
-    Nothing of a datagram is read, so that sealed sessions and other programs can be tested as well. Every client address has a
-    way of its own to the server, numbered as they come, from 0: number n meets what seat n meets in `cogrip lab`.
+    Datagrams are relayed between clients and a server until Ctrl-C or SIGTERM, and never read, so that encrypted sessions and
+    other programs can be tested as well. Every client address has a path of its own to the server, numbered in order of
+    arrival, from 0: path n has the conditions of seat n in `cogrip lab`.
 
     Parameters
     ----------
@@ -70,35 +71,31 @@ def relay(
     to
         The server: HOST:PORT, or HOST for the usual port.
     listen
-        Where clients come: HOST:PORT of this machine; 0.0.0.0 is all of its addresses.
+        Where to receive from clients: HOST:PORT of this machine; 0.0.0.0 is all of its addresses.
     profile
-        A network by name, as link.profile; `docs/networks.md` tells what each is.
-    overrides
-        Override a setting: link.key=value, link.up.key=value. Repeatable.
+        A network profile by name, as link.profile; `docs/networks.md` describes each.
     seed
-        Of all chance; else the settings file's, else 1.
+        Seed of all randomness; else the settings file's, else 1.
     up_trace
         Recorded delays from clients to server: CSV with t_s,delay_ms. As link.up.trace.
     down_trace
         Recorded delays from server to clients. As link.down.trace.
     outages
-        Script of outages: CSV with start_s,length_s and perhaps way; from the first datagram on.
+        Script of outages: CSV with start_s,length_s and optionally way; from the first datagram on.
     flows
-        Most clients at once; whoever comes beyond that is not relayed.
+        Most clients at once; further ones are not relayed.
     idle_s
-        A flow that has been silent for so long is over.
+        Time of silence after which a flow ends.
     seconds
-        Stop by yourself after so long.
+        Stop after this time.
     json
         Write the answer as JSON to this file (- for standard output).
     """
     link, seed = _link(config, overrides, profile, seed, {"up": up_trace, "down": down_trace})
     script: Mapping[Direction, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
     if outages is not None:
-        try:
+        with BadInput.of(ScriptError, where="--outages "):
             script = read_script(outages)
-        except ScriptError as error:
-            raise BadInput(f"--outages {error}") from None
     _check(flows, idle_s, seconds)
 
     def make_link(number: int, direction: Direction, origin_ns: int) -> LinkEmulator:
@@ -116,34 +113,30 @@ def relay(
         say, seconds=seconds,
     )  # fmt: skip
     if console.is_terminal:
-        live.each_second = lambda now_ns: lines.put(_status(live, console.size.width))
+        live.each_second = lambda now_ns: lines.put(status(live, console.size.width))
     with on_signals(stop):
-        try:
+        with Problem.of(RelayError), BadInput.of(PlaceError):
             live.open()
-        except PlaceError as error:
-            raise BadInput(str(error)) from None
-        except RelayError as error:
-            raise Problem(str(error)) from None
-        _tell_network(link, script, say)
+        _say_network(link, script, say)
         say(f"relaying from {place_text(live.bound)} to {place_text(live.far)}; seed {seed}; Ctrl-C ends")
         live.run()
     if lines.lost:
         live.counts["log line"] = lines.lost
     if console.is_terminal:
         lines.put("\n")
-    told = StringIO()  # to be put with the lines: it may find no reader either
-    end = make_console(file=told, width=console.width, force_terminal=console.is_terminal, soft_wrap=True)
-    end.print(f"ended: {stop.reason}", markup=False)
-    end.print(_table(live))
-    _print_rest(live, end)
-    lines.put(told.getvalue(), wait=True)
+    ending = StringIO()  # put with the lines, since it may have no reader either
+    end = make_console(file=ending, width=console.width, force_terminal=console.is_terminal, soft_wrap=True)
+    end.print(f"ended: {stop.reason}")
+    end.print(flows_table(live))
+    _print_counts(live, end)
+    lines.put(ending.getvalue(), wait=True)
     if json is not None:
         write_json({"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}, json)
     return 0
 
 
 def _over_status(lines: LogLines, console: Console) -> Callable[[str], None]:
-    """Say a line, wrapped, in place of the status that stands there on a terminal."""
+    """Return a function that says a line, wrapped, in place of the status on a terminal."""
 
     def say(text: str) -> None:
         if console.is_terminal:
@@ -161,23 +154,19 @@ def _link(
     seed: int | None,
     traces: Mapping[Direction, Path | None],
 ) -> tuple[Link, int]:
-    """[link] and seed of a settings file, if there is one, with what the flags say. Raises BadInput."""
+    """Return [link] and seed of a settings file, if there is one, overridden by the flags. Raises BadInput."""
     for text in overrides:
         if not text.strip().startswith("link."):
             raise BadInput(f"--set {text}: the relay takes keys of [link] only, such as link.delay_ms=30")
     if config is not None and profile is not None:
-        raise BadInput(
-            "--profile and a settings file exclude each other; add --set link.profile=NAME if both are meant"
-        )
+        raise BadInput("--profile and a settings file exclude each other; add --set link.profile=NAME for both")
     flags = []
     for direction, path in traces.items():
         if path is None:
             continue
-        try:
+        with BadInput.of(TraceError, where=f"--{direction}-trace "):
             read_trace(path)
-        except TraceError as error:
-            raise BadInput(f"--{direction}-trace {error}") from None
-        flags.append(f"link.{direction}.trace={_quoted(str(path))}")
+        flags.append(f"link.{direction}.trace={msgspec.json.encode(str(path)).decode()}")  # as a TOML string
     if profile is not None:
         flags.insert(0, f"link.profile={profile}")
     if seed is not None:
@@ -186,13 +175,8 @@ def _link(
     return settings.link, settings.seed
 
 
-def _quoted(text: str) -> str:
-    """As a TOML string."""
-    return msgspec.json.encode(text).decode()
-
-
 def _place(flag: str, text: str, port: int) -> tuple[str, int]:
-    """HOST:PORT. Raises BadInput."""
+    """Return host and port of HOST:PORT. Raises BadInput."""
     if flag == "--listen" and text.endswith(":0"):  # a free one
         text, port = text[:-2], 0
     try:
@@ -218,7 +202,7 @@ def _described(link: Link) -> dict[str, Any]:
     }
 
 
-def _tell_network(link: Link, script: Mapping[Direction, Sequence[Any]], say: Callable[[str], None]) -> None:
+def _say_network(link: Link, script: Mapping[Direction, Sequence[Any]], say: Callable[[str], None]) -> None:
     words = {direction: _words(link, direction, len(script[direction])) for direction in DIRECTIONS}
     for direction in DIRECTIONS:
         say(f"{direction}: {words[direction]}")
@@ -227,7 +211,7 @@ def _tell_network(link: Link, script: Mapping[Direction, Sequence[Any]], say: Ca
 
 
 def _words(link: Link, direction: Direction, scripted: int) -> str:
-    """What a way does to datagrams, in few words."""
+    """Return what a direction does to datagrams, in few words."""
     profile = link.direction(direction)
     words = [f"{profile.delay_ms:g} ms"] if profile.delay_ms else []
     if profile.jitter_ms:
@@ -247,8 +231,8 @@ def _words(link: Link, direction: Direction, scripted: int) -> str:
     return ", ".join(words) or NOTHING
 
 
-def _status(live: LiveRelay, width: int) -> str:
-    """One line that is written over, shorter on a narrow terminal: a table would take as long as several datagrams."""
+def status(live: LiveRelay, width: int) -> str:
+    """Return a line that overwrites the last, shorter on a narrow terminal: a table would take as long as several datagrams."""
     totals = {direction: live.relay.totals(direction) for direction in DIRECTIONS}
     begin = f"{live.elapsed_s:.0f} s, {len(live.relay.flows)} flows: "
     line = begin
@@ -268,12 +252,9 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
         "seconds": live.elapsed_s,
         "stopped": live.stop.reason,
         "flows": [
-            {
-                "number": flow.number,
-                "address": place_text(flow.address),
-                **{lane.direction: lane.counters() for lane in flow.lanes},
-            }
-            for flow in core.flows.values()
+            {"number": each.number, "address": place_text(each.address)}
+            | {lane.direction: lane.counters() for lane in each.lanes}
+            for each in core.flows.values()
         ],
         "totals": {direction: core.totals(direction) for direction in DIRECTIONS},
         "late_us": {
@@ -287,57 +268,47 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
     }
 
 
-def _table(live: LiveRelay) -> Fitted:
-    """A row for each way of each flow, and the totals; on a narrow terminal in several tables."""
+def flows_table(live: LiveRelay) -> Fitted:
+    """Return a row for each direction of each flow, and the totals; on a narrow terminal in several tables."""
     core = live.relay
-    flows = [(f"{flow.number}", place_text(flow.address)) for flow in core.flows.values()]
     rows = [
-        ({"flow": f"{flow.number}", "client": place_text(flow.address), "way": lane.direction}, lane.counters())
+        ({"flow": f"{flow.number}", "client": place_text(flow.address), "direction": lane.direction}, lane.counters())
         for flow in core.flows.values()
         for lane in flow.lanes
     ]
     rows += [
-        ({"flow": "all", "client": f"{core.begun} flows", "way": direction}, core.totals(direction))
+        ({"flow": "all", "client": f"{core.begun} flows", "direction": direction}, core.totals(direction))
         for direction in DIRECTIONS
     ]
     shown = ["sent", *OUTCOMES, *(name for name in TROUBLES if any(counters[name] for _, counters in rows))]
     first, second = shown[:5], shown[5:]
 
     def table(of: Sequence[str], counted: Sequence[str]) -> Table:
-        made = Table(box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
-        for heading in of:
-            made.add_column(heading, no_wrap=True)
-        for heading in counted:
-            made.add_column(heading.replace("_", "\n"), justify="right", no_wrap=True)
-        for named, counters in rows:
-            made.add_row(*(named[heading] for heading in of), *(f"{counters[name]}" for name in counted))
-        return made
+        cells = [
+            [*(named[each] for each in of), *(f"{counters[each]}" for each in counted)] for named, counters in rows
+        ]
+        return plain_table([*of, *(each.replace("_", "\n") for each in counted)], cells, left=len(of))
 
     def clients() -> Table:
-        made = Table("flow", "client", box=None, header_style="dim", padding=(0, 1, 0, 0), pad_edge=False)
-        for number, address in flows:
-            made.add_row(number, address)
-        return made
+        flows = [[f"{flow.number}", place_text(flow.address)] for flow in core.flows.values()]
+        return plain_table(("flow", "client"), flows, left=2)
 
-    whose, which = ("flow", "client", "way"), ("flow", "way")
+    both, which = ("flow", "client", "direction"), ("flow", "direction")
     return Fitted(
-        lambda: [table(whose, shown)],
-        lambda: [table(whose, first), table(which, second)],
+        lambda: [table(both, shown)],
+        lambda: [table(both, first), table(which, second)],
         lambda: [clients(), table(which, first), table(which, second)],
     )
 
 
-def _print_rest(live: LiveRelay, console: Console) -> None:
+def _print_counts(live: LiveRelay, console: Console) -> None:
     core = live.relay
     for direction, late in core.late.items():
         if late.count:
             us = late.summary_us((50, 99))
-            say_lines(
-                console,
-                f"{direction}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), "
-                f"at most {us['max']:.0f} us",
-            )
-    counts = {"of strangers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
+            late_us = f"{us['p50']:.0f} us (p50), {us['p99']:.0f} us (p99), at most {us['max']:.0f} us"
+            say_lines(console, f"{direction}: sent late by {late_us}")
+    counts = {"of peers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
     if words := ", ".join(f"{name} {count}" for name, count in counts.items() if count):
         say_lines(console, f"dealt with: {words}")
     refused = [measure for measure in live.measures if not measure.granted]

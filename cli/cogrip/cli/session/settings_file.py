@@ -1,4 +1,4 @@
-"""Reading settings, by file or by name (TOML, or the JSON that a run folder keeps) with its `--set` overrides."""
+"""Settings of a file or name (TOML, or the JSON that a run folder keeps), with `--set`, `--hands` and `--device`."""
 
 import difflib
 import json
@@ -20,12 +20,13 @@ from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 NESTED = "is nested too deep for settings, which have three levels; take the brackets out"
+GIVE = "give a settings file, or a name of `cogrip configs`, such as demo"
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
-    """Settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
+    """Return the settings of a file, or of a bare name such as `demo` those that come with cogrip (docs/commands.md).
 
-    A file of exactly that name comes first; a folder does not count. Raises BadInput, naming the file, for anything wrong
+    A file of exactly that name comes first; a folder does not count. Raises BadInput, which names the file, for any error
     in it.
     """
     text = ""
@@ -48,22 +49,13 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Settings:
     except RecursionError:
         raise BadInput(f"{path}: {NESTED}") from None
     if not isinstance(table, dict):
-        raise BadInput(
-            f"{path}: holds no table of settings; give a settings file, or a name of `cogrip configs`, such as demo"
-        )
+        raise BadInput(f"{path}: holds no table of settings; {GIVE}")
     _place_traces(table, file.parent)
-    try:
-        settings = resolve(table, _overrides(overrides))
-    except RecursionError:
-        raise BadInput(f"{path}: {NESTED}") from None
-    except SettingsError as error:
-        raise BadInput(f"{path}: {error}") from None
-    _try_traces(settings, f"{path}: ")
-    return settings
+    return _resolved(table, overrides, f"{path}: ")
 
 
 def _file_of(path: Path) -> Path:
-    """The file that `path` means: the one of that name, else for a bare name the one that comes with cogrip."""
+    """Return the file of that name, else for a bare name the one that comes with cogrip."""
     if not is_name(path) or path.is_file() or path.name not in shipped_names():
         return path
     file, here = shipped(path.name), path.with_suffix(SUFFIX)
@@ -74,24 +66,20 @@ def _file_of(path: Path) -> Path:
 
 
 def _refuse_endless(file: Path) -> None:
-    """Raises BadInput for a pipe or device by its name, which may never end; what a shell opened (`<(...)`, -) may be one."""
+    """Raise BadInput for a pipe or device by its name, which may never end; one that a shell opened (`<(...)`) is allowed."""
     if file.exists() and not (file.is_file() or file.is_dir() or str(file).startswith(("/dev/stdin", "/dev/fd/"))):
-        raise BadInput(f"{file}: is no regular file; give a settings file, or a name of `cogrip configs`, such as demo")
+        raise BadInput(f"{file}: is no regular file; {GIVE}")
 
 
 def _cure(path: Path) -> str:
-    """Say what to give in place of a file that does not exist."""
+    """Return what to give in place of a file that does not exist."""
     if is_name(path):
         return no_such_settings(path.name)
     ours = {str(path.with_name(f"{name}{SUFFIX}")): f"{name}, which comes with cogrip" for name in shipped_names()}
-    here = {str(found): str(found) for found in path.parent.glob(f"*{SUFFIX}")}
-    known = ours | here
-    close = difflib.get_close_matches(str(path), known, n=1)
-    return (
-        f"did you mean {known[close[0]]}?"
-        if close
-        else "give the path of a settings file, or a name of `cogrip configs`"
-    )
+    known = ours | {str(found): str(found) for found in path.parent.glob(f"*{SUFFIX}")}
+    if close := difflib.get_close_matches(str(path), known, n=1):
+        return f"did you mean {known[close[0]]}?"
+    return "give the path of a settings file, or a name of `cogrip configs`"
 
 
 def _not_valid(path: Path, form: str, words: str, line: object, column: object) -> str:
@@ -100,17 +88,24 @@ def _not_valid(path: Path, form: str, words: str, line: object, column: object) 
 
 
 def from_flags(overrides: Sequence[str]) -> Settings:
-    """Settings of `--set` alone. Raises BadInput."""
+    """Return the settings of `--set` alone. Raises BadInput."""
+    return _resolved({}, overrides, "")
+
+
+def _resolved(table: dict[str, Any], overrides: Sequence[str], where: str) -> Settings:
+    """Return the settings, whose traces can be read. Raises BadInput, which begins with `where`."""
     try:
-        settings = resolve({}, _overrides(overrides))
+        settings = resolve(table, _overrides(overrides))
+    except RecursionError:
+        raise BadInput(f"{where}{NESTED}") from None
     except SettingsError as error:
-        raise BadInput(str(error)) from None
-    _try_traces(settings, "")
+        raise BadInput(f"{where}{error}") from None
+    _try_traces(settings, where)
     return settings
 
 
 def _overrides(texts: Sequence[str]) -> dict[str, Any]:
-    """`--set` by key. A trace's path in it counts from where we are. Raises BadInput."""
+    """Return `--set` by key. A trace's path in it is relative to the current folder. Raises BadInput."""
     found = dict(override(text) for text in texts)
     for key, value in found.items():
         if key in ("link.trace", "link.up.trace", "link.down.trace") and isinstance(value, str) and value:
@@ -119,7 +114,7 @@ def _overrides(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _place_traces(table: dict[str, Any], folder: Path) -> None:
-    """A trace's path in a settings file counts from that file; whoever reads the settings later may be elsewhere."""
+    """Make the paths of traces, which are relative to the settings file, absolute."""
     link = table.get("link")
     sections = [link, *(link.get(direction) for direction in ("up", "down"))] if isinstance(link, dict) else []
     for section in sections:
@@ -128,34 +123,28 @@ def _place_traces(table: dict[str, Any], folder: Path) -> None:
 
 
 def _try_traces(settings: Settings, where: str) -> None:
-    """Raises BadInput for a trace that cannot be read, before anything is started."""
+    """Raise BadInput for a trace that cannot be read, before anything is started."""
     traces = {settings.link.trace_of(direction) for direction in ("up", "down")} - {""}
     if traces:
         from cogrip.sim.session.delay_trace import TraceError, read_trace
 
-        for trace in sorted(traces):
-            try:
+        with BadInput.of(TraceError, where=f"{where}link.trace: "):
+            for trace in sorted(traces):
                 read_trace(Path(trace))
-            except TraceError as error:
-                raise BadInput(f"{where}link.trace: {error}") from None
 
 
 def try_hands(settings: Settings) -> None:
-    """Raises BadInput for a device or hand that cannot be had, before anything is started or left behind."""
+    """Raise BadInput for a device or hand that is not available, before anything is started or left behind."""
     for user in settings.users:
-        try:
+        with BadInput.of(DeviceError, where=f"{user.name}: "):
             try_for(user, settings.object.axes, rates_of(settings, user).device_hz)
-        except DeviceError as error:
-            raise BadInput(f"{user.name}: {error}") from None
 
 
 def refuse_real(settings: Settings) -> None:
-    """Raises BadInput for a device of hardware, which no virtual time can hold; nothing is opened."""
+    """Raise BadInput for hardware, which cannot run in virtual time; nothing is opened."""
     for user in settings.users:
-        try:
+        with BadInput.of(DeviceError, where=f"{user.name}: "):
             real = is_real(user.device)
-        except DeviceError as error:
-            raise BadInput(f"{user.name}: {error}") from None
         if real:
             raise BadInput(
                 f"{user.name}: {user.device}: is hardware, and virtual time would not wait for it: take emulated: (such as"
@@ -164,7 +153,7 @@ def refuse_real(settings: Settings) -> None:
 
 
 def with_people(settings: Settings, hands: Sequence[str], devices: Sequence[str]) -> Settings:
-    """`settings` with the first, second ... person's hand or device replaced. Raises BadInput for too many."""
+    """Return `settings` with the first, second ... person's hand or device replaced. Raises BadInput for too many."""
     users = list(settings.users)
     for flag, key, values in (("--hands", "hand", hands), ("--device", "device", devices)):
         if len(values) > len(users):
@@ -175,11 +164,9 @@ def with_people(settings: Settings, hands: Sequence[str], devices: Sequence[str]
 
 
 def override(text: str) -> tuple[str, Any]:
-    """Key and value of a `--set`, the value read as TOML; a bare word is text. Raises BadInput."""
-    try:
+    """Return key and value of a `--set`, the value read as TOML; a bare word is text. Raises BadInput."""
+    with BadInput.of(SettingsError):
         key, value = parse_override(text)
-    except SettingsError as error:
-        raise BadInput(str(error)) from None
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:

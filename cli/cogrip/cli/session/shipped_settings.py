@@ -1,4 +1,4 @@
-"""The settings files that come with cogrip: the folder configs/ of a checkout, which a wheel has inside the package."""
+"""Settings files that come with cogrip: the folder configs/ of a checkout, which a wheel has inside the package."""
 
 from difflib import get_close_matches
 from importlib.resources import files
@@ -24,7 +24,7 @@ def shipped(name: str) -> Path:
 
 
 def summary_of(name: str) -> str:
-    """Return the first line of its leading comment, which says what it is for; its name where there is none."""
+    """Return the first line of its leading comment, which describes it; its name where there is none."""
     first = shipped(name).read_text(encoding="utf-8").partition("\n")[0]
     return first.lstrip("# ") if first.startswith("#") else name
 
@@ -35,7 +35,7 @@ def is_name(path: Path) -> bool:
 
 
 def no_such_settings(name: str) -> str:
-    """Return why `name` is nothing that comes with cogrip: the closest name, or all of them."""
+    """Return the error for `name`, with the closest name and all of them."""
     names = shipped_names()
     close = get_close_matches(name, names, n=1)
     cure = f"; did you mean {close[0]}?" if close else "."

@@ -1,4 +1,4 @@
-"""`cogrip advise`: what to know of a session before anyone holds a device."""
+"""`cogrip advise`: advice on a session before anyone holds a device."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -8,9 +8,10 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.session.settings_file import load, with_people
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, Devices, Overrides, Query
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, Query
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Config, Devices, Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings
@@ -23,7 +24,7 @@ from cogrip.sim.session.laboratory_check import Check, check, checked_change, ch
 
 
 def advise_command(
-    config: Path,
+    config: Config,
     /,
     *,
     for_stiffness: bool = False,
@@ -32,32 +33,27 @@ def advise_command(
     device: Devices = (),
     json: Json = None,
 ) -> int:
-    """Say before anyone holds a device: stable or not, by what margin; passive or not; what hands feel; what would help.
+    """Advise on stability, feel and improvements before anyone holds a device.
 
-    Computed from the lifted model, with free devices, each client's own velocity estimate, and the link's constant
-    delays; then checked by sessions in virtual time, with the link's jitter and loss. Exit code 0 whatever the advice.
+    Stable or not, with its margin; passive or not; what hands feel; the most helpful change. Computed from the lifted model,
+    with free devices, each client's own velocity estimate, and the link's constant delays; then checked by sessions in
+    virtual time, with the link's jitter and loss. Exit code 0 whatever the advice.
 
     Parameters
     ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     for_stiffness
-        The other way round: the stiffest contact that can be felt with these devices over this link, and which b and K make it.
+        Instead find the stiffest contact that can be felt with these devices over this link, and its b and K.
     laboratory
-        Check the advice by sessions in virtual time: some seconds; `--no-laboratory` leaves the model's word for it.
-    device
-        Device address of the first, second ... person in place of the settings'. Repeatable.
+        Check the advice by sessions in virtual time: some seconds; `--no-laboratory` leaves that out.
     """
     settings = with_people(load(config, overrides), (), device)
-    try:
+    with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
         if for_stiffness:
-            return _tell_stiffest(config, settings, laboratory, json)
+            return _print_stiffest(config, settings, laboratory, json)
         advice = advise(settings)
         session = linear_session(settings)
         checked = _watched("running sessions in virtual time", lambda _: check(settings)) if laboratory else None
         change = _change(settings, advice, checked)
-    except (ModelError, DeviceError) as error:
-        raise BadInput(f"{config}: {error}") from None
     Query.tell_rounding(session)
     if json:
         write_json(_record(advice, session, change, checked), json)
@@ -68,22 +64,12 @@ def advise_command(
     for number, person in enumerate(session.people):
         budgets.setdefault(budget(session, number), []).append(person.name)
     for stages, alike in budgets.items():
-        told = ", ".join(
-            f"{stage.direction} {stage.name} {1e3 * stage.delay_s:.1f}" for stage in stages if stage.delay_s
-        )
-        rows.append(("", "delay", f"{', '.join(alike)}: {1e3 * total_s(stages):.1f} ms round: {told}"))
-    rows.append(
-        (
-            "",
-            "conditions",
-            f"{AS_IT_STANDS.conditions}{'; the laboratory sessions have jitter, loss and simulated hands' if checked else ''}",
-        )
-    )
-    by = (
-        " (as sessions in virtual time bear out)"
-        if checked and (not change or change.measured)
-        else " (by the model alone)"
-    )
+        parts = ", ".join(f"{each.direction} {each.name} {1e3 * each.delay_s:.1f}" for each in stages if each.delay_s)
+        rows.append(("", "delay", f"{', '.join(alike)}: {1e3 * total_s(stages):.1f} ms round: {parts}"))
+    laboratory_too = "; the laboratory sessions have jitter, loss and simulated hands" if checked else ""
+    rows.append(("", "conditions", f"{AS_IT_STANDS.conditions}{laboratory_too}"))
+    confirmed = checked and (not change or change.measured)
+    by = " (confirmed by sessions in virtual time)" if confirmed else " (by the model alone)"
     if change:
         last = f"most helpful{by}: --set {change.setting}: {change.effect}"
     else:
@@ -92,7 +78,7 @@ def advise_command(
     return 0
 
 
-def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Json) -> int:
+def _print_stiffest(config: Path, settings: Settings, laboratory: bool, json: Json) -> int:
     def look(progress: Callable[[int, int], None]) -> tuple[Stiffest, Check | None] | None:
         if laboratory:
             return checked_stiffest(settings, progress)
@@ -101,10 +87,8 @@ def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Jso
 
     answer: tuple[Stiffest, Check | None] | None = _watched("looking for the stiffest", look)
     if answer is None:
-        sessions = ", and a session in virtual time bears out" if laboratory else ""
-        raise BadInput(
-            f"{config}: no b and K up to what the devices carry was found with which this session is stable{sessions}"
-        )
+        sessions = ", and a session in virtual time confirms it" if laboratory else ""
+        raise BadInput(f"{config}: no b and K within the devices' records was found for which this is stable{sessions}")
     found, checked = answer
     if json:
         write_json({"stiffest": _stiffest_record(found, checked)}, json)
@@ -113,7 +97,7 @@ def _tell_stiffest(config: Path, settings: Settings, laboratory: bool, json: Jso
     most = found.limit.stiffness_npm
     reasons = {
         "stability": f"K stays {AMPLE:g} times below {plain(most or 0.0)} N/m, up to which the session is stable",
-        "the line": f"K is so large that {100.0 * NEARLY:g} % of what the line lets through is felt",
+        "the line": f"K is so large that {100.0 * NEARLY:g} % of the stiffness that the line transmits is felt",
         "sessions": "with a larger b or K a session in virtual time was not passive and stable",
         "the device's record": "more is felt than the device's record advises with a larger K or b",
     }
@@ -137,7 +121,7 @@ def _seen(checked: Check | None, expected_npm: Mapping[str, float] | None = None
 
 
 def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
-    """A row a finding; people of whom the same is to be said share one."""
+    """Return a row a finding; people with the same finding share one."""
     named: dict[tuple[str, str, str], list[str]] = {}
     for finding in findings:
         name, _, rest = finding.text.partition(": ")
@@ -150,7 +134,7 @@ def _rows(findings: Iterable[Finding], people: Sequence[str]) -> list[Row]:
 
 
 def _print(rows: Iterable[Row], last: str) -> None:
-    """Level, topic and text in columns, the text wrapped within its own."""
+    """Print level, topic and text in columns, the text wrapped within its own."""
     console = make_console()
     table = Table.grid(padding=(0, 2, 0, 0))
     tones = {"warning": "yellow", "note": "cyan", "ok": "green"}
@@ -162,14 +146,14 @@ def _print(rows: Iterable[Row], last: str) -> None:
 
 
 def _watched(doing: str, work: Callable[[Callable[[int, int], None]], Any]) -> Any:
-    """Do it; on a terminal, say so meanwhile."""
+    """Do `work`, with a status line on a terminal."""
     errors = make_console(stderr=True)
     with errors.status(doing) as status:
         return work(lambda tried, total: status.update(f"{doing}: {tried} of {total} tried"))
 
 
 def _change(settings: Settings, advice: Advice, checked: Check | None) -> Change | None:
-    """Find what helps most; of many people far apart it takes a while."""
+    """Return the most helpful change; for many people far apart that takes a while."""
 
     def look(progress: Callable[[int, int], None]) -> Change | None:
         if checked is None:
@@ -203,13 +187,11 @@ def _record(advice: Advice, session: LinearSession, change: Change | None, check
                 "advised_damping_nspm": user.advised_damping_nspm,
                 "largest_impedance_nspm": user.largest_impedance_nspm,
                 "impedance_bound": user.impedance_bound,
-                "delay_ms": {
-                    f"{stage.direction} {stage.name}": 1e3 * stage.delay_s for stage in budget(session, number)
-                },
+                "delay_ms": {f"{each.direction} {each.name}": 1e3 * each.delay_s for each in budget(session, number)},
             }
             for number, user in enumerate(advice.users)
         ],
-        "findings": [{"topic": finding.topic, "level": finding.level, "text": finding.text} for finding in findings],
+        "findings": [{"topic": each.topic, "level": each.level, "text": each.text} for each in findings],
         "warnings": [finding.text for finding in findings if finding.warns],
         "laboratory": _judged(checked),
         "change": {"set": change.setting, "effect": change.effect} if change else None,
@@ -238,27 +220,24 @@ def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
 
 
 def _in_sessions(checked: Check | None) -> str:
-    """Say first what sessions felt where that is a range: jitter and loss soften it."""
-    told = [value for values in checked.felt_npm.values() for value in values if value is not None] if checked else []
-    if not told or max(told) < 1.01 * min(told):
+    """Return the range of what was felt in sessions, "" where it is none: jitter and loss soften contact."""
+    found = [value for values in checked.felt_npm.values() for value in values if value is not None] if checked else []
+    if not found or max(found) < 1.01 * min(found):
         return ""
-    return f"{plain(min(told), 3)} to {plain(max(told), 3)} N/m felt at rest in sessions over this link; "
+    return f"{plain(min(found), 3)} to {plain(max(found), 3)} N/m felt at rest in sessions over this link; "
 
 
 def _judged(checked: Check | None) -> dict[str, Any] | None:
-    """Return how the session in virtual time was judged; None where none was run."""
+    """Return the verdict on the session in virtual time; None where none was run."""
     if checked is None:
         return None
     finding = checked.session
     return {
-        "seconds": checked.seconds,
-        "passive": checked.passive == "good",
-        "stable": checked.stable == "good",
-        "level": finding.level,
-        "text": finding.text,
-    }
+        "seconds": checked.seconds, "passive": checked.passive == "good", "stable": checked.stable == "good",
+        "level": finding.level, "text": finding.text,
+    }  # fmt: skip
 
 
 def _felt_in(checked: Check | None, name: str) -> list[float | None] | None:
-    """Return what was measured, a value a seed; None where nothing was."""
+    """Return the felt stiffness [N/m], a value a seed; None where none was measured."""
     return list(checked.felt_npm[name]) if checked and name in checked.felt_npm else None

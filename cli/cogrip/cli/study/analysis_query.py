@@ -1,4 +1,4 @@
-"""What the commands that analyse have in common: the settings with a scheme put in, the delays, and notes."""
+"""The query that the analysis commands share: settings, scheme, delays; and their notes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,21 +21,17 @@ from cogrip.sim.analysis.linear_session import (
     linear_session,
     rounding_notes,
     scheme_overrides,
-)
+)  # fmt: skip
 
-Devices = Annotated[tuple[str, ...], Parameter(name="--device", negative="")]
-Overrides = Annotated[
-    tuple[str, ...],
-    Parameter(
-        name="--set", negative="", help="Override a setting: section.key=value. Repeatable; a user's are users.0.key."
-    ),
+DelayFrames = Annotated[
+    float | None, Parameter(help="Delay of each direction in network frames, in place of the file's link and playout.")
 ]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Query:
-    """Which linear session a settings file stands for."""
+    """The linear session that a settings file stands for."""
 
     scheme: Annotated[
         Scheme | None,
@@ -57,29 +53,27 @@ class Query:
 
     @property
     def conditions(self) -> str:
-        """Say under which conditions an answer holds."""
+        """Return the conditions under which an answer holds."""
         velocity = "velocities as clients estimate them" if self.estimated else "idealised: exact velocities"
         hands = "simulated hands hold on" if self.hands else "nobody holds the devices"
         return f"{velocity}; {hands}; constant delays, lasting contact; no jitter, loss, friction or encoder steps"
 
     def settings(self, config: Path, overrides: Sequence[str]) -> Settings:
-        """The file's settings as a session of the scheme; what `--set` says stands above both. Raises BadInput."""
+        """Return the file's settings as a session of the scheme; `--set` overrides both. Raises BadInput."""
         of_scheme = [f"{key}={value}" for key, value in scheme_overrides(self.scheme).items()] if self.scheme else []
         return load(config, [*of_scheme, *overrides])
 
     def model(self, config: Path, overrides: Sequence[str], delay_frames: float | None) -> LiftedModel:
-        """The lifted model; raises BadInput where there is none, and says what was done about the delays."""
+        """Return the lifted model, and note how delays were rounded. Raises BadInput where there is none."""
         settings = self.settings(config, overrides)
-        try:
+        with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
             session = linear_session(settings, delay_frames=delay_frames, hands=self.hands, estimated=self.estimated)
-        except (ModelError, DeviceError) as error:
-            raise BadInput(f"{config}: {error}") from None
         self.tell_rounding(session)
         return LiftedModel(session)
 
     @staticmethod
     def tell_rounding(*sessions: LinearSession) -> None:
-        """On stderr, what was done about delays that are no whole number of ticks or frames."""
+        """Note on standard error how delays that are no whole number of ticks or frames were rounded."""
         console = make_console(stderr=True, soft_wrap=True)
         for note in dict.fromkeys(note for session in sessions for note in rounding_notes(session)):
             say(console, f"note: {note}")

@@ -1,118 +1,115 @@
-"""`cogrip compare`: the same hands under every method and on every network, and the table of it."""
+"""`cogrip compare`: the same hands with every method and network profile, and the table of them."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from cyclopts import App, Parameter
-from rich.console import Console
+from rich.console import Console, Group
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
 
-from cogrip.cli.runs.new_run import new_run_folder
+from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, check_compared, check_plausible
 from cogrip.cli.session.settings_file import load, try_hands, with_people
-from cogrip.cli.study.analysis_query import Overrides
-from cogrip.cli.study.methods_table import methods_table
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.cli.terminal.tables import has_width
+from cogrip.cli.terminal.tables import Fitted, has_width, plain_table
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.experiments.methods.case import run_cases
 from cogrip.sim.experiments.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose, session_settings
 from cogrip.sim.experiments.methods.query import COMPARISON, Comparison, prepare, run_comparison
-from cogrip.sim.experiments.methods.table import ours_failed
+from cogrip.sim.experiments.methods.table import TABLE, cells, note, ours_failed, unstable
 from cogrip.sim.experiments.sweep.folder import FolderError, SweepFolder
 from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 from cogrip.sim.runs.folder import finite
 
 SEEDS = 20
 _PIPED_WIDTH = 160
-_TELL_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
+_PRINT_EVERY = 0.1  # of the whole, where there is no terminal to draw a bar on
 
 
-def compare_methods(
+def compare(
     config: Path,
     /,
     *,
     profiles: str = ",".join(NETWORKS),
     methods: str = ",".join(METHODS),
     seeds: int = SEEDS,
-    hands: Annotated[tuple[str, ...], Parameter(name="--hands", negative="")] = (),
+    hands: Hands = (),
     overrides: Overrides = (),
     allow_unstable: AllowUnstable = False,
     workers: int | None = None,
     out: Path | None = None,
-    runs: Path = Path("runs"),
+    runs: Runs = Path("runs"),
     json: Json = None,
 ) -> int:
-    """Compare methods of sharing an object over networks, under the same hands: one table, plots and a report.
+    """Compare coupling methods under the same hands over network profiles; resumable.
 
-    Everything in the settings stays but the method, the link and the seed. In the last three tenths of each session (3 s at
-    most) the hands come to rest where they began. A clean link is always run as well, to hold forces against.
+    One table, plots and a report. All settings stay but the method, the link and the seed. In the last three tenths of each
+    session (3 s at most) the hands come to rest where they began. A clean link is always run as well, as the reference of
+    forces.
 
-    The same command with --out goes on where the last one ended. Exit code 0 once it has run, however badly others do; 1
-    if `wave` diverged or was not passive, or if a session could not be run; 130 if it was interrupted.
+    The same command with --out continues where the last one ended. Exit code 0 once it has run, whatever the other methods
+    do; 1 if `wave` diverged or was not passive, or if a session could not be run; 130 if it was interrupted.
 
     Parameters
     ----------
     config
         Settings file, or the name of one that comes with cogrip (`cogrip configs`); compare is made for this.
     profiles
-        Networks, with commas between: names of link.profile, or `own` for [link] as the settings have it.
+        Network profiles, with commas between: names of link.profile, or `own` for [link] as the settings have it.
     methods
         Methods, with commas between: wave (ours), paper, coupling, tdpa.
     seeds
-        How many sessions of each: a seed is the network's fates and the tremor of hands that tremble, the same for all methods.
-    hands
-        Hand of the first, second ... person in place of the settings', such as a recorded one,
-        'csv:hand.csv&time=t_s&x=x_m'. Repeatable.
+        How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
     workers
         Worker processes; else one for each processor.
     out
         The comparison's folder, new or to be resumed; else runs/TIME-compare-NAME.
-    runs
-        Folder in which that is made.
     """
     console = make_console(stderr=True, soft_wrap=True)
     asked = _prepare(config, overrides, hands, methods, profiles, seeds)
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers} must be at least 1")
     check_compared(_sessions(asked), allow_unstable)
-    folder = _folder(out or new_run_folder(runs, f"compare-{asked.base['name']}"), asked)
+    path = out or new_run_folder(runs, f"compare-{asked.base['name']}")
+    with BadInput.of(FolderError, where="--out: "), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
+        folder = SweepFolder(path, asked.asked, COMPARISON)
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.cases} sessions are finished already, in {folder.path}")
     stop = Stop()
     these = LocalWorkers(workers or processors(), stop, run_cases, asked.at_once)
-    with on_signals(stop), _Shown(console, asked.cases) as progress, these:
+    with on_signals(stop), _Progress(console, asked.cases) as progress, these:
         run_comparison(asked, folder, these, progress)
-    return _tell(asked, folder, stop, json, console)
-
-
-# The list of commands has the first paragraph; the others stand below the parameters.
-_paragraphs = inspect.cleandoc(compare_methods.__doc__ or "").partition("\nParameters\n")[0].split("\n\n")
-compare = App(name="compare", help_epilogue="\n\n".join(_paragraphs[1:]).strip())
-compare.default(compare_methods)
+    if folder.finished:
+        failed = _write(asked, folder, json, console)
+    else:
+        console.print("no session was finished")
+        failed = True
+    if stop.reason:
+        console.print(f"{stop.reason}: the same command with --out {folder.path} continues from here")
+        return 130
+    return 1 if failed else 0
 
 
 def _prepare(
     config: Path, overrides: tuple[str, ...], hands: tuple[str, ...], methods: str, profiles: str, seeds: int
 ) -> Comparison:
-    try:
+    with BadInput.of(ChoiceError, where="compare: "):
         chosen = choose("method", _names(methods), tuple(METHODS))
         networks = choose("profile", _names(profiles), (*NETWORKS, CLEAN, OWN))
         settings = with_people(load(config, overrides), hands, ())
         try_hands(settings)
         check_plausible(settings)
         return prepare(settings, chosen, networks, seeds)
-    except ChoiceError as error:
-        raise BadInput(f"compare: {error}") from None
 
 
 def _sessions(asked: Comparison) -> dict[str, Settings]:
-    """One session of every method on every network."""
+    """Return one session of every method on every network."""
     return {
         f"{method} on {network}": session_settings(asked.base, method, network, asked.seeds[0])
         for method in asked.methods
@@ -124,20 +121,11 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _folder(path: Path, asked: Comparison) -> SweepFolder:
-    try:
-        return SweepFolder(path, asked.asked, COMPARISON)
-    except FolderError as error:
-        raise BadInput(f"--out: {error}") from None
-    except OSError as error:
-        raise Problem(f"--out {path}: cannot be written: {error}") from None
-
-
-class _Shown:
-    """A bar on a terminal; elsewhere a line now and then. Gives what to call with the number of finished sessions."""
+class _Progress:
+    """A bar on a terminal, elsewhere a line at times. Gives a function of the number of finished sessions."""
 
     def __init__(self, console: Console, total: int) -> None:
-        self._console, self._total, self._told = console, total, 0
+        self._console, self._total, self._printed = console, total, 0
         self._bar = Progress(
             TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
             TimeRemainingColumn(), console=console, transient=True,
@@ -145,7 +133,7 @@ class _Shown:
 
     def __enter__(self) -> Callable[[int], None]:
         if not self._console.is_terminal:
-            return self._tell
+            return self._print
         task = self._bar.add_task("sessions", total=self._total)
         self._bar.start()
         return lambda finished: self._bar.update(task, completed=finished)
@@ -153,26 +141,14 @@ class _Shown:
     def __exit__(self, *ending: object) -> None:
         self._bar.stop()
 
-    def _tell(self, finished: int) -> None:
-        if finished == self._total or finished - self._told >= max(1.0, _TELL_EVERY * self._total):
-            self._told = finished
+    def _print(self, finished: int) -> None:
+        if finished == self._total or finished - self._printed >= max(1.0, _PRINT_EVERY * self._total):
+            self._printed = finished
             self._console.print(f"{finished} of {self._total} sessions")
 
 
-def _tell(asked: Comparison, folder: SweepFolder, stop: Stop, json: str | None, console: Console) -> int:
-    if folder.finished:
-        failed = _write(asked, folder, json, console)
-    else:
-        console.print("no session was finished")
-        failed = True
-    if stop.reason:
-        console.print(f"{stop.reason}: the same command with --out {folder.path} goes on from here", markup=False)
-        return 130
-    return 1 if failed else 0
-
-
 def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Console) -> bool:
-    """Files, table, answer. Whether a session could not be run, or ours did not hold."""
+    """Write files, table, answer. Return whether a session could not be run, or ours was not passive."""
     with console.status("writing the report"):
         from cogrip.sim.experiments.methods.report import REPORT, write_outcome
 
@@ -185,7 +161,7 @@ def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Co
             shown = make_console(width=_PIPED_WIDTH)
         shown.print(methods_table(summary))
     where = console if json == "-" else make_console(soft_wrap=True)
-    where.print(f"report: {folder.path / REPORT}", markup=False)
+    where.print(f"report: {folder.path / REPORT}")
     return bool(_failed(summary, console)) or ours_failed(summary)
 
 
@@ -194,7 +170,33 @@ def _failed(summary: Mapping[str, Any], console: Console) -> int:
     for row in summary["rows"]:
         count += row["failed"]
         for error, times in row["errors"].items():
-            console.print(
-                f"could not be run: {row['method']} on {row['network']}, {times} sessions: {error}", markup=False
-            )
+            where = f"{row['method']} on {row['network']}"
+            console.print(f"could not be run: {where}, {times} sessions: {error}")
     return count
+
+
+def methods_table(summary: Mapping[str, Any]) -> Group:
+    """Return a row a method, a group a network; unstable ones are red. Where it is narrow verdicts have their own table."""
+    tables = Fitted(
+        lambda: [_table(summary, verdicts=True, numbers=True)],
+        lambda: [_table(summary, verdicts=True, numbers=False), _table(summary, verdicts=False, numbers=True)],
+    )
+    return Group(tables, Text(""), Text(note(summary, "the worst are in table.md"), style="dim"))
+
+
+def _table(summary: Mapping[str, Any], *, verdicts: bool, numbers: bool) -> Table:
+    columns = [f"{column.heading.replace(' ', chr(10))}\n{column.unit}" for column in TABLE] if numbers else []
+    table = plain_table(["method", *(["stability"] if verdicts else []), *columns], [], left=2 if verdicts else 1)
+    if verdicts:
+        table.columns[1].no_wrap = False
+    last = None
+    for row in summary["rows"]:
+        if row["network"] != last:
+            last = row["network"]
+            table.add_row(Text(last, style="bold"))
+        verdict, *values = cells(row, worst_too=False)
+        bad = unstable(row)
+        judged = [Text(verdict, style="red" if bad else "")] if verdicts else []
+        measured = map(Text, values) if numbers else ()
+        table.add_row(Text(f"  {row['method']}"), *judged, *measured, style="dim" if bad else "")
+    return table

@@ -1,13 +1,14 @@
-"""`cogrip feel`: what one person's hand will feel, from the lifted model."""
+"""`cogrip feel`: the impedance that one person's hand will feel, from the lifted model."""
 
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Query
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, DelayFrames, Query
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.sim.analysis.delay_budget import budget, total_s
 from cogrip.sim.analysis.feel import conditions
@@ -15,28 +16,24 @@ from cogrip.sim.analysis.linear_session import LinearSession
 
 
 def feel(
-    config: Path,
+    config: Config,
     /,
     *,
     user: int = 0,
     query: Query = AS_IT_STANDS,
-    delay_frames: float | None = None,
+    delay_frames: DelayFrames = None,
     out: Path | None = None,
     overrides: Overrides = (),
     json: Json = None,
 ) -> int:
-    """Felt stiffness, damping and inertia at low frequency, and where the time goes; with --out the impedance to 64 Hz.
+    """Print felt stiffness, damping and inertia at low frequency, and the delay budget; with --out the impedance to 64 Hz.
 
     In free motion without contact, alone with the object, on a wall, and with everybody else holding on (300 N/m, 5 N s/m).
 
     Parameters
     ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     user
         Whose hand: the user's number.
-    delay_frames
-        Delay each way in network frames, in place of the file's link and playout.
     out
         Folder for feel.png, .svg and .csv: rendered and ideal impedance over frequency.
     """
@@ -51,10 +48,8 @@ def feel(
         from cogrip.sim.analysis.figures.feel import feel_page
         from cogrip.sim.analysis.figures.page import save_page
 
-        try:
+        with Problem.of(OSError, where=f"--out {out}: cannot be written: "):
             paths = save_page(out, feel_page(session, user))
-        except OSError as error:
-            raise Problem(f"--out {out}: cannot be written: {error}") from None
         make_console(stderr=True, soft_wrap=True).print("written: " + ", ".join(map(str, paths)))
     return 0
 
@@ -70,7 +65,7 @@ def _tell(session: LinearSession, user: int) -> None:
     console.print(table)
     stages = budget(session, user)
     delays = Table(title=f"from the hand to its answer: {1e3 * total_s(stages):.1f} ms")
-    for column in ("way", "stage", "ms", ""):
+    for column in ("direction", "stage", "ms", ""):
         delays.add_column(column)
     for stage in stages:
         delays.add_row(stage.direction, stage.name, f"{1e3 * stage.delay_s:.2f}", stage.why)
@@ -86,10 +81,8 @@ def _record(session: LinearSession, user: int) -> dict[str, object]:
     for condition in conditions(session, user, np.array([1.0])):
         slow = condition.slow
         found[condition.name] = {
-            "stiffness_npm": slow.stiffness_npm,
-            "damping_nspm": slow.damping_nspm,
-            "inertia_kg": slow.inertia_kg,
-        }
+            "stiffness_npm": slow.stiffness_npm, "damping_nspm": slow.damping_nspm, "inertia_kg": slow.inertia_kg,
+        }  # fmt: skip
     stages = budget(session, user)
     return {
         "user": session.people[user].name,

@@ -1,4 +1,4 @@
-"""`cogrip figures`: the paper's figures from the lifted model and from sessions, and what it does not show."""
+"""`cogrip figures`: the paper's figures from the lifted model and from sessions, and further ones."""
 
 from pathlib import Path
 
@@ -9,16 +9,17 @@ from cogrip.sim.analysis.figures.registry import FIGURES
 
 
 def figures(*names: str, out: Path = Path("figures")) -> int:
-    """Draw P's Fig. 4, 5 and 6, the three schemes side by side, their dependence on masses, and the decimators.
+    """Draw the paper's figures, and ours beside them.
 
-    Each as PNG, SVG, and the numbers behind it as CSV. The walk through the paper that goes with them is docs/paper.md.
+    P's Fig. 4, 5 and 6, the three schemes side by side, their dependence on masses, and the decimators, each as PNG, SVG, and
+    the numbers behind it as CSV; docs/paper.md goes through them.
 
     Parameters
     ----------
     names
         Which: fig4, fig6, regions, masses, fig5, decimators; all if none is named.
     out
-        Folder to write into. Files of these names are written anew, others are left alone.
+        Folder to write into. Files of these names are overwritten, others are kept.
     """
     console = make_console(soft_wrap=True)
     known = {entry.name: entry for entry in FIGURES}
@@ -30,10 +31,8 @@ def figures(*names: str, out: Path = Path("figures")) -> int:
             continue
         with make_console(stderr=True).status(f"drawing {entry.name}"):
             page = entry.make()
-        try:
+        with Problem.of(OSError, where=f"--out {out}: cannot be written: "):
             paths = save_page(out, page)
-        except OSError as error:
-            raise Problem(f"--out {out}: cannot be written: {error}") from None
-        console.print(f"{page.title}: {paths[0]}", markup=False)
-        console.print(f"  {page.caption}", markup=False)
+        console.print(f"{page.title}: {paths[0]}")
+        console.print(f"  {page.caption}")
     return 0

@@ -1,56 +1,45 @@
-"""`cogrip stability`: is a session stable, up to which stiffness, and in which region of two people's stiffnesses."""
+"""`cogrip stability`: spectral radius, largest stable stiffness, and stable region of two people's stiffnesses."""
 
 from pathlib import Path
 
 from cyclopts import App
 
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, Overrides, Query
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, DelayFrames, Query
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import largest_stable, verdict
 
-stability = App(
-    name="stability", help="Is a session stable, and up to which stiffness? From the lifted model (P eq. 36)."
-)
+stability = App(name="stability")
 
 _SCHEMES = {"passive": "passive scheme", "paper": "the paper's scheme", "coupling": "virtual coupling"}
 
 
 @stability.command
 def radius(
-    config: Path,
+    config: Config,
     /,
     *,
     query: Query = AS_IT_STANDS,
-    delay_frames: float | None = None,
+    delay_frames: DelayFrames = None,
     overrides: Overrides = (),
     json: Json = None,
 ) -> int:
-    """Spectral radius of one network frame.
+    """Print the spectral radius of the lifted model of one network frame (P eq. 36).
 
     Eigenvalues that the structure puts at 1 are counted by name: with any, the whole map's radius is at least 1. "Stable"
     looks at all the others.
-
-    Parameters
-    ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
-    delay_frames
-        Delay each way in network frames, in place of the file's link and playout.
     """
     found = verdict(query.model(config, overrides, delay_frames))
     if json:
         answer = {
-            "scheme": found.scheme,
-            "spectral_radius": found.spectral_radius,
-            "structural": len(found.structural),
-            "states": found.states,
-            "stable": found.stable,
-        }
+            "scheme": found.scheme, "spectral_radius": found.spectral_radius, "structural": len(found.structural),
+            "states": found.states, "stable": found.stable,
+        }  # fmt: skip
         write_json(answer, json)
         return 0
     console = make_console()
@@ -63,36 +52,25 @@ def radius(
 
 @stability.command
 def limit(
-    config: Path,
+    config: Config,
     /,
     *,
     query: Query = AS_IT_STANDS,
-    delay_frames: float | None = None,
+    delay_frames: DelayFrames = None,
     overrides: Overrides = (),
     json: Json = None,
 ) -> int:
-    """The largest stiffness up to which the session is stable.
+    """Print the largest stiffness up to which the session is stable.
 
     All users' stiffnesses grow together, in the proportion they have in the settings; the answer is the largest of them.
-
-    Parameters
-    ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
-    delay_frames
-        Delay each way in network frames, in place of the file's link and playout.
     """
     model = query.model(config, overrides, delay_frames)
-    try:
+    with BadInput.of(ValueError, where=f"{config}: "):
         found = largest_stable(model)
-    except ValueError as error:
-        raise BadInput(f"{config}: {error}") from None
     if json:
-        answer = {
-            "largest_stable_stiffness_npm": found.stiffness_npm,
-            "searched_to_npm": found.searched_to_npm,
-        }
-        write_json(answer, json)
+        write_json(
+            {"largest_stable_stiffness_npm": found.stiffness_npm, "searched_to_npm": found.searched_to_npm}, json
+        )
         return 0
     if found.stiffness_npm is None:
         text = f"stable at any stiffness up to {found.searched_to_npm:g} N/m"
@@ -110,7 +88,7 @@ def limit(
 
 @stability.command
 def region(
-    config: Path,
+    config: Config,
     /,
     *,
     out: Path,
@@ -120,23 +98,21 @@ def region(
     grid: int = 0,
     overrides: Overrides = (),
 ) -> int:
-    """The stable region in the plane of the first two users' stiffnesses, at several delays: PNG, SVG, CSV and JSON.
+    """Draw the stable region in the plane of the first two users' stiffnesses, at several delays: PNG, SVG, CSV and JSON.
 
-    Its outline is traced, and verified on both sides: stable just inside, unstable just outside. Further users keep their own
-    stiffness. Exit code 1 if an outline could not be verified.
+    Its boundary is traced, and verified on both sides: stable just inside, unstable just outside. Further users keep their
+    own stiffness. Exit code 1 if a boundary could not be verified.
 
     Parameters
     ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     out
-        Folder for region.png, .svg, .csv and .json. An answer to another question there is never overwritten.
+        Folder for region.png, .svg, .csv and .json. The answer to another query there is never overwritten.
     delays_frames
-        Delays each way in network frames, with commas between them.
+        Delays of each direction in network frames, with commas between them.
     to_npm
-        How far the axes go [N/m], one number or two with a comma between them; else as far as the outlines need.
+        How far the axes go [N/m], one number or two with a comma between them; else as far as the boundaries need.
     grid
-        Compute a dense grid of so many cells a side besides, into the CSV and as a thin contour.
+        Also compute a dense grid of so many cells a side, into the CSV and as a thin contour.
     """
     from cogrip.sim.analysis.figures.page import FilesInTheWayError, save_page
     from cogrip.sim.analysis.figures.region import extent, frames, region_page, region_record
@@ -145,47 +121,46 @@ def region(
     settings = query.settings(config, overrides)
     delays = _numbers(delays_frames, "--delays-frames")
     box = _sides(to_npm) if to_npm else None
-    try:
+    with BadInput.of(ModelError, DeviceError):
         found, box = regions(
             settings, delays, to_npm=box, grid_cells=grid, hands=query.hands, estimated=query.estimated
         )
-    except (ModelError, DeviceError) as error:
-        raise BadInput(str(error)) from None
     query.tell_rounding(*(each.session for each in found))
-    try:
-        paths = save_page(
-            out,
-            region_page(found, box, query.conditions, query.estimated),
-            region_record(found, box, settings, query.hands, query.estimated),
-        )
-    except FilesInTheWayError as error:
-        raise BadInput(f"--out: {error}") from None
-    except OSError as error:
-        raise Problem(f"--out {out}: cannot be written: {error}") from None
+    page = region_page(found, box, query.conditions, query.estimated)
+    record = region_record(found, box, settings, query.hands, query.estimated)
+    with (
+        Problem.of(OSError, where=f"--out {out}: cannot be written: "),
+        BadInput.of(FilesInTheWayError, where="--out: "),
+    ):
+        paths = save_page(out, page, record)
     console = make_console()
     say(console, f"({query.conditions})")
     for each in found:
         doubt = "" if each.boundary.verified else "  NOT VERIFIED: see radius_inside and radius_outside in the CSV"
-        say(console, f"{frames(each.delay_frames)} each way: {extent(each.boundary)}{doubt}")
+        say(console, f"{frames(each.delay_frames)} each direction: {extent(each.boundary)}{doubt}")
     say(console, "written: " + ", ".join(str(path) for path in paths))
     return 0 if all(each.boundary.verified for each in found) else 1
 
 
-def _numbers(text: str, flag: str) -> list[float]:
+def _floats(text: str) -> list[float]:
+    """Return the numbers of a text with commas, none where one of them is no number."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        return [float(part) for part in text.split(",")]
     except ValueError:
-        raise BadInput(f"{flag} {text!r}: write numbers with commas between them, such as 0,1,2,4") from None
+        return []
+
+
+def _numbers(text: str, flag: str) -> list[float]:
+    numbers = _floats(text)
+    if not numbers:
+        raise BadInput(f"{flag} {text!r}: write numbers with commas between them, such as 0,1,2,4")
     if len(set(numbers)) < len(numbers):
         raise BadInput(f"{flag} {text!r}: a number stands twice")
     return numbers
 
 
 def _sides(text: str) -> tuple[float, float]:
-    try:
-        sides = [float(part) for part in text.split(",")]
-    except ValueError:
-        sides = []
+    sides = _floats(text)
     if len(sides) not in (1, 2):
         raise BadInput(
             f"--to-npm {text!r}: write one number, or two with a comma between them, such as 5000 or 5000,2000"

@@ -1,6 +1,5 @@
-"""`cogrip sweep`: a session, or its linear model, over a grid of settings."""
+"""`cogrip sweep`: sessions, or their linear models, over a grid of settings."""
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,9 +10,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cogrip.cli.session.before_run import check_plausible
 from cogrip.cli.session.settings_file import load, try_hands
-from cogrip.cli.study.analysis_query import Overrides
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
@@ -29,7 +28,7 @@ MOST_PICTURES = 12
 
 
 def sweep(
-    config: Path,
+    config: Config,
     /,
     *,
     vary: Annotated[tuple[str, ...], Parameter(negative="")],
@@ -41,27 +40,26 @@ def sweep(
     cluster: Literal["ray"] | None = None,
     address: str = "",
 ) -> int:
-    """Run a cell for every combination of values: table.csv, and a heat map for each measure.
+    """Run sessions, or their linear models, over a grid of settings; resumable.
 
-    The same command again goes on where the last one ended: no finished cell is run twice. Exit code 0 if every cell could be
-    run, 1 if some failed, 130 if it was interrupted.
+    A case for every combination of values; table.csv, and a heat map for each measure. The same command again continues
+    where the last one ended: no finished case is run twice. Exit code 0 if every case could be run, 1 if some failed, 130 if
+    it was interrupted.
 
     Parameters
     ----------
-    config
-        Settings file, or the name of one that comes with cogrip (`cogrip configs`).
     vary
         A setting and its values: key=first:last:count, key=first:last:countlog, or key=value,value. Repeatable.
     measure
-        What to read of each cell: a path into summary.json (users.0.peak_force_n, users.*.peak_force_n), or a number
+        What to read of each case: a path into summary.json (users.0.peak_force_n, users.*.peak_force_n), or a number
         of the lifted model (lifted.radius_without_structural, lifted.stable, lifted.largest_stable_stiffness_npm,
         lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable.
     out
-        The sweep's folder; else `sweeps/<name>-<digest>`, the digest being of what is asked.
+        The sweep's folder; else `sweeps/<name>-<digest>`, the digest being that of the query.
     jobs
         Worker processes; else one for each processor.
     cluster
-        Run the cells on a Ray cluster instead (needs the extra `cluster`).
+        Run the cases on a Ray cluster instead (needs the extra `cluster`).
     address
         The cluster's address; else $RAY_ADDRESS, else a new one on this machine.
     """
@@ -69,29 +67,29 @@ def sweep(
     asked = _prepare(config, overrides, vary, measure)
     stop = Stop()
     workers = _workers(cluster, address, jobs, stop)
-    folder = _folder(out or Path("sweeps") / f"{asked.grid.base['name']}-{asked.digest}", asked)
+    path = out or Path("sweeps") / f"{asked.grid.base['name']}-{asked.digest}"
+    with BadInput.of(FolderError, where="--out: "), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
+        folder = SweepFolder(path, asked.asked)
     if folder.finished:
-        console.print(f"{len(folder.finished)} of {asked.grid.cases} cells are finished already, in {folder.path}")
+        console.print(f"{len(folder.finished)} of {asked.grid.cases} cases are finished already, in {folder.path}")
     with on_signals(stop), Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
         console=console, transient=True,
     ) as bar:  # fmt: skip
-        task = bar.add_task("cells", total=asked.grid.cases)
-        report = _run(asked, folder, workers, lambda finished: bar.update(task, completed=finished))
-    pictures = _draw(asked, folder, console)
-    return _tell(report, folder.path, pictures, stop, json, console)
+        task = bar.add_task("cases", total=asked.grid.cases)
+        with Problem.of(ClusterError), workers as these:
+            report = run_sweep(asked, folder, these, lambda finished: bar.update(task, completed=finished))
+    return _report(report, folder.path, _draw(asked, folder, console), stop, json, console)
 
 
 def _prepare(config: Path, overrides: tuple[str, ...], vary: tuple[str, ...], measure: tuple[str, ...]) -> Sweep:
     settings = load(config, overrides)
-    try:
+    with BadInput.of(GridError, MeasureError):
         axes = [parse_axis(text) for text in vary]
         if needs_session(measure):
             try_hands(settings)
             check_plausible(settings)
         return prepare(settings, axes, measure)
-    except (GridError, MeasureError) as error:
-        raise BadInput(str(error)) from None
 
 
 def _workers(cluster: str | None, address: str, jobs: int | None, stop: Stop) -> AbstractContextManager[Workers]:
@@ -100,27 +98,8 @@ def _workers(cluster: str | None, address: str, jobs: int | None, stop: Stop) ->
     if cluster:
         return RayWorkers(address, stop)
     if address:
-        raise BadInput(f"--address {address}: is a cluster's; give --cluster ray with it")
+        raise BadInput(f"--address {address}: is for a cluster; give --cluster ray with it")
     return LocalWorkers(jobs or processors(), stop)
-
-
-def _folder(path: Path, asked: Sweep) -> SweepFolder:
-    try:
-        return SweepFolder(path, asked.asked)
-    except FolderError as error:
-        raise BadInput(f"--out: {error}") from None
-    except OSError as error:
-        raise Problem(f"--out {path}: cannot be written: {error}") from None
-
-
-def _run(
-    asked: Sweep, folder: SweepFolder, workers: AbstractContextManager[Workers], progress: Callable[[int], None]
-) -> Report:
-    try:
-        with workers as these:
-            return run_sweep(asked, folder, these, progress)
-    except ClusterError as error:
-        raise Problem(str(error)) from None
 
 
 def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
@@ -131,7 +110,7 @@ def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
         try:
             figure = draw_measure(asked.grid, folder.finished, column)
         except NotDrawnError as reason:
-            console.print(f"not drawn: {reason}", markup=False)
+            console.print(f"not drawn: {reason}")
             continue
         path = folder.path / f"heatmap-{column}.png"
         path.write_bytes(png(figure))
@@ -140,26 +119,22 @@ def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
     return paths
 
 
-def _tell(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
+def _report(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
     failed = sum(report.failed.values())
     if json:
         answer = {
-            "cells": report.cases,
-            "computed": report.computed,
-            "kept": report.kept,
-            "failed": failed,
-            "folder": str(folder),
+            "cells": report.cases, "computed": report.computed, "kept": report.kept, "failed": failed, "folder": str(folder),
             "table": str(report.table),
-        }
+        }  # fmt: skip
         write_json(answer, json)
     console.print(
-        f"{report.computed} cells run, {report.kept} kept from before, of {report.cases}; table: {report.table}"
+        f"{report.computed} cases run, {report.kept} kept from before, of {report.cases}; table: {report.table}"
     )
     for picture in pictures:
         console.print(f"picture: {picture}")
     for reason, count in sorted(report.failed.items(), key=lambda item: -item[1]):
-        console.print(f"failed: {count} cells: {reason}", markup=False)
+        console.print(f"failed: {count} cases: {reason}")
     if stop.reason:
-        console.print(f"{stop.reason}: the same command goes on from here")
+        console.print(f"{stop.reason}: the same command continues from here")
         return 130
     return 1 if failed else 0

@@ -1,4 +1,4 @@
-"""Making every console that cogrip prints on."""
+"""Factory of every console that cogrip prints on."""
 
 from typing import IO
 
@@ -12,9 +12,10 @@ def make_console(
     width: int | None = None,
     file: IO[str] | None = None,
     force_terminal: bool | None = None,
+    markup: bool = False,
 ) -> Console:
-    """Return a console that prints what it is given: `[fe80::a:b:1]` holds no emoji, and numbers get no colours."""
+    """Return a console that prints texts unchanged: `[fe80::a:b:1]` holds neither markup nor emoji, numbers have no colours."""
     return Console(
         stderr=stderr, soft_wrap=soft_wrap, width=width, file=file, force_terminal=force_terminal, highlight=False,
-        emoji=False,
+        emoji=False, markup=markup,
     )  # fmt: skip

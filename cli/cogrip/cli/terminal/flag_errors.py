@@ -1,4 +1,4 @@
-"""Errors of the words of a command line, in the style of all other errors: the thing, what it expects, what it got."""
+"""Errors of command lines in the style of all other errors: the name, the expected value, the given one."""
 
 import difflib
 from typing import Any, Literal, get_args, get_origin
@@ -10,7 +10,7 @@ from cyclopts import (
     UnknownCommandError,
     UnknownOptionError,
     UnusedCliTokensError,
-)
+)  # fmt: skip
 
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.join_link import is_link, is_secret
@@ -21,7 +21,7 @@ _KINDS = {float: "a number", int: "a whole number", bool: "true or false"}
 
 
 def words_of(error: CycloptsError, commands: tuple[str, ...] = ()) -> str:
-    """Return one line for a person. commands: what can stand in place of an unknown command."""
+    """Return the error in one line. commands: those that can stand in place of an unknown one."""
     command = " ".join(error.command_chain or ())
     where = f"{command}: " if command else ""
     cure = f"; `cogrip {command} --help` lists them" if command else "; `cogrip --help` lists them"
@@ -34,19 +34,17 @@ def words_of(error: CycloptsError, commands: tuple[str, ...] = ()) -> str:
         known, given = _commands(error) or commands, error.unused_tokens[0]
         what = "option" if given.startswith("-") else "command"
         return f"{where}there is no {what} {_shown(given)}{_nearest(given, known)}; there are: {', '.join(known)}"
+    see = f"; `cogrip {command} --help` shows what it takes"
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
-        return f"{where}{_shown(error.unused_tokens[0])} is one word too many; `cogrip {command} --help` shows what it takes"
+        return f"{where}{_shown(error.unused_tokens[0])} is one word too many{see}"
     if isinstance(error, MissingArgumentError) and error.argument is not None:
-        given = error.keyword or ""
-        name = given or error.argument.name
-        return (
-            f"{where}{name} {'needs a value' if given else 'is missing'}; `cogrip {command} --help` shows what it takes"
-        )
+        name, lacks = (error.keyword, "needs a value") if error.keyword else (error.argument.name, "is missing")
+        return f"{where}{name} {lacks}{see}"
     return f"{where}{error}"
 
 
 def above_zero(flag: str, value: float | None) -> None:
-    """Raises BadInput for a number that is not above 0, and finite."""
+    """Raise BadInput for a number that is not above 0, and finite."""
     if value is not None and not 0.0 < value < float("inf"):
         raise BadInput(expects(flag, "a number above 0", value))
 
@@ -67,7 +65,7 @@ def _coerced(error: CoercionError, token: Any) -> str:
 
 
 def _shown(word: str) -> str:
-    """Return a word as it may stand in an error: whoever reads a join link may come in."""
+    """Return a word as it may stand in an error: whoever reads a join link may join."""
     return SECRET if is_link(word) or is_secret(word) else repr(word)
 
 

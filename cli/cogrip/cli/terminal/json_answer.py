@@ -1,4 +1,4 @@
-"""The answer of a command as JSON."""
+"""Answers of commands as JSON."""
 
 import json
 import sys
@@ -17,12 +17,14 @@ Json = Annotated[
 
 
 def write_json(answer: Mapping[str, Any], where: str) -> None:
-    """To standard output for "-", else to a file. Raises Problem where that cannot be written."""
-    text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
+    """Write to standard output for "-", else to a file. Raises Problem where that cannot be written."""
+    write_text(json.dumps(answer, indent=2, allow_nan=False) + "\n", where)
+
+
+def write_text(text: str, where: str) -> None:
+    """Write what `--json` asks for. Raises Problem."""
     if where == "-":
         sys.stdout.write(text)
         return
-    try:
-        Path(where).write_text(text)
-    except OSError as error:
-        raise Problem(f"--json {where}: cannot be written: {error}") from None
+    with Problem.of(OSError, where=f"--json {where}: cannot be written: "):
+        Path(where).write_text(text, encoding="utf-8")

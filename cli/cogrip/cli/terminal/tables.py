@@ -1,8 +1,8 @@
-"""Tables and lines that fit the terminal: whole numbers, whole words, a hanging indent."""
+"""Tables and lines that fit the terminal: numbers and words are never cut, further lines are indented."""
 
 import os
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from rich.cells import cell_len, chop_cells, set_cell_size
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -16,7 +16,7 @@ _ELLIPSIS = "…"
 
 
 class Fitted:
-    """The first of several layouts, each of one table or several, that fits the width there is; the last where none does."""
+    """The first of several layouts, each of one table or several, that fits the available width; the last where none does."""
 
     def __init__(self, *layouts: Callable[[], Sequence[Table]]) -> None:
         self._layouts = layouts
@@ -31,8 +31,33 @@ class Fitted:
 
 
 def natural_width(table: Table, console: Console, options: ConsoleOptions) -> int:
-    """Columns that `table` takes where nothing is cut or wrapped."""
+    """Return the columns that `table` takes where nothing is cut or wrapped."""
     return Measurement.get(console, options.update(width=_NATURAL, max_width=_NATURAL), table).maximum
+
+
+def plain_table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str | Text]],
+    *,
+    left: int = 1,
+    gap: int = 1,
+    styles: Sequence[str] = (),
+) -> Table:
+    """Return a table whose cells are never wrapped: `left` columns of words, then numbers. styles: one for each row."""
+    table = Table(box=None, header_style="dim", padding=(0, gap, 0, 0), pad_edge=False)
+    for number, heading in enumerate(headings):
+        table.add_column(Text(heading), justify="left" if number < left else "right", no_wrap=True)
+    for number, row in enumerate(rows):
+        cells = (Text(cell) if isinstance(cell, str) else cell for cell in row)
+        table.add_row(*cells, style=styles[number] if styles else "")
+    return table
+
+
+def clock(seconds: float) -> str:
+    """Return a duration as H:MM:SS or M:SS."""
+    minutes, seconds = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
 
 
 def columns_table(
@@ -43,29 +68,24 @@ def columns_table(
     tints: Mapping[str, Mapping[str, str]] = {},
     widest: Mapping[str, int] = {},
 ) -> Table:
-    """Some columns of rows of text.
+    """Return a table of some columns of rows of text.
 
     right: headings of numbers; tints: heading -> text -> style; widest: columns to which names under a heading are shortened.
     """
     table = Table(box=None, header_style="dim", padding=(0, 2, 0, 0), pad_edge=False)
     for number, heading in enumerate(headings):
-        # the last column gives way, between words, where even the narrowest layout has no room for it
+        # the last column is wrapped between words where even the narrowest layout has no room for it
         last = number == len(headings) - 1
         table.add_column(heading, justify="right" if heading in right else "left", no_wrap=not last, overflow="fold")
     for row in rows:
-        table.add_row(
-            *(
-                Text(
-                    shortened(row[heading], widest.get(heading, _NATURAL)), tints.get(heading, {}).get(row[heading], "")
-                )
-                for heading in headings
-            )
-        )
+        texts = ((heading, row[heading]) for heading in headings)
+        table.add_row(*(Text(shortened(text, widest.get(heading, _NATURAL)), tints.get(heading, {}).get(text, ""))
+                        for heading, text in texts))  # fmt: skip
     return table
 
 
 def marked(mark: Text, text: Text) -> Table:
-    """A paragraph whose further lines stand below its first word, not below its mark."""
+    """Return a paragraph whose further lines stand below its first word, not below its mark."""
     grid = Table.grid(padding=(0, 1, 0, 0))
     grid.add_column(no_wrap=True)
     grid.add_column(overflow="fold")
@@ -74,14 +94,14 @@ def marked(mark: Text, text: Text) -> Table:
 
 
 def shortened(text: str, width: int) -> str:
-    """A name in `width` columns; never a number or a state."""
+    """Return a name in at most `width` columns; not for numbers and states."""
     if cell_len(text) <= width:
         return text
     return chop_cells(text, width - 1)[0] + _ELLIPSIS
 
 
 def padded(text: str, width: int, *, right: bool = False) -> str:
-    """`text` in exactly `width` columns; longer text stays as it is."""
+    """Return `text` in exactly `width` columns; longer text unchanged."""
     missing = width - cell_len(text)
     if missing <= 0:
         return text
@@ -89,12 +109,12 @@ def padded(text: str, width: int, *, right: bool = False) -> str:
 
 
 def has_width(console: Console) -> bool:
-    """Return whether lines are read on something that is so many columns wide: a pipe or a file is not."""
+    """Return whether the output has a width: a pipe or a file has none."""
     return console.is_terminal or "COLUMNS" in os.environ
 
 
 def wrapped(text: str, console: Console, indent: str = INDENT) -> str:
-    """`text` on several lines that break between words, the further ones indented; as it is where there is no width.
+    """Return `text` wrapped between words, further lines indented; unchanged where there is no width.
 
     A word that is wider than the terminal, such as a path, stays whole so that it can be copied.
     """
@@ -107,5 +127,5 @@ def wrapped(text: str, console: Console, indent: str = INDENT) -> str:
 
 
 def say(console: Console, text: str, indent: str = INDENT) -> None:
-    """Print plain words, wrapped."""
+    """Print a text, wrapped."""
     console.print(wrapped(text, console, indent), markup=False, soft_wrap=True)

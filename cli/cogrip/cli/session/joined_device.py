@@ -1,0 +1,107 @@
+"""Device that `cogrip join` holds: made, checked before the server is asked, and judged with the seat that it gets."""
+
+from collections.abc import Callable
+
+from cogrip.cli.session.before_run import ALLOW, HELD_BY_NOBODY, refuse_implausible
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.device import Capability, Device, DeviceError
+from cogrip.devices.for_user import address_of, make_for
+from cogrip.devices.registry import axes_of, make, record_of
+from cogrip.devices.replayed.device import ReplayedDevice
+from cogrip.protocol.line.delays import expected_frames, one_way
+from cogrip.protocol.settings import SeatSettings, Settings
+from cogrip.sim.analysis.advice import advise_seat
+from cogrip.sim.analysis.plausible import hand_findings
+
+DEFAULT_DEVICE = "sim:phantom?hand=reach"
+# The server chooses the settings, and the model's work grows with the cube of the frames in flight: a join must not hang.
+MOST_ADVISED_FRAMES = {"wave": 96, "coupling": 40, "tdpa": 512}  # of both directions together; each takes about 2 s
+MOST_ADVISED_TICKS = 256  # in a frame
+USUAL_HZ, LOOKED_AHEAD_S = 1024, 60.0  # with which a hand is checked before a server has said its rate and length
+
+
+def with_playback(address: str | None, **options: float | None) -> str | None:
+    """Return a replay's address with the options in it. Raises BadInput for another device."""
+    keys = "&".join(f"{key}={value:g}" for key, value in options.items() if value is not None)
+    if not keys:
+        return address
+    if address is None or not address.startswith("replay:"):
+        raise BadInput(f"{keys.partition('=')[0]}: is for a replay; name one, such as --device 'replay:RUN#user=0'")
+    return f"{address}{'&' if '#' in address or '?' in address else '#'}{keys}"
+
+
+def make_joined(settings: Settings | None, name: str, address: str | None, axes: int | None) -> tuple[Device, str]:
+    """Return the device and its address: `address`, else that of the user called `name` in the settings. Raises BadInput."""
+    with BadInput.of(DeviceError):
+        if settings is None:
+            address = address or DEFAULT_DEVICE
+            return _ready(make(address, axes=axes or axes_of(address)), address), address
+        users = [user for user in settings.users if name in ("", user.name)]
+        if not users:
+            known = ", ".join(user.name for user in settings.users)
+            raise BadInput(f"--name {name!r}: no such user in the settings; there is: {known}")
+        axes = axes or settings.object.axes
+        if address:
+            return _ready(make(address, axes=axes), address), address
+        return _ready(make_for(users[0], axes), address_of(users[0])), address_of(users[0])
+
+
+def _ready(device: Device, address: str) -> Device:
+    """Return `device` once its record is known, and that it may give force. Raises DeviceError."""
+    record_of(device, address)
+    if isinstance(device, ArmDevice) and device.reads_only:
+        raise DeviceError(
+            "pose=none opens an arm to read only, so nobody would feel anything: calibrate it, and leave the key out"
+        )
+    return device
+
+
+def check_hand(device: Device, address: str, name: str, seconds: float | None) -> None:
+    """Raise BadInput for an implausible or unplayable simulated or recorded hand; warn of an unlikely one."""
+    if not address.startswith(HELD_BY_NOBODY):
+        return
+    try:
+        rate_hz = min(device.capability.rate_hz, USUAL_HZ)
+        found = hand_findings(name or "this hand", address, device, rate_hz, seconds or LOOKED_AHEAD_S)
+    except DeviceError as error:
+        if isinstance(device, ReplayedDevice):  # at any rate: its span is empty, or the recording is damaged
+            raise BadInput(str(error)) from None
+        return  # the seat's rate may be the one that fits; the session reports the error
+    refuse_implausible(found)
+
+
+def judge_seat(
+    address: str, allow_unstable: bool, say: Callable[[str], None], seat: SeatSettings, record: Capability
+) -> str:
+    """Warn where this seat is not stable, passive or fit for its device, in the words of `cogrip advise`.
+
+    Returns the reason to refuse it, "" if there is none.
+    """
+    frames = sum(
+        one_way(direction.delay_ms, expected_frames(seat.playout, direction, seat.rates), seat.rates).frames
+        for direction in (seat.up, seat.down)
+    )
+    refused: tuple[str, ...] = ()
+    if frames > MOST_ADVISED_FRAMES[seat.coupling.kind] or seat.rates.ticks_per_frame > MOST_ADVISED_TICKS:
+        warnings: tuple[str, ...] = ("no advice: the delays are too long for the model",)
+    else:
+        try:
+            advice = advise_seat(seat, record)
+            warnings, refused = advice.warnings, () if allow_unstable else advice.refusals
+        except (ArithmeticError, ValueError) as error:  # ModelError and LinAlgError are ValueErrors
+            warnings = (f"no advice: {error}",)
+    for text in warnings:
+        if text not in refused:
+            say(f"warning: {text}")
+    return refusal("; ".join(refused), address) if refused else ""
+
+
+def refusal(reason: str, address: str) -> str:
+    """Return the reason with what the person at the device can do about the server's settings."""
+    return f"refused: {reason}; the settings are the server's{ALLOW if address.startswith(HELD_BY_NOBODY) else ''}"
+
+
+def played_out(device: Device) -> str:
+    """Return that a replay has come to its end, "" while it plays, and for other devices."""
+    return "the replay has run out" if isinstance(device, ReplayedDevice) and device.played_out else ""

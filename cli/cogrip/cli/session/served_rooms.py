@@ -1,0 +1,83 @@
+"""Rooms of `cogrip serve`: their settings, and the warnings before anyone joins."""
+
+import socket
+from collections.abc import Callable, Sequence
+from ipaddress import ip_address
+from pathlib import Path
+
+from cogrip.cli.session.before_run import together
+from cogrip.cli.session.settings_file import load
+from cogrip.cli.terminal.problem import BadInput
+from cogrip.devices.device import DeviceError
+from cogrip.protocol.settings import Settings, not_passive
+from cogrip.server.events import ServerEvent
+
+Say = Callable[[ServerEvent | str], None]
+
+
+def rooms_of(config: Sequence[Path], overrides: Sequence[str], port: int, into: Path | None) -> list[Settings]:
+    """Return the settings of each room. Raises BadInput."""
+    if not config:
+        raise BadInput(
+            "serve: name at least one settings file, or one that comes with cogrip (`cogrip configs`), such as demo"
+        )
+    if not 0 <= port <= 65535:
+        raise BadInput(f"--port {port} is outside 0 to 65535")
+    rooms = [load(path, overrides) for path in config]
+    for path, room in zip(config, rooms, strict=True):
+        if kept := room.link.kept_back:
+            raise BadInput(
+                f"{path}: {kept[0]}: no welcome carries it, so that no client would emulate it: put `cogrip relay` with "
+                "this file between, and leave [link] out of the one that is served; `cogrip lab` takes it as it is"
+            )
+    names = [room.name for room in rooms]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"serve: two rooms are called {name!r}; give each file a `name` of its own")
+    if into is not None and len(rooms) > 1:
+        raise BadInput("serve: --into takes one room; leave it out to get a folder")
+    return rooms
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach `host`; of an unknown name `listen` raises the error."""
+    try:
+        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        return False
+    return all(ip_address(str(each[4][0]).partition("%")[0]).is_loopback for each in found)
+
+
+def warn_of(rooms: Sequence[Settings], bound: tuple[str, int], encrypted: bool, say: Say) -> None:
+    """Warn of what is dangerous, unstable or not bounded, before anyone joins."""
+    reachable = not ip_address(bound[0].partition("%")[0]).is_loopback
+    if not encrypted and reachable:
+        say(
+            f"warning: {bound[0]} is open to everyone who can reach it, and sessions are not encrypted (--insecure): "
+            "anyone may join, listen, and forge what moves a motor"
+        )
+    for settings in rooms:
+        if (encrypted or reachable) and (active := not_passive(settings)):
+            say(
+                f"warning: room {settings.name} is not passive ({active}): it can make energy, and throw about what people "
+                "hold; serve people you trust, or leave these settings out"
+            )
+        if encrypted and settings.coupling.kind == "coupling":
+            say(
+                f"warning: room {settings.name}: virtual coupling bounds speeds but no power: "
+                "serve people you trust, or waves"
+            )
+        _warn_by_advice(settings, say)
+
+
+def _warn_by_advice(settings: Settings, say: Say) -> None:
+    """Warn where a room is not stable, passive or fit for its devices, in the words of `cogrip advise`."""
+    from cogrip.sim.analysis.advice import advise
+    from cogrip.sim.analysis.linear_session import ModelError
+
+    try:
+        warnings = advise(settings).warnings
+    except (ModelError, DeviceError) as error:
+        warnings = (f"no advice: {error}",)
+    for text in together(warnings, [user.name for user in settings.users]):
+        say(f"warning: room {settings.name}: {text}")

@@ -1,0 +1,118 @@
+"""State folder of a server that starts: held, with its key and tokens; and the record and links that it publishes."""
+
+import os
+import secrets
+import socket
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from cogrip.cli.session.served_rooms import Say
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.protocol.join_link import JoinLink, LinkError, check_host
+from cogrip.protocol.settings import Settings
+from cogrip.server.core import ServerCore
+from cogrip.server.io.authenticator import TokenAuthenticator
+from cogrip.server.io.state_folder import (
+    BusyError,
+    ServerRecord,
+    StateError,
+    StateFolder,
+    make_folder,
+    one_server,
+    state_path,
+    write_server,
+)  # fmt: skip
+from cogrip.server.io.token_file import TokenFile
+from cogrip.server.loop import ServerChannel
+from cogrip.server.rate_limit import RateLimiter, limits_for
+from cogrip.server.unencrypted_channel import UnencryptedListener
+
+WILDCARDS = ("0.0.0.0", "::", "")
+
+
+def held_folder(state: Path | None, port: int, encrypted: bool, say: Say, stack: ExitStack) -> StateFolder | None:
+    """Return the folder, held until `stack` is left. An unencrypted server may run without one that is not asked for."""
+    path = state_path(state, port)
+    if path is None:
+        if encrypted:
+            raise BadInput("serve: an encrypted server on --port 0 needs a folder for its key; name one with --state")
+        return None
+    try:
+        folder = make_folder(path)
+        stack.enter_context(one_server(folder))
+    except StateError as error:
+        if encrypted or state is not None:
+            raise (Problem if isinstance(error, BusyError) else BadInput)(str(error)) from None
+        say(f"warning: nothing can be restored, and nobody kicked: {error}")
+        return None
+    return folder
+
+
+def authenticator_of(folder: StateFolder, say: Say) -> TokenAuthenticator:
+    """Return the authenticator by the folder's tokens. Raises BadInput."""
+    with BadInput.of(StateError):
+        return TokenAuthenticator(TokenFile(folder), say)
+
+
+def channel_of(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
+    """Return the server's channel, encrypted where there is a folder for the key. Raises BadInput, ServeError."""
+    rate_hz = max(room.settings.rates.network_hz for room in core.rooms)
+    rate_limiter = RateLimiter(secrets.token_bytes(16), limits_for(rate_hz))
+    if folder is None:
+        return UnencryptedListener(rate_limiter, core.listens_to)
+    from cogrip.protocol.io.certificate import CertificateError  # OpenSSL takes a while
+    from cogrip.server.io.dtls_channel import DtlsListener
+
+    with BadInput.of(CertificateError):  # no restart mends it: an administrator has to
+        return DtlsListener(folder.path, rate_limiter, core.knows)
+
+
+def publish(
+    folder: StateFolder, public: str | None, bound: tuple[str, int], rooms: Sequence[Settings], encrypted: bool,
+    links: bool, say: Say,
+) -> None:  # fmt: skip
+    """Write the server's record for `cogrip token` and `cogrip kick`, and print the join links. Raises Problem."""
+    host, port = _public(public, bound)
+    seats = {room.name: [user.name for user in room.users] for room in rooms}
+    with Problem.of(StateError):
+        if not encrypted:
+            write_server(folder, ServerRecord(host, port, "", seats, os.getpid()))
+            return
+        from cogrip.protocol.io.certificate import load, secret_of
+
+        fingerprint, secret = load(folder.path).fingerprint, secret_of(folder.path)
+        write_server(folder, ServerRecord(host, port, fingerprint, seats, os.getpid()))
+        made = TokenFile(folder).change(lambda book: book.standing(secret, list(seats), time.time()))
+    if links and public is None and bound[0] in WILDCARDS:
+        say(f"links name {host}, which is a guess; --public HOST if people reach this machine by another name")
+    for each in made if links else ():
+        link = JoinLink(host, port, each.room, fingerprint, each.token)
+        say(f"join {each.room} as {each.role}:  cogrip join '{link.text}'")
+
+
+def _public(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:
+    """Return host and port by which people reach this server. Raises BadInput."""
+    host, port = bound
+    if public is None:
+        return (_own_address(host), port) if host in WILDCARDS else (host, port)
+    name, colon, number = public.rpartition(":")
+    if not colon or (":" in name and not public.startswith("[")):  # a bare name or IPv6 address
+        name, number = public, str(port)
+    with BadInput.of(LinkError, where=f"--public {public}: "):
+        check_host(name.strip("[]"))
+    if not number.isdigit() or not 0 < int(number) < 65536:
+        raise BadInput(f"--public {public}: write HOST or HOST:PORT with a port from 1 to 65535")
+    return name.strip("[]"), int(number)
+
+
+def _own_address(wildcard: str) -> str:
+    """Return the address that this machine uses towards others; nothing is sent to find out."""
+    family, far = (socket.AF_INET6, "2001:db8::1") if wildcard == "::" else (socket.AF_INET, "192.0.2.1")
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((far, 9))
+            return str(probe.getsockname()[0])
+        except OSError:  # no route: then by name
+            return socket.gethostname()
