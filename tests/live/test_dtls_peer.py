@@ -13,7 +13,7 @@ from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
 
-from tests.bench.network_load import Load, Person
+from tests.bench.loads.people import Load, Person
 from tests.dtls_peer.attack import attack
 from tests.dtls_peer.client import DtlsPeer
 from tests.live.held_arms import DEMO, Spoken, fairly

@@ -1,6 +1,6 @@
 """A sealed server with two people, under a flood from a thousand addresses: a real server, real people, real sockets.
 
-How punctual it stays is `cogrip bench network --flood`'s to say; here stands what is not a question of time.
+How punctual it stays is `dev.py bench network --flood`'s to say; here stands what is not a question of time.
 """
 
 import os
@@ -20,8 +20,8 @@ from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
 from cogrip.server.rate_limit import LIMITS
 
-from tests.bench.network_flood import MIX, Flood, Job, samples_of
-from tests.bench.network_load import Load, Person
+from tests.bench.loads.flood import MIX, Flood, Job, samples_of
+from tests.bench.loads.people import Load, Person
 from tests.live.held_arms import DEMO, Spoken, fairly
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="loopback has one address elsewhere, and no thousand")

@@ -32,7 +32,7 @@ from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.velocity.session import LOOSE, EstimatingPlant
+from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant
 
 T_C = 1.0 / 1024
 FRAME_MS = 1000.0 / 128

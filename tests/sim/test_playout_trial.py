@@ -34,7 +34,7 @@ def link_of(name: str, direction: Any) -> LinkProfile:
 @pytest.mark.parametrize("way", ["up", "down"])
 @pytest.mark.parametrize("name", PROFILES)
 def test_auto_is_as_good_as_the_best_fixed_depth_with_hindsight(name: str, direction: str) -> None:
-    """Three runs of a minute; `cogrip bench playout` does twenty. The constant part of the link's delay counts for nothing."""
+    """Three runs of a minute; `dev.py bench playout` does twenty. The constant part of the link's delay counts for nothing."""
     runs = [arrivals(link_of(name, direction), f"{seed}/{direction}", 60.0, 128) for seed in (1, 2, 3)]
     ours = [play(run, "auto") for run in runs]
     delays = fixed_delays(runs)

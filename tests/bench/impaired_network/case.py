@@ -23,7 +23,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.summary_values import people, worst_margin
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.storms.room import CLEAN, loose, settled, storm
+from tests.bench.impaired_network.room import CLEAN, loose, settled, storm
 
 REST_S = 3.0  # at the end, or in its second half, in which hands hold where they began
 RESTLESS_N = 1.0  # swing of a force long after the push

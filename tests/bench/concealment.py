@@ -1,4 +1,4 @@
-"""`cogrip bench concealment`: ways through gaps, on the same storm, beside a clean link."""
+"""`dev.py bench concealment`: ways through gaps, on the same storm, beside a clean link."""
 
 from typing import Annotated, Literal
 

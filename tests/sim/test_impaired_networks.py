@@ -1,15 +1,15 @@
-"""A thinned, seeded sample of the storm matrix (`cogrip bench storms` has the whole), and proof that it can fail."""
+"""A thinned, seeded sample of the storm matrix (`dev.py bench impaired` has the whole), and proof that it can fail."""
 
 from typing import Any
 
 import pytest
 
-from cogrip.cli.main import main
 from cogrip.sim.experiments.sweep.case import Result
 
-from tests.bench.storms.case import Job, growth, radius, run_case
-from tests.bench.storms.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
-from tests.bench.storms.room import NETWORKS, storm
+from tests.bench.__main__ import main as bench
+from tests.bench.impaired_network.case import Job, growth, radius, run_case
+from tests.bench.impaired_network.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
+from tests.bench.impaired_network.room import NETWORKS, storm
 
 JOBS = [
     Job(number, network, people, K, seed, 2.0)
@@ -120,5 +120,5 @@ def test_every_seed_is_another_room_and_the_same_every_time() -> None:
 def test_a_matrix_that_cannot_be_run_is_refused(
     arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["bench", "storms", *arguments]) == 2
+    assert bench(["storms", *arguments]) == 2
     assert words in capsys.readouterr().err.replace("\n", " ")

@@ -13,7 +13,7 @@ from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.velocity.estimators import Estimator
+from tests.bench.velocity_trial.estimators import Estimator
 
 MakeEstimator = Callable[[], Estimator]
 

@@ -18,8 +18,8 @@ from cogrip.devices.openhaptics.models import RECORDS
 from cogrip.devices.registry import describe
 from cogrip.sim.analysis.state_space import Array
 
-from tests.bench.velocity.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
-from tests.bench.velocity.hands import Motion
+from tests.bench.velocity_trial.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
+from tests.bench.velocity_trial.hands import Motion
 
 MEMORIES = (0.0, 0.4, 0.5, 0.6, 0.7, 0.8)
 WINDOWS = (8, 16)

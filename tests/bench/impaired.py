@@ -1,4 +1,4 @@
-"""`cogrip bench storms`: whole sessions on every network, and whether each shows what it must."""
+"""`dev.py bench impaired`: whole sessions on every network, and whether each shows what it must."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,9 +22,8 @@ from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 from cogrip.sim.runs.folder import finite
 
-from tests.bench.own_settings import refuse_own
-from tests.bench.storms.case import Job, rest_from_s, run_cases
-from tests.bench.storms.matrix import (
+from tests.bench.impaired_network.case import Job, rest_from_s, run_cases
+from tests.bench.impaired_network.matrix import (
     LEAST_S,
     MOST_NPM,
     MOST_PEOPLE,
@@ -37,7 +36,8 @@ from tests.bench.storms.matrix import (
     rows,
     wrong,
 )
-from tests.bench.storms.room import NETWORKS
+from tests.bench.impaired_network.room import NETWORKS
+from tests.bench.own_settings import refuse_own
 
 MOST_TOLD = 10
 LEAST_WIDTH = 132
@@ -59,7 +59,7 @@ OWN = {  # of the matrix: its flags and rooms have them
 Number = TypeVar("Number", int, float)
 
 
-def bench_storms(
+def bench_impaired(
     *,
     profiles: str = ",".join(NETWORKS),
     people: str = "2,3,4,5",
@@ -117,7 +117,7 @@ def _matrix(
     profiles: str, people: str, stiffness: str, seeds: int, seconds: float, loose_seeds: int, overrides: Sequence[str]
 ) -> Matrix:
     changes = dict(override(text) for text in overrides)
-    refuse_own("bench storms", changes, OWN)
+    refuse_own("bench impaired", changes, OWN)
     try:
         networks = choose("profile", [name.strip() for name in profiles.split(",") if name.strip()], NETWORKS)
     except ChoiceError as error:

@@ -1,4 +1,4 @@
-"""A server under load, in a process of its own that says how it fares: `python -m tests.bench.network_server JOB`.
+"""A server under load, in a process of its own that says how it fares: `python -m tests.bench.loads.server JOB`.
 
 What runs is what `cogrip serve` runs: loop, channel, doorkeeper, keeper with its checkpoints, and, where a folder is named, the
 recording. Or the bare echo it is compared with: the same socket, the same pace, and nothing else.
@@ -19,12 +19,14 @@ from typing import Literal
 
 import msgspec
 
+from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.receive_buffer import enlarge
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.core import ServerCore
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.dtls_channel import DtlsListener
@@ -35,7 +37,8 @@ from cogrip.server.loop import LiveServer, ServerChannel
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
-from tests.bench.network_load import room_name
+from tests.bench.children import start_python
+from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
 
 Kind = Literal["echo", "plain", "sealed"]
 HOST = "127.0.0.1"
@@ -43,6 +46,8 @@ NETWORK_HZ = 128
 MOST_BYTES = 2048
 LOOK_EVERY_NS = 20_000_000
 END_LIMIT_S = 20.0
+SETTLE_S = 1.0
+ASK_S = 0.1
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -83,8 +88,7 @@ class Process:
     """The other end of this: start it, ask, and end it."""
 
     def __init__(self, job: Job) -> None:
-        command = [sys.executable, "-P", "-m", "tests.bench.network_server", msgspec.json.encode(job).decode()]
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._child = start_python("-m", "tests.bench.loads.server", msgspec.json.encode(job).decode())
         self.started = msgspec.json.decode(self._line(), type=Started)
 
     @property
@@ -130,6 +134,17 @@ def settings_of(job: Job) -> list[Settings]:
             "admission": {"seats_per_token": max(1, job.people)},
         }))  # fmt: skip
     return rooms
+
+
+def make_load(job: Job, server: Process) -> Load:
+    """People for that server."""
+    started = server.started
+    people = make_people(
+        job.people, job.per_room, (HOST, started.port),
+        (lambda: DtlsClient(started.fingerprint)) if job.kind == "sealed" else UnencryptedChannel,
+        started.token, Echoed if job.kind == "echo" else Person,
+    )  # fmt: skip
+    return Load(people, seat_settings(settings_of(job)[0], 0))
 
 
 def serve(job: Job) -> None:

@@ -64,11 +64,11 @@ def _link(network: str) -> dict[str, Any]:
 def _user(number: int, kind: str, axes: int, device: str, random: Random) -> dict[str, Any]:
     """Someone who strokes, swings or trembles: from their side where things are pushed, else in any direction."""
     left = number % 2 == 0
-    direction = [random.gauss(0.0, 1.0) for _ in range(axes)]
+    vector = [random.gauss(0.0, 1.0) for _ in range(axes)]
     if kind == "faces":
-        direction[0] = abs(direction[0]) if left else -abs(direction[0])
-    size = math.hypot(*direction)
-    direction = f"direction={','.join(f'{each / size:.3f}' for each in direction)}"
+        vector[0] = abs(vector[0]) if left else -abs(vector[0])
+    size = math.hypot(*vector)
+    direction = f"direction={','.join(f'{each / size:.3f}' for each in vector)}"
     amplitude = f"amplitude_m={random.uniform(0.01, 0.04):.4f}"
     stroke = f"stroke_s={random.uniform(0.4, 1.2):.3f}&delay_s={random.uniform(0.0, 0.5):.3f}"
     hand = random.choice((

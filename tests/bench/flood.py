@@ -1,4 +1,4 @@
-"""`cogrip bench network --flood`: two people at a sealed server, and strangers who send it 20,000 datagrams a second."""
+"""`dev.py bench network --flood`: two people at a sealed server, and strangers who send it 20,000 datagrams a second."""
 
 import sys
 import tempfile
@@ -12,11 +12,11 @@ from rich.table import Table
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 
-from tests.bench.bench_network import ASK_S, SETTLE_S, make_load, two_cores
-from tests.bench.network_flood import Done, Flood, samples_of
-from tests.bench.network_flood import Job as FloodJob
-from tests.bench.network_load import Load, LoadError
-from tests.bench.network_server import HOST, Job, Process, Reading
+from tests.bench.loads.flood import Done, Flood, samples_of
+from tests.bench.loads.flood import Job as FloodJob
+from tests.bench.loads.people import Load, LoadError
+from tests.bench.loads.server import ASK_S, HOST, SETTLE_S, Job, Process, Reading, make_load
+from tests.bench.processors import two_processors
 
 MOST_RATIO = 2.0  # of the p99 lateness, over that of the part without a flood
 SHORT_US = 100.0  # less than this is the machine's own noise: what a flood makes of it is not judged as a ratio
@@ -45,7 +45,7 @@ def bench_flood(seconds: float, console: Console, json: Json) -> int:
     """Every kind of flood, then all of them mixed. Exit code 0 if no seat was lost, ticks are punctual and memory is flat."""
     if sys.platform != "linux":
         raise BadInput("--flood needs Linux: elsewhere loopback has one address, and no thousand")
-    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base, two_cores(console) as cores:
+    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base, two_processors(console) as cores:
         job = Job("sealed", PEOPLE, PEOPLE, 3, cores[1], str(Path(base) / "state"), str(Path(base) / "server.mcap"))
         server = Process(job)
         load = make_load(job, server)

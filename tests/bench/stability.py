@@ -1,4 +1,4 @@
-"""`cogrip bench stability`: outlines traced, against numpy's eigenvalues on a dense grid, at the same delays."""
+"""`dev.py bench stability`: outlines traced, against numpy's eigenvalues on a dense grid, at the same delays."""
 
 import resource
 import time

@@ -1,4 +1,4 @@
-"""`cogrip bench soak`: people at a server through a relay, for a long time; who was lost, and what has grown."""
+"""`dev.py bench soak`: people at a server through a relay, for a long time; who was lost, and what has grown."""
 
 import json
 import os
@@ -29,7 +29,7 @@ from cogrip.protocol.link_profile import Link
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, write_settings
 
-from tests.bench.process_memory import Growth, family_of, memory_kb
+from tests.bench.loads.process_memory import Growth, family_of, memory_kb
 
 HOST = "127.0.0.1"
 LOOK_EVERY_S = 5.0

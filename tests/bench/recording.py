@@ -1,9 +1,8 @@
-"""`cogrip bench recording`: what recording costs a live session, and what its files cost to keep and to read."""
+"""`dev.py bench recording`: what recording costs a live session, and what its files cost to keep and to read."""
 
 import json
 import math
 import os
-import re
 import resource
 import signal
 import statistics
@@ -29,7 +28,8 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import End
 from cogrip.sim.runs.replay.verify import verify
 
-from tests.bench.hours_written import HoursWritten, write_hours
+from tests.bench.children import output_at_end, start_cogrip, wait_for_line, with_tests_on_path
+from tests.bench.loads.hours_written import HoursWritten, write_hours
 
 LONG_S = 1800.0
 WRITTEN_S = 2 * 3600.0
@@ -39,8 +39,8 @@ _MOST_MB_PER_H = 1.0
 _LEAST_SAMPLES_PER_S, _LEAST_SPEED = 50_000.0, 10.0
 _SHORT_US = 1.0  # where the loop spins into its deadline: a ratio of less says nothing
 _END_LIMIT_S = 30.0
-_CHILD = "import sys; from tests.bench.bench_recording import measure; measure(*sys.argv[1:])"
-_HOURS_CHILD = "import sys; from tests.bench.bench_recording import measure_hours; measure_hours(sys.argv[1])"
+_CHILD = "import sys; from tests.bench.recording import measure; measure(*sys.argv[1:])"
+_HOURS_CHILD = "import sys; from tests.bench.recording import measure_hours; measure_hours(sys.argv[1])"
 
 
 class Measured(msgspec.Struct, frozen=True):
@@ -131,41 +131,17 @@ def _session(folder: Path, names: Sequence[str], seconds: float, recorded: bool)
     """A server and its clients as processes. Raises Problem where one of them fails."""
     common = ["--into", str(folder), *([] if recorded else ["--no-record"])]
     file = str(folder / SETTINGS)
-    with _start("serve", file, "--port", "0", "--seconds", str(seconds + 60.0), *common) as server:
-        assert server.stdout is not None
-        heard = ""
-        while not (found := re.search(r"listening on \S+:(\d+)", heard)):
-            line = server.stdout.readline()
-            if not line:
-                raise Problem(f"the server did not start:\n{heard.strip()}")
-            heard += line
+    with start_cogrip("serve", file, "--port", "0", "--seconds", str(seconds + 60.0), *common) as server:
+        found = wait_for_line(server, r"listening on \S+:(\d+)")
         join = ["join", f"127.0.0.1:{found[1]}", "--config", file, "--seconds", str(seconds), *common]
-        clients = [_start(*join, "--name", name) for name in names]
+        clients = [start_cogrip(*join, "--name", name) for name in names]
         try:
-            failed = [words for client in clients if (words := _await(client, seconds + _END_LIMIT_S))]
+            ended = [output_at_end(client, seconds + _END_LIMIT_S) for client in clients]
         finally:
             server.send_signal(signal.SIGTERM)
-        failed += [words] if (words := _await(server, _END_LIMIT_S)) else []
-    if failed:
+        ended.append(output_at_end(server, _END_LIMIT_S))
+    if failed := [printed for printed, well in ended if not well]:
         raise Problem("a session failed:\n" + "\n".join(failed))
-
-
-def _start(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-P", "-u", "-m", "cogrip.cli", *arguments],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
-
-
-def _await(process: subprocess.Popen[str], limit_s: float) -> str:
-    """Wait for the end; what was said, if it is not a good one."""
-    try:
-        said, _ = process.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        said, _ = process.communicate()
-        return f"did not end in {limit_s:g} s: {said.strip()}"
-    return said.strip() if process.returncode else ""
 
 
 def _files(base: Path, names: Sequence[str], console: Console) -> list[bool]:
@@ -239,7 +215,13 @@ def _in_child(task: str, path: Path) -> Measured:
 
 def _child(code: str, *arguments: str) -> str:
     """What a process of its own prints. Raises Problem where it fails."""
-    done = subprocess.run([sys.executable, "-P", "-c", code, *arguments], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=with_tests_on_path(),
+    )
     if done.returncode:
         raise Problem(f"{' '.join(arguments)}: failed:\n{done.stderr.strip()}")
     return done.stdout

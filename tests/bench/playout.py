@@ -1,4 +1,4 @@
-"""`cogrip bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
+"""`dev.py bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
 
 from typing import Annotated, Any, get_args
 

@@ -1,4 +1,4 @@
-"""`cogrip bench sweep`: the same cells with one worker process and with several, in turns."""
+"""`dev.py bench sweep`: the same cells with one worker process and with several, in turns."""
 
 import time
 

@@ -10,7 +10,7 @@ from typing import Any, get_args
 from cogrip.protocol.settings import Seconds, Stiffness
 from cogrip.sim.experiments.sweep.case import Result
 
-from tests.bench.storms.case import Job, growth
+from tests.bench.impaired_network.case import Job, growth
 
 NOTHING_MJ = -1e-9
 MOST_PEOPLE = 16

@@ -1,8 +1,7 @@
-"""`cogrip bench relay`: what a relay adds by itself, beside direct datagrams in the same run."""
+"""`dev.py bench relay`: what a relay adds by itself, beside direct datagrams in the same run."""
 
 import json as jsons
 import os
-import re
 import signal
 import socket
 import subprocess
@@ -27,8 +26,9 @@ from cogrip.protocol.network_profiles import PROFILES, ProfileName
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.link import fates
 
-from tests.bench.bench_network import two_cores
-from tests.bench.relay_echo import HOST, NETWORK_HZ, STAMP, receive, stamped
+from tests.bench.children import start_cogrip, start_python, wait_for_line
+from tests.bench.loads.echo import HOST, NETWORK_HZ, STAMP, receive, stamped
+from tests.bench.processors import two_processors
 
 MOST_ADDED_US = 200.0  # p99
 BYTES = 300  # a datagram of waves on three axes with R = 8 has about as many
@@ -95,7 +95,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
     console.width = max(console.width, WIDTH)
     before = os.getloadavg()[0]
     with ExitStack() as stack:
-        _, core = stack.enter_context(two_cores(console))
+        _, core = stack.enter_context(two_processors(console))
         echo = stack.enter_context(echo_server())
         port, ended = stack.enter_context(relay_to(echo, core, profile))
         people = [User(stack.enter_context(_dial(echo)), stack.enter_context(_dial(port))) for _ in range(users)]
@@ -128,9 +128,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
 @contextmanager
 def echo_server() -> Iterator[int]:
     """Its port."""
-    child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "tests.bench.relay_echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+    child = start_python("-m", "tests.bench.loads.echo")
     try:
         assert child.stdout is not None
         yield int(child.stdout.readline())
@@ -145,24 +143,14 @@ def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterat
     """A `cogrip relay` to that port, on that processor: its own port, and what ends it and gives its summary."""
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         told = Path(base) / "relay.json"
-        child = subprocess.Popen(
-            [
-                sys.executable, "-P", "-m", "cogrip.cli", "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0",
-                "--json", str(told), "--seed", str(SEED),
-                *(f"--set=link.up.{key}={value}" for key, value in _way_up(profile).items()),
-            ],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        child = start_cogrip(
+            "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0", "--json", str(told), "--seed", str(SEED),
+            *(f"--set=link.up.{key}={value}" for key, value in _uplink(profile).items()), stderr=None,
         )  # fmt: skip
         try:
             if core is not None:
                 os.sched_setaffinity(child.pid, {core})
-            assert child.stdout is not None
-            found = None
-            for line in child.stdout:
-                if found := re.search(r"relaying from \S+:(\d+) ", line):
-                    break
-            if found is None:
-                raise Problem(f"the relay ended with code {child.wait()}")
+            found = wait_for_line(child, r"relaying from \S+:(\d+) ")
 
             def end() -> dict[str, Any]:
                 child.send_signal(signal.SIGINT)
@@ -177,7 +165,7 @@ def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterat
             _wait(child)
 
 
-def _wait(child: subprocess.Popen[str]) -> None:
+def _wait(child: subprocess.Popen[Any]) -> None:
     try:
         child.wait(END_LIMIT_S)
     except subprocess.TimeoutExpired:
@@ -207,7 +195,7 @@ def _run(people: Sequence[User], seconds: float) -> None:
         time.sleep(0.001)
 
 
-def _way_up(profile: ProfileName | None) -> dict[str, float]:
+def _uplink(profile: ProfileName | None) -> dict[str, float]:
     """What is emulated: on the way up only, and no outage, so that as many as possible come to be timed."""
     values = PROFILES[profile].direction("up") if profile else {}
     return {key: value for key, value in values.items() if not key.startswith("outage")}
@@ -215,7 +203,7 @@ def _way_up(profile: ProfileName | None) -> dict[str, float]:
 
 def _beyond_drawn(people: Sequence[User], profile: ProfileName, first: int) -> dict[str, float]:
     """Percentiles [us] of what the relayed datagrams took on the way up beyond what the link drew for their numbers."""
-    link = resolve({"link": _way_up(profile)}).link.direction("up")
+    link = resolve({"link": _uplink(profile)}).link.direction("up")
     beyond = []
     for number, user in enumerate(people):
         drawn = islice(fates(link, f"{SEED}/{number}/up"), user.sent)
