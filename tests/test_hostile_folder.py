@@ -89,7 +89,9 @@ def test_workers_of_a_sweep(folder: Path, tmp_path: Path) -> None:
 def test_workers_of_a_replay_of_several(folder: Path, tmp_path: Path) -> None:
     ran_in(folder, "lab", shipped("demo"), "--set", "seconds=0.5", "--runs", tmp_path / "runs")
     (run,) = (tmp_path / "runs").iterdir()
-    at_once = "import os, cogrip.cli.runs.replay\ncogrip.cli.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
+    at_once = (
+        "import os, cogrip.cli.runs.replay\ncogrip.cli.runs.replay.WORTH_WORKERS_BYTES, os.cpu_count = 0, lambda: 2\n"
+    )
     assert "bit by bit" in ran_in(folder, "replay", run, "--verify", code=at_once + SCRIPT)
 
 
