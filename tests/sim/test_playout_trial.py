@@ -31,7 +31,7 @@ def link_of(name: str, direction: Any) -> LinkProfile:
     return Link(profile=name).direction(direction)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("way", ["up", "down"])
+@pytest.mark.parametrize("direction", ["up", "down"])
 @pytest.mark.parametrize("name", PROFILES)
 def test_auto_is_as_good_as_the_best_fixed_depth_with_hindsight(name: str, direction: str) -> None:
     """Three runs of a minute; `dev.py bench playout` does twenty. The constant part of the link's delay counts for nothing."""
