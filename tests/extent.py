@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 
-def long(*values: Any, id: str | None = None) -> Any:
+def long(*values: Any) -> Any:
     """Return a case that is run with `--all` alone."""
-    return pytest.param(*values, marks=pytest.mark.long, id=id)
+    return pytest.param(*values, marks=pytest.mark.long)
 
 
 def every(step: int, cases: Iterable[Any]) -> list[Any]:
