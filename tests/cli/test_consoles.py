@@ -9,7 +9,7 @@ import pytest
 from cogrip.cli.terminal.console import make_console
 
 CLI = Path(__file__).resolve().parents[2] / "cli" / "cogrip" / "cli"
-PLACE = "terminal_console.py"
+PLACE = "console.py"
 
 
 @pytest.mark.parametrize("text", ["[fe80::a:b:100:1]:4000", "serial:/dev/x:o:y", ":smile: 0x1f 12"])
@@ -21,5 +21,7 @@ def test_nothing_becomes_an_emoji_or_a_colour(text: str) -> None:
 
 def test_every_console_is_made_in_one_place() -> None:
     made = re.compile(r"\bConsole\((?!.*emoji=False)")
-    elsewhere = [path.name for path in sorted(CLI.glob("*.py")) if path.name != PLACE and made.search(path.read_text())]
+    elsewhere = [
+        path.name for path in sorted(CLI.rglob("*.py")) if path.name != PLACE and made.search(path.read_text())
+    ]
     assert elsewhere == []

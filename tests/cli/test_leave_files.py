@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cogrip.cli.runs.listing import run_files as module
+from cogrip.cli.runs import run_files as module
 from cogrip.cli.runs.run_files import leave_files
 
 

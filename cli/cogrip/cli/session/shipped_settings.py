@@ -10,7 +10,7 @@ SUFFIX = ".toml"
 def shipped_folder() -> Path:
     """Return the folder with the settings that come with cogrip."""
     packed = Path(str(files("cogrip.cli") / "configs"))
-    return packed if packed.is_dir() else Path(__file__).resolve().parents[3] / "configs"
+    return packed if packed.is_dir() else Path(__file__).resolve().parents[4] / "configs"
 
 
 def shipped_names() -> list[str]:
