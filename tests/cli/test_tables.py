@@ -14,8 +14,8 @@ from rich.console import Console, RenderableType
 from cogrip.cli.admin import token_list, who
 from cogrip.cli.devices import check as device_check
 from cogrip.cli.devices.listing import device_list
-from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs import listing as runs
+from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.live_table import LiveTable
 from cogrip.cli.session.live_views import JoinTable, JoinView, ServeTable, ServeView
