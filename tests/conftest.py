@@ -12,8 +12,18 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 QUICK_FOLDERS = ("protocol", "devices", "client", "server")
+NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
+    "test_altered_client_recording", "test_altered_server_recording", "test_arm_check", "test_arm_driver",
+    "test_arm_identification", "test_arm_kinematics", "test_arm_records", "test_arm_weight", "test_certificate",
+    "test_checkpoint_file", "test_device_conformance", "test_forcedimension", "test_haply_guard", "test_haply_hapi",
+    "test_hid_port", "test_hostile_server", "test_lying_devices", "test_old_samples", "test_openhaptics_servo",
+    "test_pseudo_terminal", "test_recorded_client_plays_again", "test_recorded_server_plays_again", "test_recorder",
+    "test_recording_file", "test_recording_process", "test_recover", "test_relived_hand", "test_replayed_motion",
+    "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file",
+}  # fmt: skip
 EXAMPLES = {"quick": 10, "default": 25, "all": 1000}
 """Examples of a law that names no number itself."""
+TESTS = Path(__file__).parent
 SHARE = {"quick": 0.05, "default": 0.25, "all": 1.0}
 """Share of the examples of a law that names a number."""
 LEAST_EXAMPLES = 12
@@ -64,19 +74,19 @@ def extent(config: pytest.Config) -> str:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """With --quick, leave out the folders of sessions, commands and processes."""
-    tests = Path(__file__).parent
-    if extent(config) != "quick" or collection_path.parent != tests or not collection_path.is_dir():
+    """With --quick, leave out the folders of sessions, commands and processes, and such modules in the others."""
+    if extent(config) != "quick":
         return None
-    return None if collection_path.name in QUICK_FOLDERS else True
+    if collection_path.is_dir():
+        return True if collection_path.parent == TESTS and collection_path.name not in QUICK_FOLDERS else None
+    return True if collection_path.stem in NOT_QUICK or collection_path.parent == TESTS else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deselect what this extent leaves out, and give each law its number of examples."""
     chosen = extent(config)
-    left_out = {"quick": ("long", "processes"), "default": ("long",), "all": ()}[chosen]
     named = any("::" in argument for argument in config.args)  # a test that is asked for by name always runs
-    deselected = [item for item in items if any(item.get_closest_marker(mark) for mark in left_out)]
+    deselected = [item for item in items if item.get_closest_marker("long")] if chosen != "all" else []
     if deselected and not named:
         config.hook.pytest_deselected(items=deselected)
         items[:] = [item for item in items if item not in set(deselected)]

@@ -12,6 +12,7 @@ import pytest
 
 from cogrip.devices.registry import make
 
+from tests.extent import long
 from tests.live.held_arms import FREE, fairly
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
@@ -53,7 +54,7 @@ def test_check_keeps_to_the_limit_of_a_motor(start):
     assert "up, down under +-79 mA" in check.said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 @fairly
 def test_check_lets_go_when_it_is_interrupted(start, number):
     arm = start.arm("arm", "hold")

@@ -17,6 +17,7 @@ from cogrip.protocol.recording.records import Step
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
+from tests.extent import long
 from tests.free_ports import free_port
 from tests.live.held_arms import until
 
@@ -107,7 +108,7 @@ def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_
     assert f"warning: {text}" in person.said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
     server, port = serve(DEMO)
     person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person")
@@ -326,8 +327,8 @@ def child_of(demo, log):
     ("log", "number", "code", "told"),
     [
         ("server.log", signal.SIGTERM, 1, r"\nanna: the server was stopped \(SIGTERM\) \(exit code 1\); see"),
-        ("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
-        ("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
+        long("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
+        long("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
         ("client-anna.log", signal.SIGKILL, 1, r"\nanna: was killed by SIGKILL; see .*client-anna.log\n"),
     ],
 )  # fmt: skip
@@ -356,7 +357,7 @@ def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
         assert user["force_n"] == [0.0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
     lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path)
     until(lambda: lab.popen.poll() is not None or steps_in(tmp_path) >= 10, "ten steps on the disk")

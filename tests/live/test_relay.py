@@ -16,6 +16,7 @@ from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.link import Fate, fates
 
+from tests.extent import long
 from tests.free_ports import free_port
 from tests.live.conftest import LIMIT_S, Process
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, HOLD, accounted, leaving, summary_in
@@ -181,7 +182,7 @@ def test_it_speaks_version_6(relay, bound):
     assert end()["totals"]["down"]["delivered"] == 1
 
 
-@pytest.mark.parametrize("sealed", [False, True])
+@pytest.mark.parametrize("sealed", [long(False), True])
 def test_two_people_hold_one_cube_through_weather(run, relay, tmp_path, sealed):
     """Sealed and plain: the relay reads nothing of what it carries."""
     seal = ("--seal", "--state", tmp_path / "state") if sealed else ()

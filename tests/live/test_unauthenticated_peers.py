@@ -75,7 +75,7 @@ class Server:
         self.start(self.process)
 
     def standby(self) -> Spoken:
-        """Start the next process as far as it can without the port: clients wait 10 s for a server, imports may take as long."""
+        """Start the next process up to its port: clients wait 10 s for a server, and imports may take as long."""
         self.starts += 1
         self.runs = self.base / f"server{self.starts}"
         process = Spoken(
