@@ -34,7 +34,7 @@ _PROCESSES = 2  # none of the five needs half a processor
 
 
 class Person(msgspec.Struct, frozen=True):
-    """What one person's client knew at the end of one session."""
+    """The account of one person's client at the end of one session."""
 
     session: str
     device: str

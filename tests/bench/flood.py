@@ -1,4 +1,4 @@
-"""`dev.py bench network --flood`: two people at a sealed server, and strangers who send it 20,000 datagrams a second."""
+"""`dev.py bench network --flood`: two people at an encrypted server under 20,000 foreign datagrams a second."""
 
 import sys
 import tempfile
@@ -27,7 +27,7 @@ QUIET = "no flood"
 
 
 class Span(msgspec.Struct, frozen=True):
-    """What went on while one kind of flood did."""
+    """Measurements during one kind of flood."""
 
     kind: str
     sent_per_s: float
@@ -46,7 +46,7 @@ def bench_flood(seconds: float, console: Console, json: Json) -> int:
     if sys.platform != "linux":
         raise BadInput("--flood needs Linux: elsewhere loopback has one address, and no thousand")
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base, two_processors(console) as cores:
-        job = Job("sealed", PEOPLE, PEOPLE, 3, cores[1], str(Path(base) / "state"), str(Path(base) / "server.mcap"))
+        job = Job("encrypted", PEOPLE, PEOPLE, 3, cores[1], str(Path(base) / "state"), str(Path(base) / "server.mcap"))
         server = Process(job)
         load = make_load(job, server)
         try:
@@ -54,7 +54,7 @@ def bench_flood(seconds: float, console: Console, json: Json) -> int:
             spans = list(_spans(load, server, seconds, console))
             load.leave()
         except LoadError as error:
-            raise Problem(f"sealed server: {error}") from None
+            raise Problem(f"encrypted server: {error}") from None
         finally:
             load.close()
             server.end()
@@ -102,7 +102,7 @@ def _span(kind: str, first: Reading, last: Reading, done: Done | None) -> Span:
 
 
 def _table(spans: Sequence[Span]) -> Table:
-    table = Table(title="sealed, two people, one room", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(title="encrypted, two people, one room", title_justify="left", box=None, padding=(0, 2, 0, 0))
     headings = (
         "flood", "datagrams\n/s", "late p50/p99\nµs", "over\nquiet", "work p50/p99\nµs", "frames\nlost/late", "memory\nMB",
         "dropped, by reason",

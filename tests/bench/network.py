@@ -1,4 +1,4 @@
-"""`dev.py bench network`: how many people one core serves, plain and sealed, beside a bare socket echo in the same run."""
+"""`dev.py bench network`: people whom one core serves, encrypted and not, and a bare socket echo in the same run."""
 
 import os
 import tempfile
@@ -21,9 +21,9 @@ from tests.bench.loads.server import ASK_S, SETTLE_S, Job, Kind, Process, Readin
 from tests.bench.processors import two_processors
 
 MOST_LATE_US = 2000.0  # p99
-LEAST_SEALED = 100
+LEAST_ENCRYPTED = 100
 CASES: tuple[tuple[Kind, bool], ...] = (
-    ("echo", False), ("plain", False), ("plain", True), ("sealed", False), ("sealed", True),
+    ("echo", False), ("unencrypted", False), ("unencrypted", True), ("encrypted", False), ("encrypted", True),
 )  # fmt: skip
 WIDTH = 120
 QUIET_LOAD = 0.5
@@ -70,9 +70,9 @@ def bench_network(
     flood: Annotated[bool, Parameter(negative="")] = False,
     json: Json = None,
 ) -> int:
-    """A bare UDP echo, a plain server and a sealed one, each with and without recording, under the same load, one by one.
+    """Measure a bare UDP echo, an unencrypted and an encrypted server, with and without recording, one by one.
 
-    The server's loop stays on one processor, the people and whoever records on another. Exit code 0 if at least 100 sealed
+    The server's loop stays on one processor, the people and whoever records on another. Exit code 0 if at least 100
     people are served with a p99 lateness below 2 ms; with --flood, if nobody loses a seat and ticks stay punctual.
 
     Parameters
@@ -86,7 +86,7 @@ def bench_network(
     axes
         Of the object.
     flood
-        Measure a sealed server with two people under a flood of strangers instead.
+        Measure an encrypted server with two people under a flood of unauthenticated peers instead.
     """
     counts = _counts(users)
     if not 1.0 <= seconds <= 600.0:
@@ -206,7 +206,7 @@ def _table(found: Sequence[Measured], per_room: int, axes: int) -> Table:
 
 
 def _served(found: Sequence[Measured]) -> dict[str, int]:
-    """Of each kind of server the most people, of those that were tried, up to which it stayed punctual."""
+    """Return, for each kind of server, the largest number of people tried up to which it stayed punctual."""
     served: dict[str, int] = {}
     broken: set[str] = set()
     for each in sorted(found, key=lambda each: each.people):
@@ -225,8 +225,8 @@ def _judge(found: Sequence[Measured], console: Console) -> bool:
     late = max(each.load_late_us for each in found)
     if late > MOST_LATE_US:
         console.print(f"the people themselves were late (p99 {late / 1e3:.1f} ms): this machine is too small, or busy")
-    reached = served["sealed, recorded"] >= LEAST_SEALED
+    reached = served["encrypted, recorded"] >= LEAST_ENCRYPTED
     console.print(
-        f"at least {LEAST_SEALED} sealed and recorded are asked for: {'reached' if reached else 'NOT reached'}"
+        f"at least {LEAST_ENCRYPTED} encrypted and recorded are asked for: {'reached' if reached else 'NOT reached'}"
     )
     return reached

@@ -44,7 +44,7 @@ _HOURS_CHILD = "import sys; from tests.bench.recording import measure_hours; mea
 
 
 class Measured(msgspec.Struct, frozen=True):
-    """What a task of its own process did: messages or samples, recorded seconds, the seconds it took, its peak memory."""
+    """Result of a task in a process of its own: messages or samples, recorded seconds, the seconds it took, its peak memory."""
 
     count: int
     recorded_s: float
@@ -124,7 +124,7 @@ def _lateness(
     error = math.sqrt(sum(statistics.variance(found) / len(found) for found in logs.values()))
     console.print(f"their ratio is uncertain by a factor of {math.exp(error):.2f}, as the blocks scatter")
     ratio = math.exp(statistics.mean(logs[True]) - statistics.mean(logs[False]))
-    return _told(console, "lateness, on over off", ratio, _MOST_RATIO, most=True)
+    return _judge(console, "lateness, on over off", ratio, _MOST_RATIO, most=True)
 
 
 def _session(folder: Path, names: Sequence[str], seconds: float, recorded: bool) -> None:
@@ -160,17 +160,17 @@ def _files(base: Path, names: Sequence[str], console: Console) -> list[bool]:
         kind: [_in_child("verify", path) for path in paths] for kind, paths in (("client", own), ("server", servers))
     }
     return [
-        _told(console, "bytes on disk a sample", size / samples, _MOST_BYTES, most=True),
-        _told(console, "samples a second into numpy", samples / sum(each.took_s for each in columns), _LEAST_SAMPLES_PER_S),
+        _judge(console, "bytes on disk a sample", size / samples, _MOST_BYTES, most=True),
+        _judge(console, "samples a second into numpy", samples / sum(each.took_s for each in columns), _LEAST_SAMPLES_PER_S),
         *(
-            _told(console, f"verifying a {kind}, over real time", min(each.speed for each in found), _LEAST_SPEED)
+            _judge(console, f"verifying a {kind}, over real time", min(each.speed for each in found), _LEAST_SPEED)
             for kind, found in verdicts.items()
         ),
     ]  # fmt: skip
 
 
 def _hours(base: Path, name: str, console: Console) -> bool:
-    """How the memory of a client's writer grows, and what it takes at the end."""
+    """Measure the growth of a client's writer, and what its end costs."""
     path = min(base.glob("*-on")) / client_recording(name)
     found = msgspec.json.decode(_child(_HOURS_CHILD, str(path)), type=HoursWritten)
     console.print(
@@ -178,11 +178,11 @@ def _hours(base: Path, name: str, console: Console) -> bool:
         f"{found.end_s:.3f} s and {max(0.0, found.end_mb - found.last_mb):.1f} MB"
     )
     grown = (found.last_mb - found.settled_mb) / (WRITTEN_S / 3600)
-    return _told(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
+    return _judge(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
 
 
 def _long(base: Path, console: Console) -> list[bool]:
-    """Half an hour of three people: made by the laboratory, then read in several ways, each in a process of its own."""
+    """Half an hour of three people: made by the laboratory, then read by several tasks, each in a process of its own."""
     folder = base / "long"
     write_settings(folder, msgspec.structs.replace(load(shipped("three-users")), seconds=LONG_S))
     made = _in_child("record", folder)
@@ -199,10 +199,10 @@ def _long(base: Path, console: Console) -> list[bool]:
             console.print(
                 f"{path.name}: {task} of {done.count} at {done.speed:.0f} times real time, peak {done.peak_mb:.0f} MB"
             )
-    return [_told(console, "peak memory [MB]", max(peaks), _MOST_MB, most=True)]
+    return [_judge(console, "peak memory [MB]", max(peaks), _MOST_MB, most=True)]
 
 
-def _told(console: Console, what: str, value: float, asked: float, *, most: bool = False) -> bool:
+def _judge(console: Console, what: str, value: float, asked: float, *, most: bool = False) -> bool:
     reached = value <= asked if most else value >= asked
     bound = f"at {'most' if most else 'least'} {asked:g} is asked for"
     console.print(f"{what}: {value:.2f}; {bound}: {'reached' if reached else 'NOT reached'}")
@@ -214,7 +214,7 @@ def _in_child(task: str, path: Path) -> Measured:
 
 
 def _child(code: str, *arguments: str) -> str:
-    """What a process of its own prints. Raises Problem where it fails."""
+    """Return what a process of its own prints. Raises Problem where it fails."""
     done = subprocess.run(
         [sys.executable, "-P", "-c", code, *arguments],
         capture_output=True,

@@ -51,7 +51,7 @@ class User:
     sent: int = 0
 
     def say(self) -> None:
-        """One datagram each way; which goes first alternates."""
+        """Send one datagram directly and one through the relay; they take turns to be first."""
         order = (self.direct, self.relayed) if self.sent % 2 else (self.relayed, self.direct)
         for each in order:
             each.send(STAMP.pack(self.sent, time.time_ns(), 0, 0) + bytes(BYTES - STAMP.size))
@@ -82,7 +82,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
     seconds
         How long.
     profile
-        Emulate this network up to the far end; `added` is then what the way up took beyond the delay that was drawn for
+        Emulate this network up to the far end; `added` is then what the uplink took beyond the delay that was drawn for
         it, datagram by datagram.
     """
     if not 1 <= users <= 64:
@@ -102,18 +102,18 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
         _run(people, SETTLE_S)
         first = people[0].sent
         _run(people, seconds)
-        told = ended()
+        report = ended()
     after = os.getloadavg()[0]
     answer = {
         "users": users, "seconds": seconds, "bytes": BYTES, "load_before": before, "load_after": after,
         "profile": profile,
         **{direction: _compared([getattr(user, direction) for user in people], first) for direction in ("up", "down")},
-        "relay_left_late_us": told["late_us"], "relay_trouble": told["trouble"],
+        "relay_left_late_us": report["late_us"], "relay_trouble": report["trouble"],
     }  # fmt: skip
     if profile is not None:
         answer["up"]["added_us"] = _beyond_drawn(people, profile, first)
     reached = all(answer[direction]["added_us"]["p99"] < MOST_ADDED_US for direction in ("up", "down"))
-    what = f"through {profile} on the way up" if profile else "without impairment"
+    what = f"through {profile} on the uplink" if profile else "without impairment"
     console.print(
         f"{users} users, {NETWORK_HZ} Hz, {BYTES} bytes, {seconds:g} s, {what}; us from sending to the kernel"
     )
@@ -142,9 +142,9 @@ def echo_server() -> Iterator[int]:
 def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterator[tuple[int, Any]]:
     """A `cogrip relay` to that port, on that processor: its own port, and what ends it and gives its summary."""
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
-        told = Path(base) / "relay.json"
+        summary_at = Path(base) / "relay.json"
         child = start_cogrip(
-            "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0", "--json", str(told), "--seed", str(SEED),
+            "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0", "--json", str(summary_at), "--seed", str(SEED),
             *(f"--set=link.up.{key}={value}" for key, value in _uplink(profile).items()), stderr=None,
         )  # fmt: skip
         try:
@@ -155,7 +155,7 @@ def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterat
             def end() -> dict[str, Any]:
                 child.send_signal(signal.SIGINT)
                 _wait(child)
-                summary: dict[str, Any] = jsons.loads(told.read_text())
+                summary: dict[str, Any] = jsons.loads(summary_at.read_text())
                 return summary
 
             yield int(found[1]), end
@@ -189,20 +189,20 @@ def _run(people: Sequence[User], seconds: float) -> None:
         user.hear()
         pacer.done()
     end_ns = time.monotonic_ns() + round(LINGER_S * 1e9)
-    while time.monotonic_ns() < end_ns:  # what is still on its way
+    while time.monotonic_ns() < end_ns:  # datagrams under way
         for user in people:
             user.hear()
         time.sleep(0.001)
 
 
 def _uplink(profile: ProfileName | None) -> dict[str, float]:
-    """What is emulated: on the way up only, and no outage, so that as many as possible come to be timed."""
+    """Return the emulated link: uplink only, and no outage, so that as many as possible come to be timed."""
     values = PROFILES[profile].direction("up") if profile else {}
     return {key: value for key, value in values.items() if not key.startswith("outage")}
 
 
 def _beyond_drawn(people: Sequence[User], profile: ProfileName, first: int) -> dict[str, float]:
-    """Percentiles [us] of what the relayed datagrams took on the way up beyond what the link drew for their numbers."""
+    """Percentiles [us] of what the relayed datagrams took on the uplink beyond what the link drew for their numbers."""
     link = resolve({"link": _uplink(profile)}).link.direction("up")
     beyond = []
     for number, user in enumerate(people):
@@ -244,8 +244,8 @@ def _compared(found: Sequence[dict[str, dict[int, int]]], first: int) -> dict[st
 
 def _table(answer: dict[str, Any]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("way", "", "datagrams", *PERCENTILES):
-        table.add_column(heading, justify="left" if heading in ("way", "") else "right")
+    for heading in ("direction", "", "datagrams", *PERCENTILES):
+        table.add_column(heading, justify="left" if heading in ("direction", "") else "right")
     for direction in ("up", "down"):
         each = answer[direction]
         for kind in ("direct", "relayed", "added"):

@@ -1,4 +1,4 @@
-"""`bench storms`, `playout` and `concealment` as their users type them: what they refuse, how they end, what they answer."""
+"""`bench impaired`, `playout` and `concealment` as their users type them: what they refuse, how they end, what they answer."""
 
 import json
 import multiprocessing
@@ -20,7 +20,7 @@ from tests.bench.concealment import FULL_S, MOST_PEAK, shortfalls
 from tests.bench.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
 from tests.bench.impaired_network.case import Job
 from tests.bench.impaired_network.matrix import LooseRow, Matrix, rows, wrong
-from tests.bench.impaired_network.matrix import Row as StormRow
+from tests.bench.impaired_network.matrix import Row as SessionRow
 from tests.bench.playout_trial import Arrivals, NothingCameError, fixed_delays
 from tests.cli.spoiled_runs import Cogrip
 
@@ -104,7 +104,9 @@ def test_overrides_never_reach_a_baseline() -> None:
     assert given == {("", True), ("wave", True), ("paper", False), ("coupling", False)}
 
 
-def test_a_storm_of_which_nothing_is_finite_is_wrong_and_told(bench: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_session_of_which_nothing_is_finite_is_wrong_and_reported(
+    bench: Cogrip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     job, cube = Job(0, "lan", 2, 1e3, 0, 3.0), Job(1, "lan", 2, 1e3, 0, 8.0, "coupling")
     unknown = Result(0, {"passive": True, "diverged": False, "faults": 0, "margin_mj": None, "peak_force_n": None})
     loose = Result(1, {"restless": False, "diverged": False, "radius": None, "margin_mj": None})
@@ -115,14 +117,14 @@ def test_a_storm_of_which_nothing_is_finite_is_wrong_and_told(bench: Cogrip, mon
     ended = {job.case: unknown, cube.case: loose}
 
     def run(self: LocalWorkers, jobs: Any) -> Any:
-        return iter([ended[0], *(Result(each.cell, loose.measures) for each in jobs if each.scheme)])
+        return iter([ended[0], *(Result(each.case, loose.measures) for each in jobs if each.scheme)])
 
     monkeypatch.setattr(impaired.LocalWorkers, "run", run)
     arguments = "--profiles lan --people 2 --stiffness 1000 --seeds 1 --loose-seeds 1 --json -"
     code, out, err = bench("impaired", *arguments.split(" "))
     assert code == 1
     answer = json.loads(out)
-    assert answer["storms"][0]["margin_mj"] is None
+    assert answer["impaired"][0]["margin_mj"] is None
     assert answer["loose"][0]["radius"] is None
     assert "loose cubes" in err
 
@@ -144,7 +146,7 @@ def test_playout_answers_in_json_alone(bench: Cogrip) -> None:
     """On so short a run one of the two loses nothing: a ratio that is not finite is null."""
     code, out, err = bench("playout", "--seeds", 1, "--seconds", 1, "--profile", "lan", "--json", "-")
     assert code in (0, 1)
-    assert [row["way"] for row in json.loads(out)["rows"]] == ["up", "down"]
+    assert [row["direction"] for row in json.loads(out)["rows"]] == ["up", "down"]
     assert "are asked for" in err
 
 
@@ -170,7 +172,7 @@ def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
     before = signal.getsignal(number)
     code, out, err = bench("concealment")
     assert (code, out) == (130, "")
-    assert err == f"{reason}: nothing is told without all {len(ROWS)} rows\n"
+    assert err == f"{reason}: nothing is reported without all {len(ROWS)} rows\n"
     assert multiprocessing.active_children() == []
     assert signal.getsignal(number) is before
 
@@ -191,7 +193,7 @@ def concealed(bench: Cogrip, monkeypatch: pytest.MonkeyPatch, peak_n: float) -> 
 def test_concealment_says_what_is_compared(bench: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     code, told = concealed(bench, monkeypatch, 7.5)
     assert code == 0
-    assert "elastic: of all ways the lowest in both peaks and both steps" in told
+    assert "elastic: of all concealments the lowest in both peaks and both steps" in told
     code, told = concealed(bench, monkeypatch, 7.6)
     assert code == 1
     assert "above 0.75 of zero-fill's 10.00 N; 0.75 is asked of 10 minutes: give --minutes 10" in told
@@ -221,14 +223,14 @@ def printed(table: Any) -> list[str]:
 def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
     played = dict.fromkeys(
         ["delay_ms", "best_delay_ms", "number_delay_ms"], 327.81
-    ) | {"profile": "satellite", "way": "down", "held_frames": 12.34, "late_share": 0.12345, "moves_a_minute": 123.4,
+    ) | {"profile": "satellite", "direction": "down", "held_frames": 12.34, "late_share": 0.12345, "moves_a_minute": 123.4,
          "best_frames": 12, "best_late_share": 0.12345, "delay_ratio": 1.234, "late_ratio": 12.345, "beaten": True,
          "expected_frames": 12, "number": 12, "number_late_share": 0.12345}  # fmt: skip
-    storm = StormRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
+    storm = SessionRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
     loose = LooseRow("satellite", 16, "coupling", 100_000.0, 400, 400, 400, 12.3456, 515.7, 400)
     for table, rows_below in (
         (playout._table([played], 128), 2),
-        (impaired._storm_table([storm], 3.0), 1),
+        (impaired._session_table([storm], 3.0), 1),
         (impaired._loose_table([loose]), 1),
     ):
         lines = printed(table)

@@ -1,4 +1,4 @@
-"""What makes an arm ready, on emulated arms behind pseudo-terminals: check, calibrate, conform, emulate.
+"""Commands that make an arm ready, on emulated arms behind pseudo-terminals: check, calibrate, conform, emulate.
 
 See held_arms: nothing sleeps.
 """
@@ -24,7 +24,7 @@ def signs(said: str) -> list[str]:
 
 @fairly
 def test_check_finds_the_signs_of_a_free_arm(start):
-    """How fast this machine is decides the rest of the verdict, and so the exit code."""
+    """The speed of this machine decides the rest of the verdict, and so the exit code."""
     arm = start.arm("arm", FREE)
     check = start("devices", "check", arm.port, "--yes", "--moving-s", "0")
     code = check.end()

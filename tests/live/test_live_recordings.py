@@ -1,4 +1,4 @@
-"""What live processes record plays again bit by bit, for every settings file, on three axes, through a bad network."""
+"""Recordings of live processes play again bit by bit, for every settings file, on three axes, through a bad network."""
 
 import signal
 import tomllib

@@ -40,7 +40,7 @@ def leaving(folder: Path) -> tuple[str, ...]:
 
 
 def steps_in(runs: Path) -> int:
-    """How many steps of room demo the only run below `runs` has left in its recording so far."""
+    """Return the number of steps of room demo in the recording of the only run below `runs`, so far."""
     try:
         (path,) = runs.glob("*/server.mcap")
         newest = Follower(path).look().get(step_topic("demo"))
@@ -50,7 +50,7 @@ def steps_in(runs: Path) -> int:
 
 
 def replayed(runs: Path) -> dict[Path, Verdict]:
-    """How every recording below `runs` plays again."""
+    """Return the verdict on each recording below `runs`."""
     return {path: verify(open_recording(path)) for path in runs.glob("**/*.mcap")}
 
 
@@ -247,17 +247,15 @@ def test_refusals_say_why_on_both_sides(run, serve, tmp_path):
     assert not (tmp_path / "b").exists(), "nothing was run, nothing is left"
 
 
-def test_strangers_are_refused_and_counted(serve, tmp_path):
+def test_unauthenticated_peers_are_refused_and_counted(serve, tmp_path):
     server, port = serve(DEMO)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        stranger.connect(("127.0.0.1", port))
-        stranger.settimeout(20)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.connect(("127.0.0.1", port))
+        peer.settimeout(20)
         for garbage in (b"", b"hello", bytes(range(256)) * 6, msgpack.packb([4, 1, 2, 3])):
-            stranger.send(garbage)
-        stranger.send(
-            msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)])
-        )
-        tag, version, nonce, code, reason = msgpack.unpackb(stranger.recv(2000))
+            peer.send(garbage)
+        peer.send(msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)]))
+        tag, version, nonce, code, reason = msgpack.unpackb(peer.recv(2000))
     assert (tag, version, nonce, code) == (3, 3, 4711, "version")
     assert "client speaks protocol 99, the server 3" in reason
     server.hear("client speaks protocol 99, the server 3")

@@ -1,4 +1,4 @@
-"""Strangers at a sealed server, and people who fall out of it and come back: real processes, real sockets, real kills.
+"""Unauthenticated peers at an encrypted server, and people who lose it and resume: real processes, real sockets, real kills.
 
 Each refusal is read on both sides. Servers are shared by the tests of this file; a test leaves all seats free.
 """
@@ -110,7 +110,7 @@ class Server:
         TokenFile(find_folder(self.state)).change(lambda book: (book.revoke(ident, time.time()), None))
 
     def account(self) -> dict:
-        """What it leaves in its summary."""
+        """Return the summary that it left."""
         (path,) = self.runs.glob("*/summary.json")
         return msgspec.json.decode(path.read_bytes())
 
@@ -149,7 +149,7 @@ def recording_of(person: Spoken) -> End:
 
 
 def largest_step_n(end: End) -> float:
-    """Of the force, from one tick to the next, over the whole recording; where ticks were skipped several steps are one."""
+    """Return the largest change of the force from one tick to the next; pairs between which ticks were skipped do not count."""
     columns = end.columns("tick", "tick", "force_n")
     steps = np.linalg.norm(np.diff(columns["force_n"], axis=0), axis=1)
     return float(np.max(steps[np.diff(columns["tick"]) == 1]))
@@ -291,7 +291,7 @@ def checkpoint(path: Path) -> RoomCheckpoint:
 
 
 def first_step(server: Server):
-    """Of room demo, since the last start."""
+    """Return the first recorded step of room demo since the last start."""
     (path,) = server.runs.glob("*/server.mcap")
     end = End(open_recording(path))
     return next(iter(end.records(step_topic("demo")))).record

@@ -1,1 +1,1 @@
-"""The storm matrix: whole sessions on every network, by people, stiffness and seed, and what each of them must show."""
+"""Matrix of whole sessions on every network, by people, stiffness and seed, and what each of them must show."""

@@ -1,4 +1,4 @@
-"""What stands in a storm: a seed's room, its people and their hands, as a table of settings.
+"""The room of a seed, its people and their hands, as a table of settings.
 
 Each seed is another room: gripped or pushed, on one axis or three, with ideal devices or with those that only tell counts, and
 in every fourth room people's devices run at unlike rates. People push and pull with hands of their own, drawn from the seed.
@@ -25,7 +25,7 @@ KINDS = ("cube", "faces", "cube", "cube")
 UNLIKE_HZ = (2048, 1024, 4096, 1024, 3072)
 
 
-def storm(network: str, people: int, stiffness_npm: float, seed: int, seconds: float) -> dict[str, Any]:
+def impaired(network: str, people: int, stiffness_npm: float, seed: int, seconds: float) -> dict[str, Any]:
     """A room of ours. network: a profile's name, or CLEAN."""
     kind, axes = KINDS[seed % 4], 3 if seed // 4 % 2 else 1
     device = "sim:phantom" if seed % 3 == 0 else "sim:ideal"

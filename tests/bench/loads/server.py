@@ -1,7 +1,7 @@
 """A server under load, in a process of its own that says how it fares: `python -m tests.bench.loads.server JOB`.
 
-What runs is what `cogrip serve` runs: loop, channel, doorkeeper, keeper with its checkpoints, and, where a folder is named, the
-recording. Or the bare echo it is compared with: the same socket, the same pace, and nothing else.
+It runs what `cogrip serve` runs: loop, channel, authenticator, housekeeping with its checkpoints, and, where a folder is
+named, the recording. Or the bare echo it is compared with: the same socket, the same pace, and nothing else.
 Each line on standard input asks for a Reading, which ends one span and begins the next; its end ends the process.
 """
 
@@ -40,7 +40,7 @@ from cogrip.server.unencrypted_channel import UnencryptedListener
 from tests.bench.children import start_python
 from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
 
-Kind = Literal["echo", "plain", "sealed"]
+Kind = Literal["echo", "unencrypted", "encrypted"]
 HOST = "127.0.0.1"
 NETWORK_HZ = 128
 MOST_BYTES = 2048
@@ -80,7 +80,7 @@ class Reading(msgspec.Struct, frozen=True):
     seated: int = 0
     frames_lost: int = 0
     frames_late: int = 0
-    told: int = 0  # lines that a server would have printed
+    said: int = 0  # lines that a server would have printed
     trouble: tuple[str, ...] = ()
 
 
@@ -141,7 +141,7 @@ def make_load(job: Job, server: Process) -> Load:
     started = server.started
     people = make_people(
         job.people, job.per_room, (HOST, started.port),
-        (lambda: DtlsClient(started.fingerprint)) if job.kind == "sealed" else UnencryptedChannel,
+        (lambda: DtlsClient(started.fingerprint)) if job.kind == "encrypted" else UnencryptedChannel,
         started.token, Echoed if job.kind == "echo" else Person,
     )  # fmt: skip
     return Load(people, seat_settings(settings_of(job)[0], 0))
@@ -149,15 +149,15 @@ def make_load(job: Job, server: Process) -> Load:
 
 def serve(job: Job) -> None:
     """A real server until standard input ends."""
-    stop, told, trouble = Stop(), [0], list[str]()
+    stop, said, trouble = Stop(), [0], list[str]()
     folder = make_folder(Path(job.state))
 
     def say(event: object) -> None:
-        told[0] += 1
+        said[0] += 1
         if getattr(event, "event", "") == "trouble":
             trouble.append(str(event))
 
-    authenticator = TokenAuthenticator(TokenFile(folder), say) if job.kind == "sealed" else None
+    authenticator = TokenAuthenticator(TokenFile(folder), say) if job.kind == "encrypted" else None
     server = LiveServer(settings_of(job), HOST, 0, stop, say, lambda core: _channel(core, job, folder))
     if authenticator is not None:
         server.authenticator = authenticator
@@ -177,7 +177,7 @@ def serve(job: Job) -> None:
         return Reading(
             time.monotonic_ns(), time.process_time_ns(), memory_kb(), lateness.summary_us(), work.summary_us(),
             lateness.count, pacers[0].skipped, {**server.drops(), **server.losses()}, len(server.core.roster()),
-            sum(count.lost for count in counts), sum(count.late for count in counts), told[0], tuple(trouble),
+            sum(count.lost for count in counts), sum(count.late for count in counts), said[0], tuple(trouble),
         )  # fmt: skip
 
     asked = Asked(job, read, stop)
@@ -199,7 +199,7 @@ def _channel(core: ServerCore, job: Job, folder: StateFolder) -> ServerChannel:
     rate_limiter = RateLimiter(secrets.token_bytes(16))
     return (
         UnencryptedListener(rate_limiter, core.listens_to)
-        if job.kind == "plain"
+        if job.kind == "unencrypted"
         else DtlsListener(folder.path, rate_limiter, core.knows)
     )
 
@@ -265,7 +265,7 @@ def echo(job: Job) -> None:
 
 
 def memory_kb() -> int:
-    """What this process holds in memory now; where that is not told, the most it ever held."""
+    """Return the memory that this process holds now; where the system does not say, the most it ever held."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
     except (OSError, ValueError):
