@@ -24,6 +24,7 @@ from cogrip.sim.runs.folder import SUMMARY, write_settings
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line
 
 LEAST_RUN, MOST_MISSED, MOST_APART = 0.99, 0.001, 0.05
+CARRIED = "coupling.impedance_nspm=7.9"  # what the vintage Phantom carries
 WALL_S = 14.0  # the hands press from the fourth second on, and have come to rest long before the end
 PULL = ("reach&amplitude_m=0.012", "reach&amplitude_m=0.012&delay_s=0.25")  # within what the motors can give
 PRESS = ("reach&amplitude_m=0.008&delay_s=4&stroke_s=1&stop_s=5",) * 2
@@ -80,8 +81,8 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
         raise BadInput(f"--seconds {seconds:g} is outside 3 to 3600")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    cube = load(shipped("demo"))
-    wall = load(shipped("demo"), ["object.kind=wall"])
+    cube = load(shipped("demo"), [CARRIED])
+    wall = load(shipped("demo"), [CARRIED, "object.kind=wall"])
     found: list[Person] = []
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         for name, settings, hands, length_s in (("cube", cube, PULL, seconds), ("wall", wall, PRESS, WALL_S)):

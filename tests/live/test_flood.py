@@ -100,8 +100,8 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
     assert {"stranger", "contact budget", "too large", *ANSWERED} <= dropped.keys()
     assert sum(dropped.values()) >= done.sent, "each of them is somewhere"
     answered = sum(dropped[reason] for reason in ANSWERED)
-    strangers = 2 * (contacts.burst + contacts.per_second * took_s)  # of the new, and of those who come again
-    assert answered <= strangers + OURS, "hardly any is worth an answer"
+    peers = 2 * (contacts.burst + contacts.per_second * took_s)  # of the new, and of those who come again
+    assert answered <= peers + OURS, "hardly any is worth an answer"
     assert "seat timed out" not in dropped
 
 

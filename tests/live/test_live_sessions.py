@@ -124,17 +124,17 @@ def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
 def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
     server, port = serve(DEMO)
     person = run("join", f"127.0.0.1:{port}", *leaving(tmp_path / "person"))
-    looks_on = run("join", f"127.0.0.1:{port}", "--observe")
+    observer = run("join", f"127.0.0.1:{port}", "--observe")
     person.hear("holds cube")
-    looks_on.hear("object at|nothing seen")
+    observer.hear("object at|nothing seen")
     server.signal(signal.SIGTERM)
     assert server.end() == 0, server.said
     assert "\nstopped (SIGTERM)\n" in server.said
     assert person.end() == 1, "neither the person nor the time ended it"
     assert "the session is over, no force is left: the server was stopped (SIGTERM)\n" in person.said
     assert "broke off" not in person.said
-    assert looks_on.end() == 1
-    assert "the looking on is over: the server was stopped (SIGTERM)\n" in looks_on.said
+    assert observer.end() == 1
+    assert "observing is over: the server was stopped (SIGTERM)\n" in observer.said
     # the client's account still reached the server
     assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
 
@@ -339,7 +339,7 @@ def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, to
     assert demo.end() == code, demo.said
     assert re.search(told, demo.said), demo.said
     assert "joined from" not in demo.said, "no line of a log in place of a reason"
-    assert "trying to come back" not in demo.said
+    assert "trying to resume" not in demo.said
     assert "did not really move" not in demo.said
     assert "was never heard" not in demo.said
 

@@ -149,7 +149,7 @@ def test_clients_beyond_the_bound_get_nothing(relay, bound):
     assert server.recv(99) == b"3"
     summary = end()
     assert (summary["strangers"], summary["flows_begun"]) == (1, 1)
-    assert "of strangers beyond --flows 1" in process.said
+    assert "of peers beyond --flows 1" in process.said
 
 
 def test_an_idle_flow_ends_and_its_client_may_come_again(relay, bound):
