@@ -4,7 +4,9 @@ usage: python3 dev.py COMMAND [ARGS...]
 
   setup      make .venv: every package from requirements.lock, checked by hash, and cogrip itself, editable
   demo       set up, then `cogrip demo ARGS`
-  test       set up, then `pytest ARGS`; without ARGS the whole suite, on two processes
+  test       set up, then `pytest ARGS`; without ARGS the suite on two processes, in at most 4 minutes
+             --quick: units only, in under a minute; --all: also the long tests and every example of each law, then the
+             benchmarks of every impaired network and of half an hour of live sessions: about two hours
   bench      set up, then a benchmark: `python3 dev.py bench --help` lists them
   lint       set up, then check format, style, types and import contracts
   rerecord   set up, then record the sessions of tests/recordings anew: when behaviour is meant to change
@@ -70,12 +72,26 @@ def test(*args: str) -> int:
     os.chdir(ROOT)
     # The matrices are small: a second thread of theirs only spins, on a core that a live loop needs.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return setup() or _become("pytest", *(args or ("-n", "2", "--dist", "worksteal")))
+    whole = set(args) <= {"--quick", "--all"}
+    command = ["pytest", *args, *(("-n", "2", "--dist", "worksteal") if whole else ())]
+    if args != ("--all",):
+        return setup() or _become(*command)
+    setup()
+    _put_tests_on_path()
+    commands = (command, ["python", "-m", "tests.bench", "impaired"], ["python", "-m", "tests.bench", "soak"])
+    return max([_call(_tool(command[0]), *command[1:]) for command in commands])
 
 
 def bench(*args: str) -> int:
     os.chdir(ROOT)
-    return setup() or _become("python", "-m", "tests.bench", *args)
+    setup()
+    _put_tests_on_path()
+    return _become("python", "-m", "tests.bench", *args)
+
+
+def _put_tests_on_path() -> None:
+    """Put this folder on the path of the Pythons to come: PYTHONSAFEPATH would leave it out, and `tests` is no package."""
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 def lint(*args: str) -> int:

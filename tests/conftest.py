@@ -1,23 +1,44 @@
-"""Hypothesis for everyone: the same examples on every run, and nothing that a clock decides.
+"""Extent of a test run, signals as an interactive shell leaves them, and helpers of which a failed assert explains itself.
 
-What several test modules share stands in modules beside them, and is imported by its whole name: `tests.recorded_end`.
+`--quick`: units, in one process each. No flag: everything but what is marked `long`. `--all`: everything, with the full number
+of Hypothesis examples. The modules are namespace packages: a helper beside the tests is imported by its whole name.
 """
 
 import signal
 import threading
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-settings.register_profile("cogrip", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("cogrip")
+QUICK_FOLDERS = ("protocol", "devices", "client", "server")
+NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
+    "test_altered_client_recording", "test_altered_server_recording", "test_arm_check", "test_arm_driver",
+    "test_arm_identification", "test_arm_kinematics", "test_arm_records", "test_arm_weight", "test_certificate",
+    "test_checkpoint_file", "test_device_conformance", "test_forcedimension", "test_haply_guard", "test_haply_hapi",
+    "test_hid_port", "test_hostile_server", "test_lying_devices", "test_old_samples", "test_openhaptics_servo",
+    "test_pseudo_terminal", "test_recorded_client_plays_again", "test_recorded_server_plays_again", "test_recorder",
+    "test_recording_file", "test_recording_process", "test_recover", "test_relived_hand", "test_replayed_motion",
+    "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file",
+}  # fmt: skip
+EXAMPLES = {"quick": 10, "default": 25, "all": 1000}
+"""Examples of a law that names no number itself."""
+TESTS = Path(__file__).parent
+SHARE = {"quick": 0.05, "default": 0.25, "all": 1.0}
+"""Share of the examples of a law that names a number."""
+LEAST_EXAMPLES = 12
+
+for _name, _examples in EXAMPLES.items():
+    settings.register_profile(
+        _name, deadline=None, derandomize=True, max_examples=_examples, suppress_health_check=[HealthCheck.too_slow]
+    )
 
 # A shell that starts this in the background ignores Ctrl-C, nohup a hang-up; whatever is started from here would inherit it.
 if threading.current_thread() is threading.main_thread():
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, lambda number, frame: None)  # nothing still; programs that we start forget it
+        signal.signal(signal.SIGHUP, lambda number, frame: None)  # ignored here; programs that we start get the default
 
 # Only test modules explain a failed assert by themselves.
 pytest.register_assert_rewrite(
@@ -33,3 +54,63 @@ pytest.register_assert_rewrite(
     "tests.server.recorded_rooms",
     "tests.server.encrypted_network",
 )
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("extent")
+    group.addoption("--quick", action="store_true", help="units only, in under a minute: for every commit")
+    group.addoption("--all", action="store_true", help="also what is marked `long`, and every Hypothesis example")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile(extent(config))
+
+
+def extent(config: pytest.Config) -> str:
+    """Return "quick", "default" or "all"."""
+    if config.getoption("--all"):
+        return "all"
+    return "quick" if config.getoption("--quick") else "default"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With --quick, leave out the folders of sessions, commands and processes, and such modules in the others."""
+    if extent(config) != "quick":
+        return None
+    if collection_path.is_dir():
+        return True if collection_path.parent == TESTS and collection_path.name not in QUICK_FOLDERS else None
+    return True if collection_path.stem in NOT_QUICK or collection_path.parent == TESTS else None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselect what this extent leaves out, and give each law its number of examples."""
+    chosen = extent(config)
+    named = any("::" in argument for argument in config.args)  # a test that is asked for by name always runs
+    deselected = [item for item in items if item.get_closest_marker("long")] if chosen != "all" else []
+    if deselected and not named:
+        config.hook.pytest_deselected(items=deselected)
+        items[:] = [item for item in items if item not in set(deselected)]
+    if chosen != "all":
+        for item in items:
+            _limit_examples(item, SHARE[chosen])
+
+
+def _limit_examples(item: pytest.Item, share: float) -> None:
+    """Lower the number of examples that a test sets itself by @settings, or a state machine by its `TestCase.settings`."""
+    state_machine = getattr(getattr(item, "cls", None), "settings", None)
+    if isinstance(state_machine, settings):
+        item.cls.settings = _limited(state_machine, share)  # type: ignore[attr-defined]
+        return
+    test = getattr(item, "obj", None)
+    own = getattr(
+        test, "_hypothesis_internal_use_settings", None
+    )  # Hypothesis gives no public access to a test's settings
+    if isinstance(own, settings):
+        test._hypothesis_internal_use_settings = _limited(own, share)  # type: ignore[union-attr]
+
+
+def _limited(own: settings, share: float) -> settings:
+    if own.max_examples == settings.default.max_examples:  # type: ignore[attr-defined]
+        return own
+    least = min(own.max_examples, LEAST_EXAMPLES)
+    return settings(own, max_examples=max(least, round(share * own.max_examples)))

@@ -24,7 +24,7 @@ Row = tuple[float, ...]
 
 
 class RecordedEnd:
-    """What a core noted, and verdicts on it: as it is, or altered."""
+    """The recording of a core, and verdicts on it: as it is, or altered."""
 
     role: ClassVar[str]
     who: ClassVar[str]
@@ -46,7 +46,7 @@ class RecordedEnd:
         raise NotImplementedError
 
     def places(self, *kinds: str) -> list[int]:
-        """Where messages of these kinds stand."""
+        """Return the places of messages of these kinds."""
         return [at for at, (topic, *_) in enumerate(self.noted) if kind_of(self.topics[topic]) in kinds]
 
     def verdict(self, noted: Sequence[Put] | None = None, closed: bool = True) -> Verdict:
@@ -154,7 +154,7 @@ def flipped(datagram: bytes, place: int, bits: int) -> bytes:
 
 
 def mangled(said: Sequence[bytes], number: int) -> dict[str, bytes]:
-    """What may become of one of these datagrams on its way, and what never was one; `number` tells which."""
+    """Return one of these datagrams as a network or an attacker changes it, or bytes that never were one; `number` selects."""
     one = said[number % len(said)]
     return {
         "again": one,

@@ -42,7 +42,7 @@ def unit(tmp_path) -> Path:
 
 
 def analyzed(*arguments: object) -> str:
-    """What systemd-analyze says; it must have found nothing wrong."""
+    """Return the output of systemd-analyze, which must have found nothing wrong."""
     done = subprocess.run(["systemd-analyze", "--no-pager", *map(str, arguments)], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr

@@ -1,11 +1,11 @@
-"""Ways through gaps, tried on one storm: the same hands, the same fate of every datagram, beside a clean link.
+"""Packet loss concealments on one impaired network: the same hands, the same fate of every datagram; and a clean link.
 
 Half of all datagrams are lost, in bursts; the rest jitters by 50 ms; every 3 s nothing at all comes through for 0.5 s. The
 hands go to and fro by STROKE_S and rest for REST_S, which is no part of 3 s: outages strike at all phases of a stroke.
 
 Drift is how far the gap from proxy to hand is from what it is at that moment on the clean link. It is taken once for each
 recovery: at the last border before the next outage at which the hands have rested for QUIET_S. Part of it is the object
-that still swings on its lines, with another phase than on the clean link. What the lines themselves still owe of the way is
+that still swings on its lines, with another phase than on the clean link. The position deficit of the lines is
 T_n |D_up - D_down| / sqrt(2b), D [sqrt(W)] the waves sent and not played; the rest of the drift will swing out by itself.
 """
 
@@ -28,7 +28,7 @@ STROKE_S, REST_S, QUIET_S = 0.8, 1.65, 1.0
 OUTAGE_S, EVERY_S = 0.5, 3.0
 HAND = f"reach&stroke_s={STROKE_S:g}&rest_s={REST_S:g}&hand_damping_nspm=10"
 DIRECTIONS = ("1", "1,0.5", "1,0.5,0.25")
-STORM: Mapping[str, Any] = {
+IMPAIRED: Mapping[str, Any] = {
     "delay_ms": 10.0, "jitter_ms": 50.0, "loss": 0.5, "burst_frames": 4.0, "outage_s": OUTAGE_S, "outage_every_s": EVERY_S,
 }  # fmt: skip
 Gaps = tuple[tuple[float, ...], ...]  # of all people, all axes [m], at each moment that counts
@@ -36,7 +36,7 @@ Gaps = tuple[tuple[float, ...], ...]  # of all people, all axes [m], at each mom
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One way through the storm. At the motor: what the hand feels; of the law: before safety softens a jump in a gap."""
+    """One concealment on the impaired network. Forces at the motor are felt; the law's are before safety limits their slew."""
 
     name: str
     peak_n: float
@@ -48,13 +48,13 @@ class Trial:
     missing: float  # share of the frames down that were not there in time
     longest_gap: int  # frames
     gaps_m: Gaps
-    deficit_m: float  # the most that lines owed of the way from proxy to hand, at the moments that count
+    deficit_m: float  # the largest position deficit of a line, at the moments that count
     diverged: str
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What may differ between storms."""
+    """Settings that may differ between trials."""
 
     seconds: float = 600.0
     people: int = 2
@@ -64,7 +64,7 @@ class Setup:
     seed: int = 1
     tank_mj: float = 1.0  # of the row `tank`; the others have none
     hand: str = HAND
-    overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; those of the link are the storm's alone
+    overrides: tuple[tuple[str, Any], ...] = ()  # of settings, by their paths; the link keeps its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def table(setup: Setup, name: str) -> dict[str, Any]:
         "playout": {"frames": setup.frames} if clean else {
             "frames": setup.frames, "concealment": name, "tank_mj": setup.tank_mj if name == "tank" else 0.0,
         },
-        "link": {"delay_ms": STORM["delay_ms"]} if clean else dict(STORM),
+        "link": {"delay_ms": IMPAIRED["delay_ms"]} if clean else dict(IMPAIRED),
         "users": [
             {"name": f"user{number + 1}", "device": "sim:ideal", "hand": hand, "side": ("left", "right")[number % 2]}
             for number in range(setup.people)
@@ -142,9 +142,9 @@ class Watch:
             for seat, person in zip(laboratory.room.seats, laboratory.people, strict=True):
                 port, coupling = seat.port, person.core.coupling
                 if isinstance(port, WavePort) and isinstance(coupling, WaveCoupling):
-                    way_m = seat.settings.rates.frame_s / sqrt(2.0 * seat.settings.coupling.impedance_nspm)
+                    scale_m = seat.settings.rates.frame_s / sqrt(2.0 * seat.settings.coupling.impedance_nspm)
                     deficit = (abs(up - down) for up, down in zip(port.deficit, coupling.deficit, strict=True))
-                    self.deficit_m = max(self.deficit_m, way_m * max(deficit))
+                    self.deficit_m = max(self.deficit_m, scale_m * max(deficit))
 
 
 def try_out(setup: Setup, name: str) -> Trial:
@@ -179,18 +179,18 @@ def try_out(setup: Setup, name: str) -> Trial:
 
 
 def run_rows(jobs: Sequence[Job]) -> list[Result]:
-    """What a worker does: each Trial is the measure `trial`."""
+    """Run rows in a worker process: each Trial is the measure `trial`."""
     out = []
     for job in jobs:
         try:
             out.append(Result(job.case, {"trial": try_out(job.setup, job.name)}))
-        except Exception as error:  # noqa: BLE001 (kept with the row, and told)
+        except Exception as error:  # noqa: BLE001 (kept with the row, and reported)
             out.append(Result(job.case, {}, f"{type(error).__name__}: {error}"))
     return out
 
 
 def drifts_mm(trial: Trial, clean: Trial) -> list[float]:
-    """Of each recovery, the largest over people and axes; of one that diverged, those before."""
+    """Return the drift of each recovery [mm], the largest over people and axes; of a session that diverged, those before."""
     return [
         1e3 * max(abs(one - other) for one, other in zip(row, there, strict=True))
         for row, there in zip(trial.gaps_m, clean.gaps_m, strict=not (trial.diverged or clean.diverged))

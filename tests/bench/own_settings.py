@@ -1,4 +1,4 @@
-"""What a bench sets itself in each of its sessions, so that no `--set` may."""
+"""Settings that a benchmark gives each of its sessions itself, so that no `--set` may."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -27,14 +27,14 @@ class NothingCameError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """What came when: at each take the numbers of the datagrams, each that of its newest frame."""
+    """Arrivals at each take: the numbers of the datagrams, each that of its newest frame."""
 
     network_hz: int
     takes: tuple[tuple[int, ...], ...]
 
     @property
     def frames(self) -> int:
-        """How many were sent."""
+        """Number of frames that were sent."""
         return len(self.takes)
 
 
@@ -85,7 +85,7 @@ def arrivals(
 
 
 def play(arrived: Arrivals, frames: Frames) -> Played:
-    """What the receiver of the live ends does with it."""
+    """Play the arrivals out with the receiver of the live ends."""
     sender, receiver = LineSender(1, REDUNDANCY), LineReceiver(1, frames, 1.0 / arrived.network_hz)
     contents = []
     delays = played = gaps = 0
@@ -105,7 +105,7 @@ def play(arrived: Arrivals, frames: Frames) -> Played:
 
 
 def lateness(arrived: Arrivals) -> dict[int, int]:
-    """How many frames have which x, those apart that never came: they are the rest of `arrived.frames`."""
+    """Return how many frames have each x. Frames that never came are the rest of `arrived.frames`."""
     first: dict[int, int] = {}
     found: dict[int, int] = {}
     for take, datagrams in enumerate(arrived.takes):
@@ -139,7 +139,7 @@ def best_fixed(delays: Sequence[Fixed], network_hz: int) -> Fixed:
 
 
 def beaten(delays: Sequence[Fixed], delay_frames: float, late_share: float, factor: float = 1.2) -> bool:
-    """Whether one fixed delay is shorter, and loses less to lateness, by more than this factor in both."""
+    """Return True if one fixed delay is shorter, and loses less to lateness, by more than this factor in both."""
     return any(factor * one.delay_frames < delay_frames and factor * one.late / one.sent < late_share for one in delays)
 
 

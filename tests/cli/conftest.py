@@ -1,6 +1,7 @@
 """Shared fixtures: a recorded run to spoil, an empty folder, the command as its users type it."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from cogrip.cli.main import main
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 
+from tests.bench.__main__ import main as run_bench
 from tests.cli.spoiled_runs import Cogrip
 
 TABLE: dict[str, Any] = {
@@ -47,6 +49,16 @@ def run(recorded: Path, empty_folder: Path) -> Path:
 def cogrip(capsys: pytest.CaptureFixture[str]) -> Cogrip:
     """See `Cogrip`."""
 
+    return _command(main, capsys)
+
+
+@pytest.fixture
+def bench(capsys: pytest.CaptureFixture[str]) -> Cogrip:
+    """Run a benchmark as `cogrip` runs a command."""
+    return _command(run_bench, capsys)
+
+
+def _command(main: Callable[[list[str]], int], capsys: pytest.CaptureFixture[str]) -> Cogrip:
     def command(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()
         code = main([str(argument) for argument in arguments])

@@ -283,10 +283,3 @@ def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(
     assert code == 2
     assert "holds another sweep (other columns)" in err
     assert (out / "table.csv").read_bytes() == table
-
-
-def test_bench_stability_prints_its_ratios(cogrip: Cogrip) -> None:
-    code, out, _ = cogrip("bench", "stability", "--rounds", "1", "--cells", "6")
-    assert code in (0, 1)  # how fast this machine is today is no test
-    assert "eigvals" in out
-    assert "MB" in out

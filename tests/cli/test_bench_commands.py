@@ -1,4 +1,4 @@
-"""`bench storms`, `playout` and `concealment` as their users type them: what they refuse, how they end, what they answer."""
+"""`bench impaired`, `playout` and `concealment` as their users type them: what they refuse, how they end, what they answer."""
 
 import json
 import multiprocessing
@@ -14,25 +14,26 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 
-from tests.bench import bench_concealment, bench_playout, bench_storms
-from tests.bench.bench_concealment import FULL_S, MOST_PEAK, shortfalls
+from tests.bench import concealment, impaired, playout
+from tests.bench.__main__ import BENCHES, RENAMED
+from tests.bench.concealment import FULL_S, MOST_PEAK, shortfalls
 from tests.bench.concealment_trial import CLEAN, ROWS, Trial, drifts_mm
+from tests.bench.impaired_network.case import Job
+from tests.bench.impaired_network.matrix import LooseRow, Matrix, rows, wrong
+from tests.bench.impaired_network.matrix import Row as SessionRow
 from tests.bench.playout_trial import Arrivals, NothingCameError, fixed_delays
-from tests.bench.storms.case import Job
-from tests.bench.storms.matrix import LooseRow, Matrix, rows, wrong
-from tests.bench.storms.matrix import Row as StormRow
 from tests.cli.spoiled_runs import Cogrip
 
 TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), 0.0, "")
 REFUSED = {
-    "storms": [
-        ("--set link.loss=0", "--set link.loss=0: bench storms sets link itself in each session; give --profiles"),
+    "impaired": [
+        ("--set link.loss=0", "--set link.loss=0: bench impaired sets link itself in each session; give --profiles"),
         ("--set link.up.delay_ms=1", "sets link itself"),
         ("--set users.0.device=sim:ideal", "give --people"),
         ("--set seed=3", "give --seeds"),
         ("--set seconds=3", "give --seconds"),
         ("--set name=x", "sets name itself"),
-        ("--set coupling.kind=tdpa", "--set coupling.kind=tdpa: bench storms sets coupling.kind itself"),
+        ("--set coupling.kind=tdpa", "--set coupling.kind=tdpa: bench impaired sets coupling.kind itself"),
         ('--set coupling={kind="tdpa"}', "sets coupling.kind itself"),
         ("--set coupling.stiffness_npm=1", "give --stiffness"),
         ("--set coupling.server_step=paper", "`cogrip compare` has the paper's"),
@@ -78,22 +79,22 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(
-    ("bench", "arguments", "words"), [(bench, *case) for bench, cases in REFUSED.items() for case in cases]
+    ("name", "arguments", "words"), [(name, *case) for name, cases in REFUSED.items() for case in cases]
 )
 def test_what_cannot_be_run_is_refused(
-    bench: str, arguments: str, words: str, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
+    name: str, arguments: str, words: str, bench: Cogrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    code, _, err = cogrip("bench", bench, *arguments.split(" "))
+    code, _, err = bench(name, *arguments.split(" "))
     assert code == 2
     assert words in err
     assert words.startswith("wifi") or err.count("\n") <= 2
 
 
 def test_values_at_their_bounds_are_taken() -> None:
-    matrix = bench_storms._matrix("lan", "2, 16,2", "0,1e7", 1, 1.0, 0, ["playout.tank_mj=1"])
+    matrix = impaired._matrix("lan", "2, 16,2", "0,1e7", 1, 1.0, 0, ["playout.tank_mj=1"])
     assert (matrix.people, matrix.stiffness_npm) == ((2, 16), (0.0, 1e7))
-    assert len(bench_storms._matrix("lan", "2", "10", 10_000, 1e6, 0, []).seeds) == 10_000
+    assert len(impaired._matrix("lan", "2", "10", 10_000, 1e6, 0, []).seeds) == 10_000
 
 
 def test_overrides_never_reach_a_baseline() -> None:
@@ -103,7 +104,9 @@ def test_overrides_never_reach_a_baseline() -> None:
     assert given == {("", True), ("wave", True), ("paper", False), ("coupling", False)}
 
 
-def test_a_storm_of_which_nothing_is_finite_is_wrong_and_told(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_session_of_which_nothing_is_finite_is_wrong_and_reported(
+    bench: Cogrip, monkeypatch: pytest.MonkeyPatch
+) -> None:
     job, cube = Job(0, "lan", 2, 1e3, 0, 3.0), Job(1, "lan", 2, 1e3, 0, 8.0, "coupling")
     unknown = Result(0, {"passive": True, "diverged": False, "faults": 0, "margin_mj": None, "peak_force_n": None})
     loose = Result(1, {"restless": False, "diverged": False, "radius": None, "margin_mj": None})
@@ -111,26 +114,39 @@ def test_a_storm_of_which_nothing_is_finite_is_wrong_and_told(cogrip: Cogrip, mo
     assert "no finite eigenvalue" in wrong(cube, loose)
     told, cubes = rows([(job, unknown), (cube, loose)])
     assert (told[0].wrong, cubes[0].wrong) == (1, 1)
-    ended = {job.cell: unknown, cube.cell: loose}
+    ended = {job.case: unknown, cube.case: loose}
 
     def run(self: LocalWorkers, jobs: Any) -> Any:
-        return iter([ended[0], *(Result(each.cell, loose.measures) for each in jobs if each.scheme)])
+        return iter([ended[0], *(Result(each.case, loose.measures) for each in jobs if each.scheme)])
 
-    monkeypatch.setattr(bench_storms.LocalWorkers, "run", run)
+    monkeypatch.setattr(impaired.LocalWorkers, "run", run)
     arguments = "--profiles lan --people 2 --stiffness 1000 --seeds 1 --loose-seeds 1 --json -"
-    code, out, err = cogrip("bench", "storms", *arguments.split(" "))
+    code, out, err = bench("impaired", *arguments.split(" "))
     assert code == 1
     answer = json.loads(out)
-    assert answer["storms"][0]["margin_mj"] is None
+    assert answer["impaired"][0]["margin_mj"] is None
     assert answer["loose"][0]["radius"] is None
     assert "loose cubes" in err
 
 
-def test_playout_answers_in_json_alone(cogrip: Cogrip) -> None:
+def test_stability_prints_its_ratios(bench: Cogrip) -> None:
+    code, out, _ = bench("stability", "--rounds", 1, "--cells", 6)
+    assert code in (0, 1)  # how fast this machine is today is no test
+    assert "eigvals" in out
+    assert "MB" in out
+
+
+def test_every_benchmark_answers_help(bench: Cogrip) -> None:
+    for name in (*BENCHES, *RENAMED):
+        code, out, _ = bench(name, "--help")
+        assert (code, name in out or RENAMED.get(name, "-") in out) == (0, True)
+
+
+def test_playout_answers_in_json_alone(bench: Cogrip) -> None:
     """On so short a run one of the two loses nothing: a ratio that is not finite is null."""
-    code, out, err = cogrip("bench", "playout", "--seeds", 1, "--seconds", 1, "--profile", "lan", "--json", "-")
+    code, out, err = bench("playout", "--seeds", 1, "--seconds", 1, "--profile", "lan", "--json", "-")
     assert code in (0, 1)
-    assert [row["way"] for row in json.loads(out)["rows"]] == ["up", "down"]
+    assert [row["direction"] for row in json.loads(out)["rows"]] == ["up", "down"]
     assert "are asked for" in err
 
 
@@ -144,24 +160,24 @@ def test_a_run_in_which_nothing_comes_has_no_best_depth() -> None:
     ("number", "reason"), [(signal.SIGINT, "stopped (SIGINT)"), (signal.SIGTERM, "stopped (SIGTERM)")]
 )
 def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
-    number: signal.Signals, reason: str, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch
+    number: signal.Signals, reason: str, bench: Cogrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Signalled(LocalWorkers):
         def __enter__(self) -> LocalWorkers:
             signal.raise_signal(number)
             return super().__enter__()
 
-    monkeypatch.setattr(bench_concealment, "LocalWorkers", Signalled)
-    monkeypatch.setattr(bench_concealment, "processors", lambda: 1)
+    monkeypatch.setattr(concealment, "LocalWorkers", Signalled)
+    monkeypatch.setattr(concealment, "processors", lambda: 1)
     before = signal.getsignal(number)
-    code, out, err = cogrip("bench", "concealment")
+    code, out, err = bench("concealment")
     assert (code, out) == (130, "")
-    assert err == f"{reason}: nothing is told without all {len(ROWS)} rows\n"
+    assert err == f"{reason}: nothing is reported without all {len(ROWS)} rows\n"
     assert multiprocessing.active_children() == []
     assert signal.getsignal(number) is before
 
 
-def concealed(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, peak_n: float) -> tuple[int, str]:
+def concealed(bench: Cogrip, monkeypatch: pytest.MonkeyPatch, peak_n: float) -> tuple[int, str]:
     """Exit code and text for rows of which the best has this peak; zero-fill's is 10 N."""
     found = {name: replace(TRIAL, name=name) for name in ROWS}
     found["elastic"] = replace(found["elastic"], peak_n=peak_n, law_peak_n=1.0, step_n=0.1, law_step_n=0.1)
@@ -169,16 +185,16 @@ def concealed(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch, peak_n: float) ->
     def run(setup: Any, stop: Stop) -> dict[str, Trial]:
         return found
 
-    monkeypatch.setattr(bench_concealment, "_run", run)
-    code, out, _ = cogrip("bench", "concealment", "--minutes", 1)
+    monkeypatch.setattr(concealment, "_run", run)
+    code, out, _ = bench("concealment", "--minutes", 1)
     return code, " ".join(out.split())
 
 
-def test_concealment_says_what_is_compared(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
-    code, told = concealed(cogrip, monkeypatch, 7.5)
+def test_concealment_says_what_is_compared(bench: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, told = concealed(bench, monkeypatch, 7.5)
     assert code == 0
-    assert "elastic: of all ways the lowest in both peaks and both steps" in told
-    code, told = concealed(cogrip, monkeypatch, 7.6)
+    assert "elastic: of all concealments the lowest in both peaks and both steps" in told
+    code, told = concealed(bench, monkeypatch, 7.6)
     assert code == 1
     assert "above 0.75 of zero-fill's 10.00 N; 0.75 is asked of 10 minutes: give --minutes 10" in told
 
@@ -207,15 +223,15 @@ def printed(table: Any) -> list[str]:
 def test_tables_fit_eighty_columns_with_the_widest_that_networks_make() -> None:
     played = dict.fromkeys(
         ["delay_ms", "best_delay_ms", "number_delay_ms"], 327.81
-    ) | {"profile": "satellite", "way": "down", "held_frames": 12.34, "late_share": 0.12345, "moves_a_minute": 123.4,
+    ) | {"profile": "satellite", "direction": "down", "held_frames": 12.34, "late_share": 0.12345, "moves_a_minute": 123.4,
          "best_frames": 12, "best_late_share": 0.12345, "delay_ratio": 1.234, "late_ratio": 12.345, "beaten": True,
          "expected_frames": 12, "number": 12, "number_late_share": 0.12345}  # fmt: skip
-    storm = StormRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
+    storm = SessionRow("satellite", 16, 100_000.0, 400, 400, -1.2e-10, 12.34, 123.4, 12.345, 12.34, 12.3, 12.3)
     loose = LooseRow("satellite", 16, "coupling", 100_000.0, 400, 400, 400, 12.3456, 515.7, 400)
     for table, rows_below in (
-        (bench_playout._table([played], 128), 2),
-        (bench_storms._storm_table([storm], 3.0), 1),
-        (bench_storms._loose_table([loose]), 1),
+        (playout._table([played], 128), 2),
+        (impaired._session_table([storm], 3.0), 1),
+        (impaired._loose_table([loose]), 1),
     ):
         lines = printed(table)
         assert sum("satellite" in line for line in lines) == rows_below

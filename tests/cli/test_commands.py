@@ -7,6 +7,8 @@ import pytest
 
 from cogrip.cli.main import main
 
+from tests.extent import long
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = str(CONFIGS / "demo.toml")
 
@@ -16,9 +18,10 @@ def lab_json(capsys, *arguments: str) -> tuple[int, dict]:
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.parametrize("seconds", [1.5, long(4)])
 @pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_shipped_config_runs(config, capsys):
-    code, summary = lab_json(capsys, str(config), "--set", "seconds=4")
+def test_every_shipped_config_runs(config, seconds, capsys):
+    code, summary = lab_json(capsys, str(config), "--set", f"seconds={seconds}")
     assert summary["name"] == config.stem
     assert summary["passive"]
     assert not summary["diverged"]

@@ -324,8 +324,8 @@ def test_ctrl_c_at_the_prompt(cogrip, monkeypatch, command):
 
 
 @pytest.mark.parametrize("seconds", ["2.9", "3601", "nan"])
-def test_the_benchmark_needs_a_sensible_time(cogrip, seconds):
-    code, _, err = cogrip("bench", "devices", "--seconds", seconds)
+def test_the_benchmark_needs_a_sensible_time(bench, seconds):
+    code, _, err = bench("devices", "--seconds", seconds)
     assert code == 2
     assert f"--seconds {seconds} is outside 3 to 3600" in err
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.bench.process_memory import Growth, family_of, memory_kb
+from tests.bench.loads.process_memory import Growth, family_of, memory_kb
 
 needs_proc = pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 

@@ -18,7 +18,7 @@ DEEP = 20_000
     [
         ("deep.toml", f"name = {'[' * DEEP}{']' * DEEP}\n"),
         ("tables.toml", f"name = {'{a=' * DEEP}1{'}' * DEEP}\n"),
-        ("keys.toml", f"{'.'.join('a' * DEEP)} = 1\n"),
+        ("keys.toml", f"{'.'.join('a' * (DEEP // 4))} = 1\n"),
         ("deep.json", f'{{"name": {"[" * DEEP}{"]" * DEEP}}}'),
     ],
 )

@@ -15,6 +15,8 @@ from cogrip.protocol.rates import LEAST_DEVICE_HZ, Rates, due_ns
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import Settings, digest, resolve, seat_settings
 
+from tests.extent import long
+
 SESSION = 7
 
 
@@ -58,7 +60,7 @@ class Hostile:
         )
 
 
-@pytest.mark.parametrize(("device_hz", "network_hz"), [(250, 125), (1024, 128), (8192, 128)])
+@pytest.mark.parametrize(("device_hz", "network_hz"), [(250, 125), (1024, 128), long(8192, 128)])
 @pytest.mark.parametrize("axes", [1, 3])
 @pytest.mark.parametrize("kind", ["wave", "coupling", "tdpa"])
 @pytest.mark.parametrize("hand", ["hold", "sine&amplitude_m=0.05&frequency_hz=2"])

@@ -6,6 +6,7 @@ Virtual time.
 
 from __future__ import annotations
 
+from functools import cache
 from math import hypot, inf
 
 import numpy as np
@@ -22,8 +23,10 @@ from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.registry import axes_of, make
 
 from tests.client.seated_client import DEVICE_HZ, Client
+from tests.extent import long
 
 FREE = "hand=push&force_n=0"
+VINTAGE = "damping_nspm=0.3&friction_n=0.04"
 MOST_MA = 200.0
 
 
@@ -46,13 +49,12 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
 @pytest.mark.parametrize(
     ("name", "b", "c"),
     [
-        ("vintage", 0.3, 0.04),
-        ("vintage", 0.8, 0.02),
-        ("woodenhaptics", 0.3, 0.04),
-        ("woodenhaptics-serial", 1.0, 0.1),
-        ("aluhaptics", 0.5, 0.05),
+        long("vintage", 0.8, 0.02),
+        long("woodenhaptics", 0.3, 0.04),
+        long("woodenhaptics-serial", 1.0, 0.1),
+        long("aluhaptics", 0.5, 0.05),
         ("2diy-metal", 0.5, 0.1),
-        ("pantograph", 0.5, 0.15),
+        long("pantograph", 0.5, 0.15),
     ],
 )
 def test_the_bounds_hold_and_are_worth_something(name: str, b: float, c: float) -> None:
@@ -61,6 +63,7 @@ def test_the_bounds_hold_and_are_worth_something(name: str, b: float, c: float) 
     assert 0.5 * c < found.friction_n <= c
 
 
+@pytest.mark.long
 @given(st.floats(0.0, 1.0), st.floats(0.0, 0.08), st.floats(0.05, 0.15))
 @settings(max_examples=8, deadline=None)
 def test_the_bounds_hold_for_any_mechanism(b: float, c: float, mass_kg: float) -> None:
@@ -69,15 +72,17 @@ def test_the_bounds_hold_for_any_mechanism(b: float, c: float, mass_kg: float) -
     assert found.friction_n <= c
 
 
-@pytest.mark.parametrize("name", ["vintage", "woodenhaptics", "2diy", "pantograph"])
+@pytest.mark.parametrize("name", ["vintage", long("woodenhaptics"), long("2diy"), long("pantograph")])
 def test_nothing_is_found_where_there_is_nothing(name: str) -> None:
     found, _ = identified(free_arm(name, "damping_nspm=0&friction_n=0"))
     assert found.friction_n == 0.0
     assert found.damping_nspm == 0.0
 
 
-def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
-    device = free_arm("vintage", "damping_nspm=0.3&friction_n=0.04")
+@cache
+def watched_vintage() -> tuple[Bounds, float, list[float], list[float]]:
+    """Identify a vintage arm of 0.3 N s/m and 0.04 N; return its bounds, the bound of the force, and each force and current."""
+    device = free_arm("vintage", VINTAGE)
     mechanics = device.firmware.mechanics
     sizes, currents = [], []
     drive = mechanics.drive
@@ -88,7 +93,17 @@ def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
         currents.append(max(map(abs, currents_ma)))
 
     mechanics.drive = watched  # type: ignore[method-assign]
-    _, force_n = identified(device)
+    return *identified(device), sizes, currents
+
+
+def test_the_bounds_hold_and_are_worth_something_for_a_vintage_arm() -> None:
+    found = watched_vintage()[0]
+    assert 0.2 * 0.3 < found.damping_nspm <= 0.3
+    assert 0.5 * 0.04 < found.friction_n <= 0.04
+
+
+def test_the_force_stays_within_its_bound_and_ends_at_zero() -> None:
+    _, force_n, sizes, currents = watched_vintage()
     assert 0.5 * force_n < max(sizes) < 1.05 * force_n
     assert max(currents) <= MOST_MA
     assert sizes[-1] == 0.0
@@ -117,14 +132,13 @@ def test_refusals_let_go(keys: str, hand: str, said: str) -> None:
 
 def test_missed_ticks_cost_nothing_and_too_many_end_it() -> None:
     """The force was held meanwhile. The device's time goes by the ticks, so that it is as late as the loop."""
-    keys = "damping_nspm=0.3&friction_n=0.04"
-    exact, force_n = identified(free_arm("vintage", keys))
-    device, most = free_arm("vintage", keys), 12
+    exact, force_n, *_ = watched_vintage()
+    device, most = free_arm("vintage", VINTAGE), 12
     late = identify(device, device.driver.model, force_n, lambda tick: tick + (most if tick % 700 == 0 else 0))
     assert late.damping_nspm == pytest.approx(exact.damping_nspm, rel=0.2)
     assert late.friction_n == pytest.approx(exact.friction_n, rel=0.1)
     assert late.friction_n <= 0.04
-    device, most = free_arm("vintage", keys), 60
+    device, most = free_arm("vintage", VINTAGE), 60
     with pytest.raises(DeviceError, match="the loop was away for 59 ms, above 50; see `cogrip doctor`"):
         identify(device, device.driver.model, force_n, lambda tick: tick + (most if tick % 700 == 0 else 0))
     assert not any(device.firmware.mechanics.currents_ma)
@@ -193,8 +207,7 @@ def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: 
 
 
 def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() -> None:
-    device = free_arm("vintage", "damping_nspm=0.5&friction_n=0.04")
-    found, _ = identified(device)
+    device, found = free_arm("vintage", VINTAGE), watched_vintage()[0]
     assert device.store is not None
     client = Client()
     handle = SupervisedDevice(device, client.core, DEVICE_HZ)

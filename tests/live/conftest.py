@@ -60,12 +60,16 @@ class Process:
             code = self.popen.wait(LIMIT_S)
         except subprocess.TimeoutExpired:
             pytest.fail(f"did not end in {LIMIT_S:g} s, but said:\n{self.said}")
-        self._listener.join(LIMIT_S)
+        self.read_to_the_end()
         if "watchdog: the loop was away" in self.said:
             pytest.skip(
                 "this machine took the processor away from a loop for 100 ms: no live session can be judged on it now"
             )
         return code
+
+    def read_to_the_end(self) -> None:
+        """Wait until the process, and whoever has its output, says no more."""
+        self._listener.join(LIMIT_S)
 
     def signal(self, number: int) -> None:
         self.popen.send_signal(number)

@@ -122,7 +122,7 @@ class Arm(Spoken):
         self.address = self.port + ("?pose=home" if wire == "serial" else "?model=2diy&pose=home")
 
     def force_n(self) -> float:
-        """What it pushes with now."""
+        """Return the force with which it pushes now [N]."""
         self.tell("status")
         return hypot(*map(float, self.hear(r"pushes with \(([^)]*)\) N")[1].split(", ")))
 

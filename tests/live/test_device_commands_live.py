@@ -1,4 +1,4 @@
-"""What makes an arm ready, on emulated arms behind pseudo-terminals: check, calibrate, conform, emulate.
+"""Commands that make an arm ready, on emulated arms behind pseudo-terminals: check, calibrate, conform, emulate.
 
 See held_arms: nothing sleeps.
 """
@@ -12,6 +12,7 @@ import pytest
 
 from cogrip.devices.registry import make
 
+from tests.extent import long
 from tests.live.held_arms import FREE, fairly
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
@@ -23,7 +24,7 @@ def signs(said: str) -> list[str]:
 
 @fairly
 def test_check_finds_the_signs_of_a_free_arm(start):
-    """How fast this machine is decides the rest of the verdict, and so the exit code."""
+    """The speed of this machine decides the rest of the verdict, and so the exit code."""
     arm = start.arm("arm", FREE)
     check = start("devices", "check", arm.port, "--yes", "--moving-s", "0")
     code = check.end()
@@ -53,7 +54,7 @@ def test_check_keeps_to_the_limit_of_a_motor(start):
     assert "up, down under +-79 mA" in check.said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 @fairly
 def test_check_lets_go_when_it_is_interrupted(start, number):
     arm = start.arm("arm", "hold")

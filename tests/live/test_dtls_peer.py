@@ -13,7 +13,7 @@ from cogrip.protocol.join_link import JoinLink, parse_link
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
 
-from tests.bench.network_load import Load, Person
+from tests.bench.loads.people import Load, Person
 from tests.dtls_peer.attack import attack
 from tests.dtls_peer.client import DtlsPeer
 from tests.live.held_arms import DEMO, Spoken, fairly
@@ -95,17 +95,17 @@ def test_two_thousand_handshakes_without_a_token_take_no_memory_and_no_seat(star
     assert anna.end() == 0, anna.said
     server.popen.send_signal(signal.SIGTERM)
     assert server.end() == 0, server.said
-    told = account(tmp_path / "server")["server"]
-    skipped = told["ticks"]["due"] - told["ticks"]["run"]
+    summary = account(tmp_path / "server")["server"]
+    skipped = summary["ticks"]["due"] - summary["ticks"]["run"]
     print(f"{reached}: {before_mb:.0f} MB, at most {peak_mb:.0f}, then {after_mb:.0f}; {skipped} ticks skipped")
-    print(told["dropped"])
+    print(summary["dropped"])
 
     assert sum(reached.values()) > HANDSHAKES / 2, "however slow this machine is"
     assert peak_mb - before_mb < MOST_GROWTH_MB
     assert "Traceback" not in server.said
-    assert "seat timed out" not in told["dropped"]
+    assert "seat timed out" not in summary["dropped"]
     names = {"handshake after its end", "handshake message too long", "too many without a seat"}
-    assert names <= told["dropped"].keys()
+    assert names <= summary["dropped"].keys()
 
 
 def memory_mb(process: Spoken, name: str) -> float:

@@ -12,6 +12,7 @@ import sys
 
 import pytest
 
+from tests.extent import long
 from tests.live.held_arms import BROKEN_LAW, OWN_TERMINAL, WITHIN, fairly, until
 from tests.live.test_live_sessions import FEW_FRAMES, FEW_TICKS
 
@@ -138,7 +139,7 @@ def test_no_force_is_left_of_a_client_that_was_killed(start, session, wire):
     session.close(ben)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 @fairly
 def test_a_signal_ends_with_no_force(start, session, number):
     arm = start.arm("arm", "reach&amplitude_m=0.02")

@@ -1,6 +1,6 @@
 """A sealed server with two people, under a flood from a thousand addresses: a real server, real people, real sockets.
 
-How punctual it stays is `cogrip bench network --flood`'s to say; here stands what is not a question of time.
+How punctual it stays is `dev.py bench network --flood`'s to say; here stands what is not a question of time.
 """
 
 import os
@@ -20,8 +20,8 @@ from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import seat_settings
 from cogrip.server.rate_limit import LIMITS
 
-from tests.bench.network_flood import MIX, Flood, Job, samples_of
-from tests.bench.network_load import Load, Person
+from tests.bench.loads.flood import MIX, Flood, Job, samples_of
+from tests.bench.loads.people import Load, Person
 from tests.live.held_arms import DEMO, Spoken, fairly
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="loopback has one address elsewhere, and no thousand")
@@ -100,8 +100,8 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
     assert {"stranger", "contact budget", "too large", *ANSWERED} <= dropped.keys()
     assert sum(dropped.values()) >= done.sent, "each of them is somewhere"
     answered = sum(dropped[reason] for reason in ANSWERED)
-    strangers = 2 * (contacts.burst + contacts.per_second * took_s)  # of the new, and of those who come again
-    assert answered <= strangers + OURS, "hardly any is worth an answer"
+    peers = 2 * (contacts.burst + contacts.per_second * took_s)  # of the new, and of those who come again
+    assert answered <= peers + OURS, "hardly any is worth an answer"
     assert "seat timed out" not in dropped
 
 

@@ -17,6 +17,7 @@ from cogrip.protocol.recording.records import Step
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
+from tests.extent import long
 from tests.free_ports import free_port
 from tests.live.held_arms import until
 
@@ -39,7 +40,7 @@ def leaving(folder: Path) -> tuple[str, ...]:
 
 
 def steps_in(runs: Path) -> int:
-    """How many steps of room demo the only run below `runs` has left in its recording so far."""
+    """Return the number of steps of room demo in the recording of the only run below `runs`, so far."""
     try:
         (path,) = runs.glob("*/server.mcap")
         newest = Follower(path).look().get(step_topic("demo"))
@@ -49,7 +50,7 @@ def steps_in(runs: Path) -> int:
 
 
 def replayed(runs: Path) -> dict[Path, Verdict]:
-    """How every recording below `runs` plays again."""
+    """Return the verdict on each recording below `runs`."""
     return {path: verify(open_recording(path)) for path in runs.glob("**/*.mcap")}
 
 
@@ -107,7 +108,7 @@ def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_
     assert f"warning: {text}" in person.said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
     server, port = serve(DEMO)
     person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person")
@@ -123,17 +124,17 @@ def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
 def test_the_server_stops_and_everyone_is_told(run, serve, tmp_path):
     server, port = serve(DEMO)
     person = run("join", f"127.0.0.1:{port}", *leaving(tmp_path / "person"))
-    looks_on = run("join", f"127.0.0.1:{port}", "--observe")
+    observer = run("join", f"127.0.0.1:{port}", "--observe")
     person.hear("holds cube")
-    looks_on.hear("object at|nothing seen")
+    observer.hear("object at|nothing seen")
     server.signal(signal.SIGTERM)
     assert server.end() == 0, server.said
     assert "\nstopped (SIGTERM)\n" in server.said
     assert person.end() == 1, "neither the person nor the time ended it"
     assert "the session is over, no force is left: the server was stopped (SIGTERM)\n" in person.said
     assert "broke off" not in person.said
-    assert looks_on.end() == 1
-    assert "observing is over: the server was stopped (SIGTERM)\n" in looks_on.said
+    assert observer.end() == 1
+    assert "observing is over: the server was stopped (SIGTERM)\n" in observer.said
     # the client's account still reached the server
     assert summary_in(tmp_path / "server")["users"][0]["ticks"]["run"] > 0
 
@@ -246,17 +247,15 @@ def test_refusals_say_why_on_both_sides(run, serve, tmp_path):
     assert not (tmp_path / "b").exists(), "nothing was run, nothing is left"
 
 
-def test_strangers_are_refused_and_counted(serve, tmp_path):
+def test_unauthenticated_peers_are_refused_and_counted(serve, tmp_path):
     server, port = serve(DEMO)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        stranger.connect(("127.0.0.1", port))
-        stranger.settimeout(20)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.connect(("127.0.0.1", port))
+        peer.settimeout(20)
         for garbage in (b"", b"hello", bytes(range(256)) * 6, msgpack.packb([4, 1, 2, 3])):
-            stranger.send(garbage)
-        stranger.send(
-            msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)])
-        )
-        tag, version, nonce, code, reason = msgpack.unpackb(stranger.recv(2000))
+            peer.send(garbage)
+        peer.send(msgpack.packb([1, "cogrip", 99, "9.9", 4711, "what", {"a": "newer"}, "protocol", bytes(HELLO_BYTES)]))
+        tag, version, nonce, code, reason = msgpack.unpackb(peer.recv(2000))
     assert (tag, version, nonce, code) == (3, 3, 4711, "version")
     assert "client speaks protocol 99, the server 3" in reason
     server.hear("client speaks protocol 99, the server 3")
@@ -326,8 +325,8 @@ def child_of(demo, log):
     ("log", "number", "code", "told"),
     [
         ("server.log", signal.SIGTERM, 1, r"\nanna: the server was stopped \(SIGTERM\) \(exit code 1\); see"),
-        ("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
-        ("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
+        long("server.log", signal.SIGKILL, 1, r"\nserver: was killed by SIGKILL; see .*\nanna: no server for 10 s"),
+        long("client-anna.log", signal.SIGTERM, 0, r"\nanna: ended early: stopped \(SIGTERM\)\n"),
         ("client-anna.log", signal.SIGKILL, 1, r"\nanna: was killed by SIGKILL; see .*client-anna.log\n"),
     ],
 )  # fmt: skip
@@ -340,7 +339,7 @@ def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, to
     assert demo.end() == code, demo.said
     assert re.search(told, demo.said), demo.said
     assert "joined from" not in demo.said, "no line of a log in place of a reason"
-    assert "trying to come back" not in demo.said
+    assert "trying to resume" not in demo.said
     assert "did not really move" not in demo.said
     assert "was never heard" not in demo.said
 
@@ -356,7 +355,7 @@ def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
         assert user["force_n"] == [0.0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
     lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path)
     until(lambda: lab.popen.poll() is not None or steps_in(tmp_path) >= 10, "ten steps on the disk")

@@ -16,6 +16,7 @@ from cogrip.protocol.join_link import parse_link
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.link import Fate, fates
 
+from tests.extent import long
 from tests.free_ports import free_port
 from tests.live.conftest import LIMIT_S, Process
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, HOLD, accounted, leaving, summary_in
@@ -32,14 +33,14 @@ def relay(run, tmp_path) -> Start:
     """Start a relay; gives it, where it listens, and what ends it and gives its summary."""
 
     def start(to: str, *arguments: str | Path, listen: str = "127.0.0.1:0"):
-        told = tmp_path / f"relay {len(list(tmp_path.iterdir()))}.json"
-        process = run("relay", "--to", to, "--listen", listen, "--json", told, "--seconds", "600", *arguments)
+        summary = tmp_path / f"relay {len(list(tmp_path.iterdir()))}.json"
+        process = run("relay", "--to", to, "--listen", listen, "--json", summary, "--seconds", "600", *arguments)
         found = process.hear(r"relaying from (\S+):(\d+) ")
 
         def end() -> dict:
             process.signal(signal.SIGINT)
             assert process.end() == 0, process.said
-            return json.loads(told.read_text())
+            return json.loads(summary.read_text())
 
         return process, (found[1].strip("[]"), int(found[2])), end
 
@@ -63,12 +64,12 @@ def bound() -> Iterator[Callable[..., socket.socket]]:
 
 
 def numbers(receiver: socket.socket, count: int) -> list[int]:
-    """Of so many datagrams, in the order of their arrival."""
+    """Return the numbers of so many datagrams, in the order of their arrival."""
     return [int(receiver.recv(2048)) for _ in range(count)]
 
 
 def check_order(got: list[int], drawn: list[Fate], counted: dict) -> None:
-    """What came is what was drawn; and of two that were sent in order, the one with no more to wait came no later."""
+    """Assert that the drawn datagrams came; of two sent in order, the one with no more delay came no later."""
     expected = Counter({n: 1 + (fate.copy_extra_ns is not None) for n, fate in enumerate(drawn) if not fate.lost})
     assert Counter(got) == expected
     # arrivals of number n, first to last: sent in order, so when it left the sender is rising in n, and what it waits is drawn
@@ -86,7 +87,7 @@ def check_order(got: list[int], drawn: list[Fate], counted: dict) -> None:
 
 
 def test_what_arrives_is_what_the_laboratorys_links_let_through(relay, bound):
-    """Two clients and both ways, at their own pace: loss, copies and order are those that were drawn, by number."""
+    """Two clients and both directions, at their own pace: loss, copies and order are those that were drawn, by number."""
     server = bound()
     _, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--seed", "7", *SETS)
     link = resolve({}, {f"link.{name}": float(value) for name, value in (each.split("=") for each in ROUGH)}).link
@@ -138,7 +139,7 @@ def test_nobody_at_the_far_end_is_counted_and_whoever_comes_later_is_reached(rel
     assert summary["flows"][0]["up"]["not_sent"] == 0
 
 
-def test_strangers_beyond_the_bound_get_nothing(relay, bound):
+def test_clients_beyond_the_bound_get_nothing(relay, bound):
     server, one, other = bound(), bound(), bound()
     process, place, end = relay(f"127.0.0.1:{server.getsockname()[1]}", "--flows", "1")
     one.sendto(b"1", place)
@@ -181,10 +182,10 @@ def test_it_speaks_version_6(relay, bound):
     assert end()["totals"]["down"]["delivered"] == 1
 
 
-@pytest.mark.parametrize("sealed", [False, True])
-def test_two_people_hold_one_cube_through_weather(run, relay, tmp_path, sealed):
-    """Sealed and plain: the relay reads nothing of what it carries."""
-    seal = ("--seal", "--state", tmp_path / "state") if sealed else ()
+@pytest.mark.parametrize("encrypted", [long(False), True])
+def test_two_people_hold_one_cube_over_an_impaired_network(run, relay, tmp_path, encrypted):
+    """Encrypted or not: the relay reads nothing of what it carries."""
+    seal = ("--seal", "--state", tmp_path / "state") if encrypted else ()
     server = run(
         "serve", DEMO, "--port", "0", "--seconds", "600", "--no-report", "--runs", tmp_path / "server", "--set",
         "link.delay_ms=0", "--set", "playout.frames=4", *seal,
@@ -192,7 +193,7 @@ def test_two_people_hold_one_cube_through_weather(run, relay, tmp_path, sealed):
     port = int(server.hear(r"listening on \S+:(\d+)")[1])
     process, place, end = relay(f"127.0.0.1:{port}", "--profile", "wifi", "--seed", "3")
     where = f"{place[0]}:{place[1]}"
-    if sealed:
+    if encrypted:
         printed = parse_link(re.search(r"as player: .*'(cogrip:\S+)'", server.said)[1])
         where = msgspec.structs.replace(printed, port=place[1]).text
     people = [

@@ -1,4 +1,4 @@
-"""Ways through gaps on the storm of `cogrip bench concealment`, shorter: the same assertions, and both sides of them."""
+"""Ways through gaps on the storm of `dev.py bench concealment`, shorter: the same assertions, and both sides of them."""
 
 import tomllib
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 
 from cogrip.protocol.settings import resolve
 
-from tests.bench.bench_concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfalls
+from tests.bench.concealment import MOST_DRIFT_MM, MOST_PEAK, NOTHING_J, shortfalls
 from tests.bench.concealment_trial import CLEAN, ROWS, Setup, Trial, drifts_mm, moments, table, try_out
 
 SETUP = Setup(seconds=30.0)

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import dist
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.registry import make, stand_ins
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.session.laboratory import Laboratory
+
+from tests.extent import every, long
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 RATE_HZ = 1024
@@ -90,10 +93,10 @@ def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: floa
 
 
 STAND_INS = sorted({address for addresses in stand_ins().values() for address in addresses if ":" in address})
+DEVICES = [address for address in STAND_INS if not address.startswith("replay")]
 
 
-@pytest.mark.parametrize("device", [address for address in STAND_INS if not address.startswith("replay")])
-@pytest.mark.parametrize("impedance", [50.0, 100.0])
+@pytest.mark.parametrize(("device", "impedance"), every(3, product(DEVICES, (50.0, 100.0))))
 def test_ten_times_the_stiffness_and_any_impedance_is_calm_on_every_device(device: str, impedance: float) -> None:
     stiffness = 10.0 * min(2000.0, make(device).capability.stiffness_npm)
     coupling = {"impedance_nspm": impedance, "stiffness_npm": stiffness}
@@ -143,7 +146,8 @@ def unlike(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 @pytest.mark.parametrize(
-    ("late", "impedance", "mass_kg"), [(2, 50.0, 0.1), (4, 20.0, 0.1), (4, 50.0, 0.1), (2, 20.0, 0.02), (2, 20.0, 0.03)]
+    ("late", "impedance", "mass_kg"),
+    every(3, [(2, 50.0, 0.1), (4, 20.0, 0.1), (4, 50.0, 0.1), (2, 20.0, 0.02), (2, 20.0, 0.03)]),
 )
 def test_what_the_record_does_not_say_is_found_out(
     unlike: Callable[..., None], late: int, impedance: float, mass_kg: float
@@ -188,7 +192,9 @@ def replace_seconds(path: Path) -> Settings:
     return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
 
 
-@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize(
+    "name", [long(name) if name in ("five-users", "three-users", "lan") else name for name in GOOD]
+)
 def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
     """No force is changed by a bit: nothing controlled, nothing deflected, the impedance whole, the reserve hardly touched."""
     for one in felt(GOOD[name]()):

@@ -6,6 +6,7 @@ Whole sessions in virtual time: real drivers on emulated devices, two people on 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import product
 from math import hypot
 from random import Random
 
@@ -17,10 +18,12 @@ from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory, Person
 
+from tests.extent import every
+
 RATE_HZ = 1024
 HANDS = ("reach&amplitude_m=0.03&delay_s=0.3&stroke_s=0.3", "hold")
 BEGIN_S = 0.48  # the hand is on its way, and pulls
-AFTER_S = 1.5  # five strokes
+AFTER_S = 0.9  # three strokes
 TOLERATED = ("split", "stale")  # the driver copes: they are counted, and the session goes on
 POSE_LOST = {  # the counters are wrong from then on; a report of HID has no checksum, so garbage reads as a jump
     "emulated:vintage": ("jump", "stuck", "unplug"),
@@ -148,9 +151,9 @@ def test_the_force_ends_and_the_other_goes_on(wire: str, verb: str) -> None:
     assert not any(force for force, _ in course.force[done:])
 
 
-@pytest.mark.parametrize("wire", WIRES)
-@pytest.mark.parametrize("silence_s", [0.002, 0.006, 0.009])
-@pytest.mark.parametrize("begin_s", [BEGIN_S, 0.7, 0.93])
+@pytest.mark.parametrize(
+    ("begin_s", "silence_s", "wire"), every(4, product((BEGIN_S, 0.7, 0.93), (0.002, 0.006, 0.009), WIRES))
+)
 def test_an_encoder_that_jumps_in_a_silence_is_found(wire: str, silence_s: float, begin_s: float) -> None:
     """Before, after 6 ms the pose was wrong by 9.6 to 17 mm and nobody noticed."""
     laboratory = session(wire, begin_s + 0.2, HANDS)
@@ -219,7 +222,7 @@ def calibrate(person: Person) -> None:
     mechanics.carry((x - 0.02, y, z))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", every(2, range(4)))
 def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int) -> None:
     """Fifty faults a seed, any verbs, one into another, at any time, mended and re-armed at any time."""
     random = Random(seed)

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from math import sqrt
 
 import numpy as np
@@ -32,7 +32,8 @@ from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.velocity.session import LOOSE, EstimatingPlant
+from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant
+from tests.extent import every, long
 
 T_C = 1.0 / 1024
 FRAME_MS = 1000.0 / 128
@@ -293,7 +294,7 @@ LARGEST_K = {
 """b -> the largest stable K [N/m] with the wave of now, of then, and with fresh samples: the table of docs/velocity.md."""
 
 
-@pytest.mark.parametrize(("stiffness", "b", "frames"), SOFT_LINES)
+@pytest.mark.parametrize(("stiffness", "b", "frames"), every(3, SOFT_LINES))
 @pytest.mark.parametrize("latency", [1, 2])
 def test_displacement_and_wave_of_different_ticks_make_energy(
     stiffness: float, b: float, frames: int, latency: int, monkeypatch: pytest.MonkeyPatch
@@ -379,7 +380,7 @@ def test_a_session_is_stable_with_the_largest_impedance_and_not_far_above(
     assert not all(stable(4.0 * largest, *case) for case in cases)
 
 
-@pytest.mark.parametrize(("mass_kg", "latency"), [(0.05, 0), (0.1, 0), (0.1, 1)])
+@pytest.mark.parametrize(("mass_kg", "latency"), [long(0.05, 0), long(0.1, 0), (0.1, 1)])
 def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg: float, latency: int) -> None:
     """No counts, no friction: two devices loosely held come to rest up to the b that the model says, within 8 %."""
     record = replace(device(mass_kg, latency), resolution_m=0.0)
@@ -438,8 +439,7 @@ SHARES = {
 """L -> memory -> b T / m at which some session of free devices of 75 g ends: the table of docs/velocity.md."""
 
 
-@pytest.mark.parametrize("latency", SHARES)
-@pytest.mark.parametrize("memory", SHARES[0])
+@pytest.mark.parametrize(("memory", "latency"), every(3, product(SHARES[0], SHARES)))
 def test_how_far_sessions_go(memory: float, latency: int) -> None:
     """Cube and wall, one and four frames each way, K = 500 N/m, from b = 5 up: all stable 2 % below, one not 2 % above."""
 

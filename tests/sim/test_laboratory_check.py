@@ -13,6 +13,8 @@ from cogrip.sim.analysis.stiffest import SHARES, stiffest
 from cogrip.sim.session import laboratory_check
 from cogrip.sim.session.laboratory_check import Check, check, checked_change, checked_stiffest, words
 
+from tests.extent import long
+
 WIFI = {"link.profile": "wifi", "coupling.stiffness_npm": 500.0}
 
 
@@ -131,10 +133,10 @@ def test_nobody_with_a_load_has_nothing_to_miss(wifi: tuple[Settings, Check]) ->
     ("overrides", "people"),
     [
         ({"link.delay_ms": 20.0}, {}),
-        ({"link.delay_ms": 60.0}, {"device_mass_kg": 0.05}),
+        long({"link.delay_ms": 60.0}, {"device_mass_kg": 0.05}),
         ({"link.delay_ms": 5.0}, {"device": "emulated:vintage", "hand": "reach&amplitude_m=0.005"}),
         ({"coupling.kind": "coupling", "link.delay_ms": 5.0}, {}),
-        ({"users.0.stiffness_npm": 50.0, "coupling.compensate": True, "coupling.stiffness_npm": 100.0}, {}),
+        long({"users.0.stiffness_npm": 50.0, "coupling.compensate": True, "coupling.stiffness_npm": 100.0}, {}),
     ],
 )
 def test_the_stiffest_is_stable_felt_in_a_session_and_better_than_its_neighbours(

@@ -14,6 +14,8 @@ from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import every
+
 FRAME_MS = 1000.0 / 128.0
 TWO = [
     {"name": "anna", "hand": "reach&amplitude_m=0.04"},
@@ -39,7 +41,9 @@ def control(laboratory: Laboratory, number: int) -> PassivityControl:
     return coupling
 
 
-@pytest.mark.parametrize(("frames", "stiffness"), [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
+@pytest.mark.parametrize(
+    ("frames", "stiffness"), every(2, [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
+)
 def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float) -> None:
     """Rows of the table of theory section 6 in which virtual coupling has an eigenvalue outside the unit circle."""
     bad: dict[str, Any] = {"coupling__stiffness_npm": stiffness, "link__delay_ms": frames * FRAME_MS}

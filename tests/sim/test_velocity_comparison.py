@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.cli.main import main
 from cogrip.client.velocity import AlphaBeta, memory_for
 from cogrip.devices.registry import make
 
-from tests.bench.velocity import hands
-from tests.bench.velocity.comparison import Found, chosen, devices, estimate, estimators, measure
-from tests.bench.velocity.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
-from tests.bench.velocity.hands import Motion, NoHandsError, recorded_hands, resampled
-from tests.bench.velocity.session import comes_to_rest
+from tests.bench.__main__ import main as bench
+from tests.bench.velocity_trial import hands
+from tests.bench.velocity_trial.comparison import Found, chosen, devices, estimate, estimators, measure
+from tests.bench.velocity_trial.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
+from tests.bench.velocity_trial.hands import Motion, NoHandsError, recorded_hands, resampled
+from tests.bench.velocity_trial.session import comes_to_rest
 
 HZ = 1024
 T_C = 1.0 / HZ
@@ -243,9 +243,9 @@ def test_on_a_real_hand_the_client_is_near_the_best_of_its_kind() -> None:
 
 
 def test_the_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main(["bench", "velocity", "--data", str(tmp_path)]) == 2
+    assert bench(["velocity", "--data", str(tmp_path)]) == 2
     assert "tue_1dof_PP_kp8.csv is not here" in capsys.readouterr().err
-    assert main(["bench", "velocity", "--device", "sim:fantom"]) == 2
+    assert bench(["velocity", "--device", "sim:fantom"]) == 2
     assert "--device sim:fantom: is none of sim:phantom" in capsys.readouterr().err
 
 

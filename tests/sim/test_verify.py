@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from cogrip.sim.runs.folder import client_recording
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
+from tests.extent import every
 from tests.recording_files import rewrite
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.toml"))
@@ -64,9 +66,11 @@ def is_exact(world: Settings, verdicts: dict[str, Verdict]) -> None:
         assert verdict.messages > verdict.ticks
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS)
-@pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("config", FEW, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    ("config", "axes", "coupling"),
+    every(5, product(FEW, (1, 3), COUPLINGS)),
+    ids=lambda value: getattr(value, "stem", value),
+)
 def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int, coupling: str, tmp_path: Path) -> None:
     one_axis = ("users.0.hand=reach", "users.1.hand=reach") if axes == 1 and config.stem == "three-users" else ()
     world = load(config, ("seconds=0.5", f"object.axes={axes}", *BAD_LINK, *COUPLINGS[coupling], *one_axis))
@@ -75,7 +79,7 @@ def test_every_shipped_session_over_a_bad_link_is_exact(config: Path, axes: int,
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
 def test_every_shipped_session_is_exact_for_longer(config: Path, tmp_path: Path) -> None:
-    world = load(config, ("seconds=3",) if config in FEW else ("seconds=0.5", *BAD_LINK))
+    world = load(config, ("seconds=1.5",) if config in FEW else ("seconds=0.5", *BAD_LINK))
     is_exact(world, verdicts_of(world, tmp_path))
 
 

@@ -1,10 +1,8 @@
-"""`cogrip bench network`: how many people one core serves, plain and sealed, beside a bare socket echo in the same run."""
+"""`dev.py bench network`: people whom one core serves, encrypted and not, and a bare socket echo in the same run."""
 
 import os
-import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,21 +14,17 @@ from rich.table import Table
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.protocol.channel import UnencryptedChannel
-from cogrip.protocol.io.dtls_client import DtlsClient
-from cogrip.protocol.io.realtime import engage, release
-from cogrip.protocol.settings import seat_settings
 
-from tests.bench.network_load import Echoed, Load, LoadError, Person, make_people
-from tests.bench.network_server import HOST, Job, Kind, Process, Reading, settings_of
+from tests.bench.flood import bench_flood
+from tests.bench.loads.people import Load, LoadError
+from tests.bench.loads.server import ASK_S, SETTLE_S, Job, Kind, Process, Reading, make_load
+from tests.bench.processors import two_processors
 
 MOST_LATE_US = 2000.0  # p99
-LEAST_SEALED = 100
+LEAST_ENCRYPTED = 100
 CASES: tuple[tuple[Kind, bool], ...] = (
-    ("echo", False), ("plain", False), ("plain", True), ("sealed", False), ("sealed", True),
+    ("echo", False), ("unencrypted", False), ("unencrypted", True), ("encrypted", False), ("encrypted", True),
 )  # fmt: skip
-SETTLE_S = 1.0
-ASK_S = 0.1
 WIDTH = 120
 QUIET_LOAD = 0.5
 APART = 4  # ticks, by which the server's count and the people's may have been read at different times
@@ -76,9 +70,9 @@ def bench_network(
     flood: Annotated[bool, Parameter(negative="")] = False,
     json: Json = None,
 ) -> int:
-    """A bare UDP echo, a plain server and a sealed one, each with and without recording, under the same load, one by one.
+    """Measure a bare UDP echo, an unencrypted and an encrypted server, with and without recording, one by one.
 
-    The server's loop stays on one processor, the people and whoever records on another. Exit code 0 if at least 100 sealed
+    The server's loop stays on one processor, the people and whoever records on another. Exit code 0 if at least 100
     people are served with a p99 lateness below 2 ms; with --flood, if nobody loses a seat and ticks stay punctual.
 
     Parameters
@@ -92,7 +86,7 @@ def bench_network(
     axes
         Of the object.
     flood
-        Measure a sealed server with two people under a flood of strangers instead.
+        Measure an encrypted server with two people under a flood of unauthenticated peers instead.
     """
     counts = _counts(users)
     if not 1.0 <= seconds <= 600.0:
@@ -105,11 +99,9 @@ def bench_network(
     if before > QUIET_LOAD:
         console.print(f"the machine is busy (load {before:.1f}): measure again when it is quiet")
     if flood:
-        from tests.bench.bench_flood import bench_flood
-
         return bench_flood(seconds, console, json)
     found = []
-    with two_cores(console) as cores:
+    with two_processors(console) as cores:
         for people in counts:
             for kind, recorded in CASES:
                 found.append(measure(kind, recorded, people, per_room, axes, seconds, cores[1]))
@@ -130,22 +122,6 @@ def _counts(users: str) -> list[int]:
     if not counts or counts[0] < 1 or counts[-1] > 1000:
         raise BadInput(f"--users {users}: each must be from 1 to 1000")
     return counts
-
-
-@contextmanager
-def two_cores(console: Console) -> Iterator[tuple[int | None, int | None]]:
-    """This process stays on the first while inside; the second is the server's. None where there is no choice."""
-    if sys.platform != "linux" or len(allowed := sorted(os.sched_getaffinity(0))) < 2:
-        console.print("there is but one processor to choose: people and server share it, and the numbers are worse")
-        yield None, None
-        return
-    os.sched_setaffinity(0, {allowed[0]})
-    measures = engage()
-    try:
-        yield allowed[0], allowed[-1]
-    finally:
-        release(measures)
-        os.sched_setaffinity(0, allowed)
 
 
 def measure(
@@ -184,17 +160,6 @@ def measure(
         last.frames_lost - first.frames_lost, last.frames_late - first.frames_late, _more(first, last, "not recorded"),
         last.memory_kb, load_late_us, now[2] - left_out,
     )  # fmt: skip
-
-
-def make_load(job: Job, server: Process) -> Load:
-    """People for that server."""
-    started = server.started
-    people = make_people(
-        job.people, job.per_room, (HOST, started.port),
-        (lambda: DtlsClient(started.fingerprint)) if job.kind == "sealed" else UnencryptedChannel,
-        started.token, Echoed if job.kind == "echo" else Person,
-    )  # fmt: skip
-    return Load(people, seat_settings(settings_of(job)[0], 0))
 
 
 def _look(load: Load, server: Process) -> tuple[Reading, int, int, int]:
@@ -241,7 +206,7 @@ def _table(found: Sequence[Measured], per_room: int, axes: int) -> Table:
 
 
 def _served(found: Sequence[Measured]) -> dict[str, int]:
-    """Of each kind of server the most people, of those that were tried, up to which it stayed punctual."""
+    """Return, for each kind of server, the largest number of people tried up to which it stayed punctual."""
     served: dict[str, int] = {}
     broken: set[str] = set()
     for each in sorted(found, key=lambda each: each.people):
@@ -260,8 +225,8 @@ def _judge(found: Sequence[Measured], console: Console) -> bool:
     late = max(each.load_late_us for each in found)
     if late > MOST_LATE_US:
         console.print(f"the people themselves were late (p99 {late / 1e3:.1f} ms): this machine is too small, or busy")
-    reached = served["sealed, recorded"] >= LEAST_SEALED
+    reached = served["encrypted, recorded"] >= LEAST_ENCRYPTED
     console.print(
-        f"at least {LEAST_SEALED} sealed and recorded are asked for: {'reached' if reached else 'NOT reached'}"
+        f"at least {LEAST_ENCRYPTED} encrypted and recorded are asked for: {'reached' if reached else 'NOT reached'}"
     )
     return reached

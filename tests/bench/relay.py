@@ -1,8 +1,7 @@
-"""`cogrip bench relay`: what a relay adds by itself, beside direct datagrams in the same run."""
+"""`dev.py bench relay`: what a relay adds by itself, beside direct datagrams in the same run."""
 
 import json as jsons
 import os
-import re
 import signal
 import socket
 import subprocess
@@ -27,8 +26,9 @@ from cogrip.protocol.network_profiles import PROFILES, ProfileName
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.link import fates
 
-from tests.bench.bench_network import two_cores
-from tests.bench.relay_echo import HOST, NETWORK_HZ, STAMP, receive, stamped
+from tests.bench.children import start_cogrip, start_python, wait_for_line
+from tests.bench.loads.echo import HOST, NETWORK_HZ, STAMP, receive, stamped
+from tests.bench.processors import two_processors
 
 MOST_ADDED_US = 200.0  # p99
 BYTES = 300  # a datagram of waves on three axes with R = 8 has about as many
@@ -51,7 +51,7 @@ class User:
     sent: int = 0
 
     def say(self) -> None:
-        """One datagram each way; which goes first alternates."""
+        """Send one datagram directly and one through the relay; they take turns to be first."""
         order = (self.direct, self.relayed) if self.sent % 2 else (self.relayed, self.direct)
         for each in order:
             each.send(STAMP.pack(self.sent, time.time_ns(), 0, 0) + bytes(BYTES - STAMP.size))
@@ -82,7 +82,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
     seconds
         How long.
     profile
-        Emulate this network up to the far end; `added` is then what the way up took beyond the delay that was drawn for
+        Emulate this network up to the far end; `added` is then what the uplink took beyond the delay that was drawn for
         it, datagram by datagram.
     """
     if not 1 <= users <= 64:
@@ -95,25 +95,25 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
     console.width = max(console.width, WIDTH)
     before = os.getloadavg()[0]
     with ExitStack() as stack:
-        _, core = stack.enter_context(two_cores(console))
+        _, core = stack.enter_context(two_processors(console))
         echo = stack.enter_context(echo_server())
         port, ended = stack.enter_context(relay_to(echo, core, profile))
         people = [User(stack.enter_context(_dial(echo)), stack.enter_context(_dial(port))) for _ in range(users)]
         _run(people, SETTLE_S)
         first = people[0].sent
         _run(people, seconds)
-        told = ended()
+        report = ended()
     after = os.getloadavg()[0]
     answer = {
         "users": users, "seconds": seconds, "bytes": BYTES, "load_before": before, "load_after": after,
         "profile": profile,
         **{direction: _compared([getattr(user, direction) for user in people], first) for direction in ("up", "down")},
-        "relay_left_late_us": told["late_us"], "relay_trouble": told["trouble"],
+        "relay_left_late_us": report["late_us"], "relay_trouble": report["trouble"],
     }  # fmt: skip
     if profile is not None:
         answer["up"]["added_us"] = _beyond_drawn(people, profile, first)
     reached = all(answer[direction]["added_us"]["p99"] < MOST_ADDED_US for direction in ("up", "down"))
-    what = f"through {profile} on the way up" if profile else "without impairment"
+    what = f"through {profile} on the uplink" if profile else "without impairment"
     console.print(
         f"{users} users, {NETWORK_HZ} Hz, {BYTES} bytes, {seconds:g} s, {what}; us from sending to the kernel"
     )
@@ -128,9 +128,7 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
 @contextmanager
 def echo_server() -> Iterator[int]:
     """Its port."""
-    child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "tests.bench.relay_echo"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+    child = start_python("-m", "tests.bench.loads.echo")
     try:
         assert child.stdout is not None
         yield int(child.stdout.readline())
@@ -144,30 +142,20 @@ def echo_server() -> Iterator[int]:
 def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterator[tuple[int, Any]]:
     """A `cogrip relay` to that port, on that processor: its own port, and what ends it and gives its summary."""
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
-        told = Path(base) / "relay.json"
-        child = subprocess.Popen(
-            [
-                sys.executable, "-P", "-m", "cogrip.cli", "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0",
-                "--json", str(told), "--seed", str(SEED),
-                *(f"--set=link.up.{key}={value}" for key, value in _way_up(profile).items()),
-            ],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        summary_at = Path(base) / "relay.json"
+        child = start_cogrip(
+            "relay", "--to", f"{HOST}:{port}", "--listen", f"{HOST}:0", "--json", str(summary_at), "--seed", str(SEED),
+            *(f"--set=link.up.{key}={value}" for key, value in _uplink(profile).items()), stderr=None,
         )  # fmt: skip
         try:
             if core is not None:
                 os.sched_setaffinity(child.pid, {core})
-            assert child.stdout is not None
-            found = None
-            for line in child.stdout:
-                if found := re.search(r"relaying from \S+:(\d+) ", line):
-                    break
-            if found is None:
-                raise Problem(f"the relay ended with code {child.wait()}")
+            found = wait_for_line(child, r"relaying from \S+:(\d+) ")
 
             def end() -> dict[str, Any]:
                 child.send_signal(signal.SIGINT)
                 _wait(child)
-                summary: dict[str, Any] = jsons.loads(told.read_text())
+                summary: dict[str, Any] = jsons.loads(summary_at.read_text())
                 return summary
 
             yield int(found[1]), end
@@ -177,7 +165,7 @@ def relay_to(port: int, core: int | None, profile: ProfileName | None) -> Iterat
             _wait(child)
 
 
-def _wait(child: subprocess.Popen[str]) -> None:
+def _wait(child: subprocess.Popen[Any]) -> None:
     try:
         child.wait(END_LIMIT_S)
     except subprocess.TimeoutExpired:
@@ -201,21 +189,21 @@ def _run(people: Sequence[User], seconds: float) -> None:
         user.hear()
         pacer.done()
     end_ns = time.monotonic_ns() + round(LINGER_S * 1e9)
-    while time.monotonic_ns() < end_ns:  # what is still on its way
+    while time.monotonic_ns() < end_ns:  # datagrams under way
         for user in people:
             user.hear()
         time.sleep(0.001)
 
 
-def _way_up(profile: ProfileName | None) -> dict[str, float]:
-    """What is emulated: on the way up only, and no outage, so that as many as possible come to be timed."""
+def _uplink(profile: ProfileName | None) -> dict[str, float]:
+    """Return the emulated link: uplink only, and no outage, so that as many as possible come to be timed."""
     values = PROFILES[profile].direction("up") if profile else {}
     return {key: value for key, value in values.items() if not key.startswith("outage")}
 
 
 def _beyond_drawn(people: Sequence[User], profile: ProfileName, first: int) -> dict[str, float]:
-    """Percentiles [us] of what the relayed datagrams took on the way up beyond what the link drew for their numbers."""
-    link = resolve({"link": _way_up(profile)}).link.direction("up")
+    """Percentiles [us] of what the relayed datagrams took on the uplink beyond what the link drew for their numbers."""
+    link = resolve({"link": _uplink(profile)}).link.direction("up")
     beyond = []
     for number, user in enumerate(people):
         drawn = islice(fates(link, f"{SEED}/{number}/up"), user.sent)
@@ -256,8 +244,8 @@ def _compared(found: Sequence[dict[str, dict[int, int]]], first: int) -> dict[st
 
 def _table(answer: dict[str, Any]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("way", "", "datagrams", *PERCENTILES):
-        table.add_column(heading, justify="left" if heading in ("way", "") else "right")
+    for heading in ("direction", "", "datagrams", *PERCENTILES):
+        table.add_column(heading, justify="left" if heading in ("direction", "") else "right")
     for direction in ("up", "down"):
         each = answer[direction]
         for kind in ("direct", "relayed", "added"):

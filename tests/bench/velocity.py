@@ -1,4 +1,4 @@
-"""`cogrip bench velocity`: velocity estimators on recorded hands, as each device's encoders see them, and in whole sessions."""
+"""`dev.py bench velocity`: velocity estimators on recorded hands, as each device's encoders see them, and in whole sessions."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,10 +15,10 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.client.velocity import AlphaBeta, impedance_bounds, largest_impedance, memory_for
 from cogrip.devices.device import Capability
 
-from tests.bench.velocity.comparison import Found, chosen, compare, devices
-from tests.bench.velocity.estimators import AdaptiveWindow, FollowingAlphaBeta
-from tests.bench.velocity.hands import Motion, NoHandsError, recorded_hands
-from tests.bench.velocity.session import largest_quiet
+from tests.bench.velocity_trial.comparison import Found, chosen, compare, devices
+from tests.bench.velocity_trial.estimators import AdaptiveWindow, FollowingAlphaBeta
+from tests.bench.velocity_trial.hands import Motion, NoHandsError, recorded_hands
+from tests.bench.velocity_trial.session import largest_quiet
 
 RATE_HZ = 1024
 _UPDATES = 20_000

@@ -1,4 +1,4 @@
-"""`cogrip bench storms`: whole sessions on every network, and whether each shows what it must."""
+"""`dev.py bench impaired`: whole sessions on every network, and whether each shows what it must."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,9 +22,8 @@ from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 from cogrip.sim.runs.folder import finite
 
-from tests.bench.own_settings import refuse_own
-from tests.bench.storms.case import Job, rest_from_s, run_cases
-from tests.bench.storms.matrix import (
+from tests.bench.impaired_network.case import Job, rest_from_s, run_cases
+from tests.bench.impaired_network.matrix import (
     LEAST_S,
     MOST_NPM,
     MOST_PEOPLE,
@@ -37,7 +36,8 @@ from tests.bench.storms.matrix import (
     rows,
     wrong,
 )
-from tests.bench.storms.room import NETWORKS
+from tests.bench.impaired_network.room import NETWORKS
+from tests.bench.own_settings import refuse_own
 
 MOST_TOLD = 10
 LEAST_WIDTH = 132
@@ -52,14 +52,14 @@ OWN = {  # of the matrix: its flags and rooms have them
     "coupling.kind": "`cogrip compare` has the other methods",
     "coupling.server_step": "`cogrip compare` has the paper's",
     "coupling.stiffness_npm": "give --stiffness",
-    "rates.network_hz": "the growth of loose cubes is told for that rate",
+    "rates.network_hz": "the growth of loose cubes is calculated for that rate",
     "object.kind": DRAWN,
     "object.axes": DRAWN,
 }
 Number = TypeVar("Number", int, float)
 
 
-def bench_storms(
+def bench_impaired(
     *,
     profiles: str = ",".join(NETWORKS),
     people: str = "2,3,4,5",
@@ -117,7 +117,7 @@ def _matrix(
     profiles: str, people: str, stiffness: str, seeds: int, seconds: float, loose_seeds: int, overrides: Sequence[str]
 ) -> Matrix:
     changes = dict(override(text) for text in overrides)
-    refuse_own("bench storms", changes, OWN)
+    refuse_own("bench impaired", changes, OWN)
     try:
         networks = choose("profile", [name.strip() for name in profiles.split(",") if name.strip()], NETWORKS)
     except ChoiceError as error:
@@ -157,10 +157,10 @@ def _numbers(
 
 
 def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str | None, console: Console) -> int:
-    storms, cubes = rows(pairs)
+    sessions, cubes = rows(pairs)
     failures = [(job, why) for job, result in pairs if (why := wrong(job, result))]
     seconds = pairs[0][0].seconds if pairs else 0.0
-    console.print(_storm_table(storms, seconds - rest_from_s(seconds)))
+    console.print(_session_table(sessions, seconds - rest_from_s(seconds)))
     if cubes:
         console.print(_loose_table(cubes))
     for job, why in failures[:MOST_TOLD]:
@@ -170,15 +170,15 @@ def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str
         console.print(f"... and {len(failures) - MOST_TOLD} more")
     console.print(f"{len(pairs)} of {asked} sessions run; {len(failures)} did not show what they must")
     if json:
-        write_json(finite({"storms": msgspec.to_builtins(storms), "loose": msgspec.to_builtins(cubes)}), json)
+        write_json(finite({"impaired": msgspec.to_builtins(sessions), "loose": msgspec.to_builtins(cubes)}), json)
     if stop.reason:
         return 130
     return 1 if failures or len(pairs) < asked else 0
 
 
-def _storm_table(storms: Sequence[Row], rest_s: float) -> Table:
+def _session_table(sessions: Sequence[Row], rest_s: float) -> Table:
     table = Table(
-        title=f"the worst of each cell; drift after {rest_s:g} s of rest, beyond that of a clean link",
+        title=f"the worst of each case; drift after {rest_s:g} s of rest, beyond that of a clean link",
         title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
     )  # fmt: skip
     for heading in (
@@ -186,7 +186,7 @@ def _storm_table(storms: Sequence[Row], rest_s: float) -> Table:
         "drift\nmed mm", "\nmax mm", "force\nN", "step\nN",
     ):  # fmt: skip
         table.add_column(heading, justify="left" if heading == "\nnetwork" else "right", no_wrap=True)
-    for row in storms:
+    for row in sessions:
         table.add_row(
             row.network, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.wrong}", f"{row.margin_mj:.0e}",
             f"{row.coherence_rms_mm:.2f}", f"{row.coherence_max_mm:.1f}", f"{row.median_drift_mm:.3f}",

@@ -1,4 +1,4 @@
-"""The matrix as a whole: its cells, what each of them must show, and the rows that are told of them."""
+"""The matrix as a whole: its cases, what each of them must show, and the rows that report them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, get_args
 from cogrip.protocol.settings import Seconds, Stiffness
 from cogrip.sim.experiments.sweep.case import Result
 
-from tests.bench.storms.case import Job, growth
+from tests.bench.impaired_network.case import Job, growth
 
 NOTHING_MJ = -1e-9
 MOST_PEOPLE = 16
@@ -58,14 +58,14 @@ class Matrix:
 
 
 def at_once(jobs: Sequence[Job]) -> int:
-    """How many a process gets together: one room on every network."""
+    """Return how many cases a process gets together: one room on every network."""
     first = jobs[0]
     return sum(1 for job in jobs if (job.people, job.stiffness_npm, job.seed, job.scheme)
                == (first.people, first.stiffness_npm, first.seed, first.scheme))  # fmt: skip
 
 
 def wrong(job: Job, result: Result) -> str:
-    """What a session should have shown and did not, "" where all is well."""
+    """Return what a session should have shown and did not, "" where all is well."""
     found = result.measures
     if result.error:
         return result.error
@@ -130,11 +130,11 @@ class LooseRow:
 
 
 def rows(pairs: Iterable[tuple[Job, Result]]) -> tuple[list[Row], list[LooseRow]]:
-    """Storms, then loose cubes, in the order of their first cells."""
+    """Return the rows of our own scheme, then those of loose cubes, in the order of their first cases."""
     groups: dict[tuple[str, str, int, float], list[tuple[Job, Result]]] = {}
     for job, result in sorted(pairs, key=lambda pair: pair[0].case):
         groups.setdefault((job.scheme, job.network, job.people, job.stiffness_npm), []).append((job, result))
-    storms, cubes = [], []
+    impaired, cubes = [], []
     for (scheme, network, people, K), group in groups.items():
         bad = sum(bool(wrong(job, result)) for job, result in group)
         found = [result.measures for _, result in group if not result.error]
@@ -145,12 +145,12 @@ def rows(pairs: Iterable[tuple[Job, Result]]) -> tuple[list[Row], list[LooseRow]
             cubes.append(LooseRow(network, people, scheme, K, len(group), restless, diverged, radius, grown, bad))
             continue
         drifts = _known(found, "drift_mm")
-        storms.append(Row(
+        impaired.append(Row(
             network, people, K, len(group), bad, min(_known(found, "margin_mj")),
             max(_known(found, "coherence_rms_mm")), max(_known(found, "coherence_max_mm")), max(drifts),
             statistics.median(drifts), max(_known(found, "peak_force_n")), max(_known(found, "force_step_n")),
         ))  # fmt: skip
-    return storms, cubes
+    return impaired, cubes
 
 
 def _known(found: Sequence[Mapping[str, Any]], name: str) -> list[float]:

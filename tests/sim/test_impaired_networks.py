@@ -1,15 +1,15 @@
-"""A thinned, seeded sample of the storm matrix (`cogrip bench storms` has the whole), and proof that it can fail."""
+"""A seeded sample of the matrix of impaired networks, which `dev.py bench impaired` runs whole; and proof that it can fail."""
 
 from typing import Any
 
 import pytest
 
-from cogrip.cli.main import main
 from cogrip.sim.experiments.sweep.case import Result
 
-from tests.bench.storms.case import Job, growth, radius, run_case
-from tests.bench.storms.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
-from tests.bench.storms.room import NETWORKS, storm
+from tests.bench.__main__ import main as bench
+from tests.bench.impaired_network.case import Job, growth, radius, run_case
+from tests.bench.impaired_network.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
+from tests.bench.impaired_network.room import NETWORKS, impaired
 
 JOBS = [
     Job(number, network, people, K, seed, 2.0)
@@ -25,7 +25,7 @@ def test_the_sample_has_every_network() -> None:
 
 
 @pytest.mark.parametrize("job", JOBS, ids=lambda job: f"{job.network}-{job.people}-{job.stiffness_npm:g}-{job.seed}")
-def test_ours_is_passive_and_holds_in_every_storm(job: Job) -> None:
+def test_ours_is_passive_and_holds_on_every_network(job: Job) -> None:
     result = run_case(job)
     assert wrong(job, result) == "", result.measures
     assert result.measures["balance_mj"] < 1e-6
@@ -34,7 +34,7 @@ def test_ours_is_passive_and_holds_in_every_storm(job: Job) -> None:
 @pytest.mark.parametrize("network", ["lan", "satellite"])
 @pytest.mark.parametrize(("scheme", "K"), [("coupling", 2000.0), ("paper", 5000.0), ("wave", 1e5)])
 def test_a_loose_cube_goes_as_its_eigenvalues_say(network: str, scheme: str, K: float) -> None:
-    """The baselines fail where theory section 6 says so, whatever the weather; ours, at fifty times K, does not."""
+    """The baselines fail where theory section 6 says so, whatever the network; ours, at fifty times K, does not."""
     job = Job(0, network, 2, K, 1, 8.0, scheme)
     result = run_case(job)
     assert wrong(job, result) == ""
@@ -78,28 +78,28 @@ def test_a_baseline_that_holds_where_it_must_fail_is_wrong() -> None:
 def test_the_matrix_is_every_combination_and_rows_keep_the_worst() -> None:
     matrix = Matrix(("lan", "wan"), (2, 3), (1e3, 1e5), (0, 1, 2), 3.0, 1, {})
     jobs = matrix.jobs()
-    storms = [job for job in jobs if not job.scheme]
-    assert len(storms) == 2 * 2 * 2 * 3
-    assert len(jobs) - len(storms) == 2 * 2 * 4
+    sessions = [job for job in jobs if not job.scheme]
+    assert len(sessions) == 2 * 2 * 2 * 3
+    assert len(jobs) - len(sessions) == 2 * 2 * 4
     assert [job.case for job in jobs] == list(range(len(jobs)))
     assert at_once(jobs) == 2, "one room on both networks: its clean link is run once"
     results = [
         Result(job.case, {
             "passive": True, "diverged": False, "faults": 0, "margin_mj": -1e-12 * job.seed, "coherence_rms_mm": job.seed,
             "coherence_max_mm": 1.0, "drift_mm": float(job.seed), "peak_force_n": 1.0, "force_step_n": 1.0,
-        }) for job in storms
+        }) for job in sessions
     ]  # fmt: skip
-    told, cubes = rows(zip(storms, results, strict=True))
-    assert len(told) == 8
+    found, cubes = rows(zip(sessions, results, strict=True))
+    assert len(found) == 8
     assert cubes == []
-    assert {(row.sessions, row.wrong, row.margin_mj, row.drift_mm, row.median_drift_mm) for row in told} == {
+    assert {(row.sessions, row.wrong, row.margin_mj, row.drift_mm, row.median_drift_mm) for row in found} == {
         (3, 0, -2e-12, 2.0, 1.0)
     }
 
 
 def test_every_seed_is_another_room_and_the_same_every_time() -> None:
-    rooms = [storm("lan", 4, 1e3, seed, 3.0) for seed in range(12)]
-    assert rooms == [storm("lan", 4, 1e3, seed, 3.0) for seed in range(12)]
+    rooms = [impaired("lan", 4, 1e3, seed, 3.0) for seed in range(12)]
+    assert rooms == [impaired("lan", 4, 1e3, seed, 3.0) for seed in range(12)]
     assert {(room["object"]["kind"], room["object"]["axes"]) for room in rooms} == {
         ("cube", 1), ("cube", 3), ("faces", 1), ("faces", 3)
     }  # fmt: skip
@@ -120,5 +120,5 @@ def test_every_seed_is_another_room_and_the_same_every_time() -> None:
 def test_a_matrix_that_cannot_be_run_is_refused(
     arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["bench", "storms", *arguments]) == 2
+    assert bench(["storms", *arguments]) == 2
     assert words in capsys.readouterr().err.replace("\n", " ")

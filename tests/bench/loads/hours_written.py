@@ -12,7 +12,7 @@ from cogrip.protocol.io.recording_process import FLUSH_EVERY_S, WholePieces
 from cogrip.protocol.recording.reader import Message, open_recording
 from cogrip.protocol.recording.writer import RecordingWriter
 
-from tests.bench.process_memory import memory_kb
+from tests.bench.loads.process_memory import memory_kb
 
 SETTLED_S = 60.0  # what the writer keeps at all it has by then
 

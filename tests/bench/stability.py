@@ -1,4 +1,4 @@
-"""`cogrip bench stability`: outlines traced, against numpy's eigenvalues on a dense grid, at the same delays."""
+"""`dev.py bench stability`: boundaries traced, against numpy's eigenvalues on a dense grid, at the same delays."""
 
 import resource
 import time
@@ -31,8 +31,8 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
         Cells a side of the dense grid.
     """
     console = make_console()
-    table = Table(title=f"outline against a {cells} x {cells} grid, two users, {len(DELAYS_FRAMES)} delays")
-    for column in ("scheme", "outlines", "points", "eigvals of the grid", "with matrices", "ratio", "with matrices"):
+    table = Table(title=f"boundary against a {cells} x {cells} grid, two users, {len(DELAYS_FRAMES)} delays")
+    for column in ("scheme", "boundaries", "points", "eigvals of the grid", "with matrices", "ratio", "with matrices"):
         table.add_column(column, justify="right")
     worst = np.inf
     schemes: tuple[Literal["paper", "coupling"], ...] = ("paper", "coupling")
@@ -52,13 +52,13 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
         )  # fmt: skip
     console.print(table)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    console.print(f"largest memory of this process: {peak_mb:.0f} MB; every outline point verified on both sides")
+    console.print(f"largest memory of this process: {peak_mb:.0f} MB; every boundary point verified on both sides")
     console.print(f"at least {_TOLD:g} is asked for: {'reached' if worst >= _TOLD else 'NOT reached'}")
     return 0 if worst >= _TOLD else 1
 
 
 def _round(models: list[LiftedModel], box: tuple[float, float], pairs: np.ndarray) -> tuple[float, float, float]:
-    """Seconds for tracing all outlines, and for making and solving all matrices of the grid."""
+    """Seconds for tracing all boundaries, and for making and solving all matrices of the grid."""
     start = time.perf_counter()
     for model in models:
         trace(model, box, lambda K: K)

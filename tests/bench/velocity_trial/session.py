@@ -1,4 +1,4 @@
-"""How large an impedance an estimator carries in a session of the actual cores, with the encoders' counts in the loop."""
+"""The impedance that an estimator carries in a session of the actual cores, with the encoders' counts in the loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cogrip.devices.simulated.device import Plant, SimulatedDevice
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.velocity.estimators import Estimator
+from tests.bench.velocity_trial.estimators import Estimator
 
 MakeEstimator = Callable[[], Estimator]
 
@@ -64,7 +64,7 @@ class EstimatingPlant:
 def comes_to_rest(
     record: Capability, make: MakeEstimator, impedance_nspm: float, *, hand: str = LOOSE, frames: int = 1
 ) -> bool:
-    """Whether two such devices on one cube, pushed once, are quiet after _SECONDS: their forces stay within NOISE_N, rms."""
+    """Return True if two such devices on one cube, pushed once, have forces within NOISE_N, rms, after _SECONDS."""
     device = f"sim:phantom?friction_n=0&resolution_m={record.resolution_m!r}&peak_force_n={record.peak_force_n!r}"
     users = [
         {"name": name, "device": device, "hand": hand, "device_mass_kg": record.apparent_mass_kg} for name in ("a", "b")

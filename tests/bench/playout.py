@@ -1,4 +1,4 @@
-"""`cogrip bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
+"""`dev.py bench playout`: the playout that follows the jitter, beside the best fixed depth with hindsight. Virtual time."""
 
 from typing import Annotated, Any, get_args
 
@@ -34,7 +34,7 @@ def bench_playout(
     profile: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     json: Json = None,
 ) -> int:
-    """Play the same datagrams out with frames = "auto" and at every fixed depth, on each profile, both ways.
+    """Play the same datagrams out with frames = "auto" and at every fixed depth, on each profile, in both directions.
 
     The best fixed depth is chosen with hindsight over all seeds: of one whole delay through all runs, the one with the least
     delay + W late / in time, W = 0.5 s. held is the delay beyond the quickest datagram; late are the frames that came and were
@@ -44,7 +44,7 @@ def bench_playout(
     Parameters
     ----------
     seeds
-        Runs of each profile and way.
+        Runs of each profile and direction.
     seconds
         Virtual time of each run.
     network_hz
@@ -96,7 +96,7 @@ def _trial(name: str, direction: Any, seeds: int, seconds: float, network_hz: in
     border = one_way(link.delay_ms, 0, Rates(network_hz, network_hz)).frames
     return {
         "profile": name,
-        "way": direction,
+        "direction": direction,
         "delay_ms": 1e3 * delay / network_hz,
         "held_frames": delay - quickest,
         "late_share": late,
@@ -142,7 +142,7 @@ def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
     ))  # fmt: skip
     numbers = _empty("the best number for playout.frames", ("frames", "ms", "late %", "expected of auto"))
     for row in rows:
-        direction = f"{row['profile']} {row['way']}"
+        direction = f"{row['profile']} {row['direction']}"
         beside.add_row(
             direction, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
             f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
@@ -158,7 +158,7 @@ def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
 
 def _empty(title: str, headings: tuple[str, ...]) -> Table:
     table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("\nway" if any("\n" in heading for heading in headings) else "way", no_wrap=True)
+    table.add_column("\ndirection" if any("\n" in heading for heading in headings) else "direction", no_wrap=True)
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     return table

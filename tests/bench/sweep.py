@@ -1,4 +1,4 @@
-"""`cogrip bench sweep`: the same cells with one worker process and with several, in turns."""
+"""`dev.py bench sweep`: the same cases with one worker process and with several, in turns."""
 
 import time
 
@@ -13,26 +13,26 @@ from cogrip.sim.experiments.worker_pool import LocalWorkers
 
 COLUMNS = ("passive", "users.0.peak_force_n")
 _BLOCKS = 4
-_TOLD_OF_TWO = 1.8
+_LEAST_OF_TWO = 1.8
 
 
-def bench_sweep(*, cases: int = 400, seconds: float = 5.0, jobs: int = 2) -> int:
-    """Two-user sessions of the demo's settings, each with its own stiffness; blocks of cells go to one and to many in turn.
+def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int:
+    """Two-user sessions of the demo's settings, each with its own stiffness; blocks of cases go to one and to many in turn.
 
     Parameters
     ----------
     cells
-        How many cells.
+        How many cases.
     seconds
-        Virtual time of each cell's session.
+        Virtual time of each case's session.
     jobs
         Workers of the larger pool.
     """
-    if cases < _BLOCKS or jobs < 2:
-        raise BadInput(f"bench sweep needs at least {_BLOCKS} cells and 2 jobs")
+    if cells < _BLOCKS or jobs < 2:
+        raise BadInput(f"bench sweep needs at least {_BLOCKS} cases and 2 jobs")
     console = make_console()
     base = msgspec.to_builtins(load(shipped("demo"), [f"seconds={seconds}"]))
-    all_jobs = [Job(case, base, {"coupling.stiffness_npm": 200.0 + 2.0 * case}, COLUMNS) for case in range(cases)]
+    all_jobs = [Job(case, base, {"coupling.stiffness_npm": 200.0 + 2.0 * case}, COLUMNS) for case in range(cells)]
     blocks = [all_jobs[start::_BLOCKS] for start in range(_BLOCKS)]
     spent = {1: 0.0, jobs: 0.0}
     answers = {}
@@ -46,15 +46,15 @@ def bench_sweep(*, cases: int = 400, seconds: float = 5.0, jobs: int = 2) -> int
                 results = list(workers.run(block))
                 spent[count] += time.perf_counter() - start
                 answers[number, count] = sorted((result.case, str(result.measures)) for result in results)
-                console.print(f"block {number + 1} of {_BLOCKS}, {count} workers: {len(results)} cells")
+                console.print(f"block {number + 1} of {_BLOCKS}, {count} workers: {len(results)} cases")
     same = all(answers[number, 1] == answers[number, jobs] for number in range(_BLOCKS))
     ratio = spent[1] / spent[jobs]
     console.print(
-        f"{cases} cells of {seconds:g} s: 1 worker {spent[1]:.1f} s, {jobs} workers {spent[jobs]:.1f} s, ratio {ratio:.2f}; "
+        f"{cells} cases of {seconds:g} s: 1 worker {spent[1]:.1f} s, {jobs} workers {spent[jobs]:.1f} s, ratio {ratio:.2f}; "
         f"results {'equal' if same else 'DIFFER'}"
     )
     if jobs == 2:
         console.print(
-            f"at least {_TOLD_OF_TWO:g} is asked for: {'reached' if ratio >= _TOLD_OF_TWO else 'NOT reached'}"
+            f"at least {_LEAST_OF_TWO:g} is asked for: {'reached' if ratio >= _LEAST_OF_TWO else 'NOT reached'}"
         )
-    return 0 if same and (jobs != 2 or ratio >= _TOLD_OF_TWO) else 1
+    return 0 if same and (jobs != 2 or ratio >= _LEAST_OF_TWO) else 1

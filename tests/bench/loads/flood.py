@@ -1,11 +1,10 @@
-"""A flood of strangers from many addresses of loopback, in a process of its own: `python -m tests.bench.network_flood`.
+"""A flood of datagrams from many addresses of loopback, in its own process: `python -m tests.bench.loads.flood`.
 
 Its job stands on standard input; what it sent on standard output, once it is over. Linux: elsewhere loopback has one address.
 """
 
 import random
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -19,6 +18,8 @@ from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, padded
 from cogrip.protocol.session import make_hello
+
+from tests.bench.children import start_python
 
 ADDRESSES = 1000
 PER_SECOND = 20_000
@@ -55,9 +56,7 @@ class Flood:
     """A flood that is under way; `end` waits for it."""
 
     def __init__(self, job: Job) -> None:
-        self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "tests.bench.network_flood"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
+        self._child = start_python("-m", "tests.bench.loads.flood")
         assert self._child.stdin is not None
         assert self._child.stdout is not None
         self._child.stdin.write(msgspec.msgpack.encode(job))
@@ -84,12 +83,12 @@ class Flood:
 def samples_of(
     server: tuple[str, int], fingerprint: str, records: Sequence[bytes], seed: int = 1
 ) -> dict[str, tuple[bytes, ...]]:
-    """What strangers can send a sealed server, by kind. records: datagrams of a real session, as they went by."""
+    """Return what unauthenticated peers can send an encrypted server, by kind. records: datagrams of a real session."""
     chance = random.Random(seed)
     whole, wrong = _hellos(server, fingerprint, chance)
     kinds = {
         "random bytes": tuple(chance.randbytes(chance.randrange(MAX_DATAGRAM_BYTES + 100)) for _ in range(SAMPLES)),
-        "plain hellos": tuple(_plain(chance) for _ in range(SAMPLES)),
+        "unencrypted hellos": tuple(_unencrypted_hello(chance) for _ in range(SAMPLES)),
         "ClientHellos": whole,
         "forged cookies": wrong,
         "replayed records": tuple(records[-SAMPLES:]),
@@ -99,7 +98,7 @@ def samples_of(
     return {**kinds, MIX: tuple(everything)}
 
 
-def _plain(chance: random.Random) -> bytes:
+def _unencrypted_hello(chance: random.Random) -> bytes:
     return padded(make_hello(
         software="flood", nonce=chance.randrange(1, 2**62), room="", name="", digest="", device="sim:none", axes=3,
         rate_hz=1024.0,

@@ -1,10 +1,8 @@
-"""`cogrip bench devices`: live sessions with emulated arms on serial lines, beside the same with simulated devices."""
+"""`dev.py bench devices`: live sessions with emulated arms on serial lines, beside the same with simulated devices."""
 
 import os
-import re
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -23,7 +21,10 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SUMMARY, write_settings
 
+from tests.bench.children import output_at_end, start_cogrip, wait_for_line
+
 LEAST_RUN, MOST_MISSED, MOST_APART = 0.99, 0.001, 0.05
+CARRIED = "coupling.impedance_nspm=7.9"  # what the vintage Phantom carries
 WALL_S = 14.0  # the hands press from the fourth second on, and have come to rest long before the end
 PULL = ("reach&amplitude_m=0.012", "reach&amplitude_m=0.012&delay_s=0.25")  # within what the motors can give
 PRESS = ("reach&amplitude_m=0.008&delay_s=4&stroke_s=1&stop_s=5",) * 2
@@ -34,7 +35,7 @@ _PROCESSES = 2  # none of the five needs half a processor
 
 
 class Person(msgspec.Struct, frozen=True):
-    """What one person's client knew at the end of one session."""
+    """The account of one person's client at the end of one session."""
 
     session: str
     device: str
@@ -80,8 +81,8 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
         raise BadInput(f"--seconds {seconds:g} is outside 3 to 3600")
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
-    cube = load(shipped("demo"))
-    wall = load(shipped("demo"), ["object.kind=wall"])
+    cube = load(shipped("demo"), [CARRIED])
+    wall = load(shipped("demo"), [CARRIED, "object.kind=wall"])
     found: list[Person] = []
     with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base:
         for name, settings, hands, length_s in (("cube", cube, PULL, seconds), ("wall", wall, PRESS, WALL_S)):
@@ -112,7 +113,7 @@ def _session(
         server, port = stack.enter_context(_server(file, folder / "server"))
         people = [user.name for user in settings.users]
         clients = [
-            _start(
+            start_cogrip(
                 "join", f"127.0.0.1:{port}", "--name", person, "--config", file, "--device", device,
                 "--seconds", str(seconds), "--runs", str(folder / person), "--no-report",
             )
@@ -120,10 +121,10 @@ def _session(
         ]  # fmt: skip
         for client in clients:
             stack.callback(client.kill)  # where another one fails; does nothing to one that has ended
-        said = [_await(client, seconds + _END_LIMIT_S) for client in clients]
+        said = [output_at_end(client, seconds + _END_LIMIT_S)[0] for client in clients]
         server.send_signal(signal.SIGTERM)
-        said.append(_await(server, _END_LIMIT_S))
-    return [_person(name, kind, person, folder, words) for person, words in zip(people, said, strict=False)]
+        output_at_end(server, _END_LIMIT_S)
+    return [_person(name, kind, person, folder, words) for person, words in zip(people, said, strict=True)]
 
 
 def _person(session: str, kind: str, name: str, folder: Path, said: str) -> Person:
@@ -149,55 +150,25 @@ def _device(kind: str, hand: str, link: Path) -> Iterator[str]:
     if kind == "sim":
         yield f"sim:phantom?hand={hand}"
         return
-    arm = _start("devices", "emulate", "serial", "--model", "vintage", "--hand", hand, "--link", str(link))
+    arm = start_cogrip("devices", "emulate", "serial", "--model", "vintage", "--hand", hand, "--link", str(link))
     try:
-        _hear(arm, "behind serial:")
+        wait_for_line(arm, "behind serial:")
         yield f"serial:{link}?model=vintage&pose=home"
     finally:
         arm.send_signal(signal.SIGTERM)
-        _await(arm, _END_LIMIT_S)
+        output_at_end(arm, _END_LIMIT_S)
 
 
 @contextmanager
 def _server(file: str, runs: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The process and its port."""
-    server = _start("serve", file, "--port", "0", "--runs", str(runs), "--no-report")
+    server = start_cogrip("serve", file, "--port", "0", "--runs", str(runs), "--no-report")
     try:
-        yield server, _hear(server, r"listening on \S+:(\d+)")[1]
+        yield server, wait_for_line(server, r"listening on \S+:(\d+)")[1]
     finally:
         if server.poll() is None:
             server.send_signal(signal.SIGTERM)
-            _await(server, _END_LIMIT_S)
-
-
-def _start(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-P", "-u", "-m", "cogrip.cli", *arguments],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
-
-
-def _hear(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
-    """Wait until it has said so. Raises Problem where it ends without."""
-    assert process.stdout is not None
-    heard = ""
-    while not (found := re.search(pattern, heard)):
-        line = process.stdout.readline()
-        if not line:
-            raise Problem(f"a process did not start:\n{heard.strip()}")
-        heard += line
-    return found
-
-
-def _await(process: subprocess.Popen[str], limit_s: float) -> str:
-    """Wait for the end; what was said since."""
-    try:
-        said, _ = process.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        said, _ = process.communicate()
-        return f"did not end in {limit_s:g} s: {said.strip()}"
-    return said.strip()
+            output_at_end(server, _END_LIMIT_S)
 
 
 def _table(found: Sequence[Person]) -> Table:

@@ -1,4 +1,4 @@
-"""`cogrip bench network --flood`: two people at a sealed server, and strangers who send it 20,000 datagrams a second."""
+"""`dev.py bench network --flood`: two people at an encrypted server under 20,000 foreign datagrams a second."""
 
 import sys
 import tempfile
@@ -12,11 +12,11 @@ from rich.table import Table
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 
-from tests.bench.bench_network import ASK_S, SETTLE_S, make_load, two_cores
-from tests.bench.network_flood import Done, Flood, samples_of
-from tests.bench.network_flood import Job as FloodJob
-from tests.bench.network_load import Load, LoadError
-from tests.bench.network_server import HOST, Job, Process, Reading
+from tests.bench.loads.flood import Done, Flood, samples_of
+from tests.bench.loads.flood import Job as FloodJob
+from tests.bench.loads.people import Load, LoadError
+from tests.bench.loads.server import ASK_S, HOST, SETTLE_S, Job, Process, Reading, make_load
+from tests.bench.processors import two_processors
 
 MOST_RATIO = 2.0  # of the p99 lateness, over that of the part without a flood
 SHORT_US = 100.0  # less than this is the machine's own noise: what a flood makes of it is not judged as a ratio
@@ -27,7 +27,7 @@ QUIET = "no flood"
 
 
 class Span(msgspec.Struct, frozen=True):
-    """What went on while one kind of flood did."""
+    """Measurements during one kind of flood."""
 
     kind: str
     sent_per_s: float
@@ -45,8 +45,8 @@ def bench_flood(seconds: float, console: Console, json: Json) -> int:
     """Every kind of flood, then all of them mixed. Exit code 0 if no seat was lost, ticks are punctual and memory is flat."""
     if sys.platform != "linux":
         raise BadInput("--flood needs Linux: elsewhere loopback has one address, and no thousand")
-    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base, two_cores(console) as cores:
-        job = Job("sealed", PEOPLE, PEOPLE, 3, cores[1], str(Path(base) / "state"), str(Path(base) / "server.mcap"))
+    with tempfile.TemporaryDirectory(prefix="cogrip-bench-") as base, two_processors(console) as cores:
+        job = Job("encrypted", PEOPLE, PEOPLE, 3, cores[1], str(Path(base) / "state"), str(Path(base) / "server.mcap"))
         server = Process(job)
         load = make_load(job, server)
         try:
@@ -54,7 +54,7 @@ def bench_flood(seconds: float, console: Console, json: Json) -> int:
             spans = list(_spans(load, server, seconds, console))
             load.leave()
         except LoadError as error:
-            raise Problem(f"sealed server: {error}") from None
+            raise Problem(f"encrypted server: {error}") from None
         finally:
             load.close()
             server.end()
@@ -102,7 +102,7 @@ def _span(kind: str, first: Reading, last: Reading, done: Done | None) -> Span:
 
 
 def _table(spans: Sequence[Span]) -> Table:
-    table = Table(title="sealed, two people, one room", title_justify="left", box=None, padding=(0, 2, 0, 0))
+    table = Table(title="encrypted, two people, one room", title_justify="left", box=None, padding=(0, 2, 0, 0))
     headings = (
         "flood", "datagrams\n/s", "late p50/p99\nµs", "over\nquiet", "work p50/p99\nµs", "frames\nlost/late", "memory\nMB",
         "dropped, by reason",

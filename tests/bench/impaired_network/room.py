@@ -1,4 +1,4 @@
-"""What stands in a storm: a seed's room, its people and their hands, as a table of settings.
+"""The room of a seed, its people and their hands, as a table of settings.
 
 Each seed is another room: gripped or pushed, on one axis or three, with ideal devices or with those that only tell counts, and
 in every fourth room people's devices run at unlike rates. People push and pull with hands of their own, drawn from the seed.
@@ -25,7 +25,7 @@ KINDS = ("cube", "faces", "cube", "cube")
 UNLIKE_HZ = (2048, 1024, 4096, 1024, 3072)
 
 
-def storm(network: str, people: int, stiffness_npm: float, seed: int, seconds: float) -> dict[str, Any]:
+def impaired(network: str, people: int, stiffness_npm: float, seed: int, seconds: float) -> dict[str, Any]:
     """A room of ours. network: a profile's name, or CLEAN."""
     kind, axes = KINDS[seed % 4], 3 if seed // 4 % 2 else 1
     device = "sim:phantom" if seed % 3 == 0 else "sim:ideal"
@@ -64,11 +64,11 @@ def _link(network: str) -> dict[str, Any]:
 def _user(number: int, kind: str, axes: int, device: str, random: Random) -> dict[str, Any]:
     """Someone who strokes, swings or trembles: from their side where things are pushed, else in any direction."""
     left = number % 2 == 0
-    direction = [random.gauss(0.0, 1.0) for _ in range(axes)]
+    vector = [random.gauss(0.0, 1.0) for _ in range(axes)]
     if kind == "faces":
-        direction[0] = abs(direction[0]) if left else -abs(direction[0])
-    size = math.hypot(*direction)
-    direction = f"direction={','.join(f'{each / size:.3f}' for each in direction)}"
+        vector[0] = abs(vector[0]) if left else -abs(vector[0])
+    size = math.hypot(*vector)
+    direction = f"direction={','.join(f'{each / size:.3f}' for each in vector)}"
     amplitude = f"amplitude_m={random.uniform(0.01, 0.04):.4f}"
     stroke = f"stroke_s={random.uniform(0.4, 1.2):.3f}&delay_s={random.uniform(0.0, 0.5):.3f}"
     hand = random.choice((

@@ -9,7 +9,7 @@ import numpy as np
 PAGE_KB = os.sysconf("SC_PAGE_SIZE") // 1024 if hasattr(os, "sysconf") else 4
 
 
-class Told(NamedTuple):
+class MemoryGrowth(NamedTuple):
     """Resident memory [KiB], and how fast it grew over the second half."""
 
     first_kb: float
@@ -37,7 +37,7 @@ class Growth:
 
     @property
     def slope_kb_per_h(self) -> float:
-        """Of the line of least squares through the second half; 0 where there are fewer than three notes."""
+        """Slope of the least-squares line through the second half; 0 where there are fewer than three notes."""
         half = len(self._times_s) // 2
         times, sizes = np.array(self._times_s[half:]), np.array(self._sizes_kb[half:])
         if len(times) < 3:
@@ -45,11 +45,13 @@ class Growth:
         away = times - times.mean()
         return float((away * (sizes - sizes.mean())).sum() / (away * away).sum() * 3600.0)
 
-    def told(self) -> Told:
+    def summary(self) -> MemoryGrowth:
         """Raises ValueError where nothing was noted."""
         if not self._sizes_kb:
             raise ValueError("no memory was noted of this process")
-        return Told(self._sizes_kb[0], self._sizes_kb[len(self._sizes_kb) // 2], self.last_kb, self.slope_kb_per_h)
+        return MemoryGrowth(
+            self._sizes_kb[0], self._sizes_kb[len(self._sizes_kb) // 2], self.last_kb, self.slope_kb_per_h
+        )
 
 
 def family_of(leader: int) -> list[tuple[int, str]]:
@@ -79,7 +81,7 @@ def _parent_of(entry: Path) -> int:
 
 
 def _role(entry: Path) -> str | None:
-    """What a child is for; None for Python's own resource tracker."""
+    """Return the purpose of a child; None for Python's own resource tracker."""
     try:
         words = entry.joinpath("cmdline").read_bytes()
     except OSError:

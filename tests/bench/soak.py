@@ -1,4 +1,4 @@
-"""`cogrip bench soak`: people at a server through a relay, for a long time; who was lost, and what has grown."""
+"""`dev.py bench soak`: people at a server through a relay, for a long time; who was lost, and what has grown."""
 
 import json
 import os
@@ -29,7 +29,7 @@ from cogrip.protocol.link_profile import Link
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, write_settings
 
-from tests.bench.process_memory import Growth, family_of, memory_kb
+from tests.bench.loads.process_memory import Growth, family_of, memory_kb
 
 HOST = "127.0.0.1"
 LOOK_EVERY_S = 5.0
@@ -126,14 +126,14 @@ def _watch(
     console: Console,
 ) -> None:
     """Note every process's memory until the people have ended."""
-    began = told = time.monotonic()
+    began = reported = time.monotonic()
     while any(person.poll() is None for person in people) and not stop.reason:
         now = time.monotonic()
         for name, child in children.items():
             for process, role in family_of(child.pid):
                 growths.setdefault(f"{name}{role}", Growth()).note(now - began, memory_kb(process))
-        if now - told >= 60.0:
-            told = now
+        if now - reported >= 60.0:
+            reported = now
             sizes = ", ".join(f"{name} {growth.last_kb / 1024:.0f}" for name, growth in growths.items())
             console.print(f"{(now - began) / 60:5.1f} min, load {os.getloadavg()[0]:.1f}; MiB: {sizes}")
         time.sleep(LOOK_EVERY_S)
@@ -178,7 +178,7 @@ def _judge(
     for what, well in reached.items():
         console.print(f"{what}: {'yes' if well else 'NO'}")
     if where is not None:
-        memory = {name: msgspec.to_builtins(growth.told()) for name, growth in growths.items()}
+        memory = {name: msgspec.to_builtins(growth.summary()) for name, growth in growths.items()}
         answer: dict[str, Any] = {"reached": reached, "memory": memory, "events": events, "relay": relay}
         write_json({**answer, "dealt_with": words, "summary": summary}, where)
     if stop.reason:
@@ -192,17 +192,17 @@ def _adds_up(link: Mapping[str, Any]) -> bool:
 
 def _memory_table(growths: Mapping[str, Growth]) -> Table:
     table = Table(
-        "process", "at first MiB", "half-way", "at last", "second half KiB/h", title="memory", title_justify="left"
+        "process", "at first MiB", "at half time", "at last", "second half KiB/h", title="memory", title_justify="left"
     )
     for name, growth in growths.items():
-        told = growth.told()
-        sizes = [f"{size / 1024:.1f}" for size in (told.first_kb, told.middle_kb, told.last_kb)]
-        table.add_row(name, *sizes, f"{told.slope_kb_per_h:+.0f}")
+        found = growth.summary()
+        sizes = [f"{size / 1024:.1f}" for size in (found.first_kb, found.middle_kb, found.last_kb)]
+        table.add_row(name, *sizes, f"{found.slope_kb_per_h:+.0f}")
     return table
 
 
 def _events(log: Path) -> dict[str, int]:
-    """How often the server said what, by event."""
+    """Count the server's log lines by event."""
     counts: dict[str, int] = {}
     for line in log.read_text().splitlines():
         try:

@@ -1,9 +1,8 @@
-"""`cogrip bench recording`: what recording costs a live session, and what its files cost to keep and to read."""
+"""`dev.py bench recording`: what recording costs a live session, and what its files cost to keep and to read."""
 
 import json
 import math
 import os
-import re
 import resource
 import signal
 import statistics
@@ -29,7 +28,8 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import End
 from cogrip.sim.runs.replay.verify import verify
 
-from tests.bench.hours_written import HoursWritten, write_hours
+from tests.bench.children import output_at_end, start_cogrip, wait_for_line, with_tests_on_path
+from tests.bench.loads.hours_written import HoursWritten, write_hours
 
 LONG_S = 1800.0
 WRITTEN_S = 2 * 3600.0
@@ -39,12 +39,12 @@ _MOST_MB_PER_H = 1.0
 _LEAST_SAMPLES_PER_S, _LEAST_SPEED = 50_000.0, 10.0
 _SHORT_US = 1.0  # where the loop spins into its deadline: a ratio of less says nothing
 _END_LIMIT_S = 30.0
-_CHILD = "import sys; from tests.bench.bench_recording import measure; measure(*sys.argv[1:])"
-_HOURS_CHILD = "import sys; from tests.bench.bench_recording import measure_hours; measure_hours(sys.argv[1])"
+_CHILD = "import sys; from tests.bench.recording import measure; measure(*sys.argv[1:])"
+_HOURS_CHILD = "import sys; from tests.bench.recording import measure_hours; measure_hours(sys.argv[1])"
 
 
 class Measured(msgspec.Struct, frozen=True):
-    """What a task of its own process did: messages or samples, recorded seconds, the seconds it took, its peak memory."""
+    """Result of a task in a process of its own: messages or samples, recorded seconds, the seconds it took, its peak memory."""
 
     count: int
     recorded_s: float
@@ -124,48 +124,24 @@ def _lateness(
     error = math.sqrt(sum(statistics.variance(found) / len(found) for found in logs.values()))
     console.print(f"their ratio is uncertain by a factor of {math.exp(error):.2f}, as the blocks scatter")
     ratio = math.exp(statistics.mean(logs[True]) - statistics.mean(logs[False]))
-    return _told(console, "lateness, on over off", ratio, _MOST_RATIO, most=True)
+    return _judge(console, "lateness, on over off", ratio, _MOST_RATIO, most=True)
 
 
 def _session(folder: Path, names: Sequence[str], seconds: float, recorded: bool) -> None:
     """A server and its clients as processes. Raises Problem where one of them fails."""
     common = ["--into", str(folder), *([] if recorded else ["--no-record"])]
     file = str(folder / SETTINGS)
-    with _start("serve", file, "--port", "0", "--seconds", str(seconds + 60.0), *common) as server:
-        assert server.stdout is not None
-        heard = ""
-        while not (found := re.search(r"listening on \S+:(\d+)", heard)):
-            line = server.stdout.readline()
-            if not line:
-                raise Problem(f"the server did not start:\n{heard.strip()}")
-            heard += line
+    with start_cogrip("serve", file, "--port", "0", "--seconds", str(seconds + 60.0), *common) as server:
+        found = wait_for_line(server, r"listening on \S+:(\d+)")
         join = ["join", f"127.0.0.1:{found[1]}", "--config", file, "--seconds", str(seconds), *common]
-        clients = [_start(*join, "--name", name) for name in names]
+        clients = [start_cogrip(*join, "--name", name) for name in names]
         try:
-            failed = [words for client in clients if (words := _await(client, seconds + _END_LIMIT_S))]
+            ended = [output_at_end(client, seconds + _END_LIMIT_S) for client in clients]
         finally:
             server.send_signal(signal.SIGTERM)
-        failed += [words] if (words := _await(server, _END_LIMIT_S)) else []
-    if failed:
+        ended.append(output_at_end(server, _END_LIMIT_S))
+    if failed := [printed for printed, well in ended if not well]:
         raise Problem("a session failed:\n" + "\n".join(failed))
-
-
-def _start(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-P", "-u", "-m", "cogrip.cli", *arguments],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-    )  # fmt: skip
-
-
-def _await(process: subprocess.Popen[str], limit_s: float) -> str:
-    """Wait for the end; what was said, if it is not a good one."""
-    try:
-        said, _ = process.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        said, _ = process.communicate()
-        return f"did not end in {limit_s:g} s: {said.strip()}"
-    return said.strip() if process.returncode else ""
 
 
 def _files(base: Path, names: Sequence[str], console: Console) -> list[bool]:
@@ -184,17 +160,17 @@ def _files(base: Path, names: Sequence[str], console: Console) -> list[bool]:
         kind: [_in_child("verify", path) for path in paths] for kind, paths in (("client", own), ("server", servers))
     }
     return [
-        _told(console, "bytes on disk a sample", size / samples, _MOST_BYTES, most=True),
-        _told(console, "samples a second into numpy", samples / sum(each.took_s for each in columns), _LEAST_SAMPLES_PER_S),
+        _judge(console, "bytes on disk a sample", size / samples, _MOST_BYTES, most=True),
+        _judge(console, "samples a second into numpy", samples / sum(each.took_s for each in columns), _LEAST_SAMPLES_PER_S),
         *(
-            _told(console, f"verifying a {kind}, over real time", min(each.speed for each in found), _LEAST_SPEED)
+            _judge(console, f"verifying a {kind}, over real time", min(each.speed for each in found), _LEAST_SPEED)
             for kind, found in verdicts.items()
         ),
     ]  # fmt: skip
 
 
 def _hours(base: Path, name: str, console: Console) -> bool:
-    """How the memory of a client's writer grows, and what it takes at the end."""
+    """Measure the growth of a client's writer, and what its end costs."""
     path = min(base.glob("*-on")) / client_recording(name)
     found = msgspec.json.decode(_child(_HOURS_CHILD, str(path)), type=HoursWritten)
     console.print(
@@ -202,11 +178,11 @@ def _hours(base: Path, name: str, console: Console) -> bool:
         f"{found.end_s:.3f} s and {max(0.0, found.end_mb - found.last_mb):.1f} MB"
     )
     grown = (found.last_mb - found.settled_mb) / (WRITTEN_S / 3600)
-    return _told(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
+    return _judge(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
 
 
 def _long(base: Path, console: Console) -> list[bool]:
-    """Half an hour of three people: made by the laboratory, then read in several ways, each in a process of its own."""
+    """Half an hour of three people: made by the laboratory, then read by several tasks, each in a process of its own."""
     folder = base / "long"
     write_settings(folder, msgspec.structs.replace(load(shipped("three-users")), seconds=LONG_S))
     made = _in_child("record", folder)
@@ -223,10 +199,10 @@ def _long(base: Path, console: Console) -> list[bool]:
             console.print(
                 f"{path.name}: {task} of {done.count} at {done.speed:.0f} times real time, peak {done.peak_mb:.0f} MB"
             )
-    return [_told(console, "peak memory [MB]", max(peaks), _MOST_MB, most=True)]
+    return [_judge(console, "peak memory [MB]", max(peaks), _MOST_MB, most=True)]
 
 
-def _told(console: Console, what: str, value: float, asked: float, *, most: bool = False) -> bool:
+def _judge(console: Console, what: str, value: float, asked: float, *, most: bool = False) -> bool:
     reached = value <= asked if most else value >= asked
     bound = f"at {'most' if most else 'least'} {asked:g} is asked for"
     console.print(f"{what}: {value:.2f}; {bound}: {'reached' if reached else 'NOT reached'}")
@@ -238,8 +214,14 @@ def _in_child(task: str, path: Path) -> Measured:
 
 
 def _child(code: str, *arguments: str) -> str:
-    """What a process of its own prints. Raises Problem where it fails."""
-    done = subprocess.run([sys.executable, "-P", "-c", code, *arguments], capture_output=True, text=True, check=False)
+    """Return what a process of its own prints. Raises Problem where it fails."""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=with_tests_on_path(),
+    )
     if done.returncode:
         raise Problem(f"{' '.join(arguments)}: failed:\n{done.stderr.strip()}")
     return done.stdout

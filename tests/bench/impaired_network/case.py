@@ -1,4 +1,4 @@
-"""One session of the matrix, wherever it runs: plain data both ways, so that any process can take it."""
+"""One session of the matrix, wherever it runs: plain data in and out, so that any process can take it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.summary_values import people, worst_margin
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.storms.room import CLEAN, loose, settled, storm
+from tests.bench.impaired_network.room import CLEAN, impaired, loose, settled
 
 REST_S = 3.0  # at the end, or in its second half, in which hands hold where they began
 RESTLESS_N = 1.0  # swing of a force long after the push
@@ -31,7 +31,7 @@ RESTLESS_N = 1.0  # swing of a force long after the push
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """scheme: of a loose cube (`room.loose`), "" for a storm of ours; overrides: settings by their path."""
+    """scheme: of a loose cube (`room.loose`), "" for ours on an impaired network; overrides: settings by their path."""
 
     case: int
     network: str
@@ -45,31 +45,31 @@ class Job:
     def settings(self, network: str | None = None) -> Settings:
         """Raises SettingsError."""
         given = network or self.network, self.people, self.stiffness_npm, self.seed, self.seconds
-        table = loose(*given, self.scheme) if self.scheme else storm(*given)
+        table = loose(*given, self.scheme) if self.scheme else impaired(*given)
         return settled(table, self.overrides)
 
 
 def run_cases(jobs: list[Job]) -> list[Result]:
-    """What a worker does."""
+    """Run cases in a worker process."""
     return [run_case(job) for job in jobs]
 
 
 def run_case(job: Job) -> Result:
     """Run one session. Whatever goes wrong in it is its result: the others go on."""
     try:
-        measures = _loose(job) if job.scheme else _storm(job)
-    except Exception as error:  # noqa: BLE001 (kept with the cell, counted and shown)
+        measures = _loose(job) if job.scheme else _impaired(job)
+    except Exception as error:  # noqa: BLE001 (kept with the case, counted and shown)
         return Result(job.case, {}, f"{type(error).__name__}: {error}")
     return Result(job.case, {name: finite(value) for name, value in measures.items()})
 
 
 def rest_from_s(seconds: float) -> float:
-    """When the hands of a session that is so long begin to rest [s]."""
+    """Return the time at which the hands of a session of this length begin to rest [s]."""
     return max(0.5 * seconds, seconds - REST_S)
 
 
 def gaps_m(summary: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Of each hand, how far the server has it from where it is [m], (n, axes)."""
+    """Return the distance of each hand from its proxy [m], (n, axes)."""
     return np.array([np.subtract(user["position_m"], user["proxy_m"]) for user in summary["users"]])
 
 
@@ -89,7 +89,7 @@ def _clean_gaps(
     return gaps_m(_run(job.settings(), seconds)[1])
 
 
-def _storm(job: Job) -> dict[str, Any]:
+def _impaired(job: Job) -> dict[str, Any]:
     """drift_mm: how far hand and proxy have come apart at the end, where hands rest, beyond what they do on a clean link."""
     laboratory, summary, watch = _run(job.settings(), job.seconds)
     trace, users = watch.trace(), people(summary)
@@ -138,7 +138,7 @@ def _loose(job: Job) -> dict[str, Any]:
 
 
 def radius(settings: Settings) -> float:
-    """What the linear model says of the session: its largest eigenvalue, those apart that the structure puts at 1."""
+    """Return the largest eigenvalue of the session's linear model, without those that the structure puts at 1."""
     return verdict(LiftedModel(linear_session(settings, hands=True))).decaying
 
 

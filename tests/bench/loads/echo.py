@@ -1,4 +1,4 @@
-"""The far end of `cogrip bench relay`, in a process of its own: `python -m tests.bench.relay_echo`.
+"""The far end of `dev.py bench relay`, in a process of its own: `python -m tests.bench.loads.echo`.
 
 It prints its port. 128 times a second it answers everybody who has spoken, all in one burst as a server does, and writes into
 each answer when the kernel had the question and when the answer left. The end of standard input ends it.

@@ -1,7 +1,7 @@
 """Many light people for one server: a socket and a session each, then a datagram of waves a frame. No device, no force.
 
-What they send is whole and passive: all of it fits the books that a server keeps of a line. What they are sent is counted,
-and looked into now and then.
+What they send is whole and passive: it agrees with the server's energy ledger of a line. What they are sent is counted, and
+decoded now and then.
 """
 
 import math
@@ -35,7 +35,7 @@ class LoadError(Exception):
 
 
 class Tally(NamedTuple):
-    """Of all people since they began to hold: datagrams, and frames that were left out because this end was late."""
+    """Datagrams of all people since they began to hold, and frames that were left out because this end was late."""
 
     sent: int
     received: int
@@ -72,9 +72,9 @@ class Swing:
         self.position_m = self._place()
         self.first, self.waves, self.total, self.squares = self._sender.contents()
 
-    def message(self, session: int, heard: int, stamp: Stamp) -> bytes:
+    def message(self, session: int, acknowledged: int, stamp: Stamp) -> bytes:
         return encode(Waves(
-            session, self.first, self.waves, self.total, self.squares, self.made_j, self.made_j, heard, stamp,
+            session, self.first, self.waves, self.total, self.squares, self.made_j, self.made_j, acknowledged, stamp,
             self.origin_m + self.position_m,
         ))  # fmt: skip
 
@@ -94,7 +94,7 @@ class Person:
         self.socket.setblocking(False)
         self.number = 0  # of the session
         self.sent = self.received = 0
-        self._heard = 0
+        self._acknowledged = 0
         self.last = b""  # datagram that was sent
 
     @property
@@ -124,13 +124,13 @@ class Person:
 
     def say(self, line: Swing, now_ns: int) -> None:
         """The newest frames of this line."""
-        message = line.message(self.number, self._heard, self.session.clock.stamp(now_ns))
+        message = line.message(self.number, self._acknowledged, self.session.clock.stamp(now_ns))
         self.channel.send(message, PEER)
         self.put()
         self.sent += 1
 
     def hear(self, now_ns: int) -> None:
-        """What has come; one of many is looked into."""
+        """Receive what has come; decode one datagram of many."""
         datagram = self._receive()
         if datagram is None:
             return
@@ -142,12 +142,12 @@ class Person:
                 heard = self.session.receive(message, now_ns)
                 if isinstance(heard, Waves):
                     self.session.clock.read(heard.stamp, now_ns)
-                    self._heard = heard.first + len(heard.waves) // len(heard.total)
+                    self._acknowledged = heard.first + len(heard.waves) // len(heard.total)
             datagram = self._receive()
             self.received += datagram is not None
 
     def put(self) -> None:
-        """What the channel leaves goes out."""
+        """Send what the channel has in its outbox."""
         outbox = self.channel.outbox
         while outbox:
             self.last = outbox.popleft()[1]
@@ -172,7 +172,7 @@ class Person:
 class Echoed(Person):
     """Sends datagrams of the same size to somebody who sends them back: there is no session."""
 
-    seal = bytes(DTLS_BYTES)
+    padding = bytes(DTLS_BYTES)
     number = 2**62  # as long as a session's
 
     @property
@@ -184,7 +184,7 @@ class Echoed(Person):
 
     def say(self, line: Swing, now_ns: int) -> None:
         with suppress(OSError):
-            self.socket.send(line.message(self.number, line.frames, Stamp(now_ns, now_ns, now_ns)) + self.seal)
+            self.socket.send(line.message(self.number, line.frames, Stamp(now_ns, now_ns, now_ns)) + self.padding)
         self.sent += 1
 
     def hear(self, now_ns: int) -> None:

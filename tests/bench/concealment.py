@@ -1,4 +1,4 @@
-"""`cogrip bench concealment`: ways through gaps, on the same storm, beside a clean link."""
+"""`dev.py bench concealment`: packet loss concealments on the same impaired network, and a clean link."""
 
 from typing import Annotated, Literal
 
@@ -66,7 +66,7 @@ def bench_concealment(
     seed
         Of the network's chance.
     overrides
-        Override a setting: section.key=value. Repeatable; those of the link are the storm's alone.
+        Override a setting: section.key=value. Repeatable; the link keeps its own.
     """
     console = make_console()
     changes = tuple(override(text) for text in overrides)
@@ -75,7 +75,7 @@ def bench_concealment(
     stop = Stop()
     trials = _run(setup, stop)
     if stop.reason:
-        make_console(stderr=True).print(f"{stop.reason}: nothing is told without all {len(ROWS)} rows")
+        make_console(stderr=True).print(f"{stop.reason}: nothing is reported without all {len(ROWS)} rows")
         return 130
     said = [f"{minutes:g} virtual minutes", f"{people} people", object_kind, f"{axes} axes", f"playout {frames} frames"]
     title = ", ".join([*said, f"seed {seed}", *overrides])
@@ -88,7 +88,7 @@ def bench_concealment(
         "law:\npeak N",
         "law:\nstep N",
         "drift\nmm",
-        "owed\nmm",
+        "deficit\nmm",
         "margin\nJ",
         "leak\nJ",
     )
@@ -108,7 +108,7 @@ def bench_concealment(
     recoveries = len(clean.gaps_m)
     console.print(
         f"drift: the largest of {recoveries} recoveries, against the clean link, hands at rest for 1 s or more, with what the "
-        "object still swings; owed: the way that lines had lost by then and not paid back; "
+        "object still swings; deficit: the displacement that lines had lost by then and not compensated; "
         f"{trials[BEST].missing:.1%} of the frames were not there in time"
     )
     failures = shortfalls(trials, setup.seconds)
@@ -116,7 +116,7 @@ def bench_concealment(
         console.print(f"NOT reached: {failure}")
     if not failures:
         console.print(
-            f"{BEST}: of all ways the lowest in both peaks and both steps, {MOST_PEAK:g} of zero-fill's peak or less, "
+            f"{BEST}: of all concealments the lowest in both peaks and both steps, {MOST_PEAK:g} of zero-fill's peak or less, "
             f"drift below {MOST_DRIFT_MM:g} mm, passive"
         )
     return 1 if failures else 0
@@ -152,7 +152,7 @@ def _run(setup: Setup, stop: Stop) -> dict[str, Trial]:
 
 
 def shortfalls(trials: dict[str, Trial], seconds: float = FULL_S) -> list[str]:
-    """What is asked for and not so. seconds: virtual time of each row; a target of ten minutes is told as such."""
+    """Return the targets that are missed. seconds: virtual time of each row; a target of ten minutes is reported as such."""
     best, clean, zero = trials[BEST], trials[CLEAN], trials["zero"]
     drift = max(drifts_mm(best, clean), default=0.0)
     out = []

@@ -18,8 +18,8 @@ from cogrip.devices.openhaptics.models import RECORDS
 from cogrip.devices.registry import describe
 from cogrip.sim.analysis.state_space import Array
 
-from tests.bench.velocity.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
-from tests.bench.velocity.hands import Motion
+from tests.bench.velocity_trial.estimators import AdaptiveWindow, Estimator, FollowingAlphaBeta
+from tests.bench.velocity_trial.hands import Motion
 
 MEMORIES = (0.0, 0.4, 0.5, 0.6, 0.7, 0.8)
 WINDOWS = (8, 16)
@@ -70,12 +70,12 @@ class Found:
     largest_nspm: float
 
     def force_n(self, speed_mps: float) -> float:
-        """What a speed makes of force at the impedance that is wanted [N]."""
+        """Return the force of a speed at the impedance that is wanted [N]."""
         return WANTED_NSPM * speed_mps
 
 
 def estimate(motion: Motion, make: Make, resolution_m: float, late: int) -> Array:
-    """What the estimator says at each tick of a motion seen in whole counts, `late` ticks old."""
+    """Return the estimate at each tick of a motion seen in whole counts, `late` ticks old."""
     estimator = make()
     place = motion.position_m - motion.position_m[0]
     if resolution_m:

@@ -1,7 +1,7 @@
-"""A server under load, in a process of its own that says how it fares: `python -m tests.bench.network_server JOB`.
+"""A server under load, in a process of its own that says how it fares: `python -m tests.bench.loads.server JOB`.
 
-What runs is what `cogrip serve` runs: loop, channel, doorkeeper, keeper with its checkpoints, and, where a folder is named, the
-recording. Or the bare echo it is compared with: the same socket, the same pace, and nothing else.
+It runs what `cogrip serve` runs: loop, channel, authenticator, housekeeping with its checkpoints, and, where a folder is
+named, the recording. Or the bare echo it is compared with: the same socket, the same pace, and nothing else.
 Each line on standard input asks for a Reading, which ends one span and begins the next; its end ends the process.
 """
 
@@ -19,12 +19,14 @@ from typing import Literal
 
 import msgspec
 
+from cogrip.protocol.channel import UnencryptedChannel
 from cogrip.protocol.histogram import DurationHistogram
+from cogrip.protocol.io.dtls_client import DtlsClient
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import engage, release
 from cogrip.protocol.io.receive_buffer import enlarge
 from cogrip.protocol.io.stop import Stop
-from cogrip.protocol.settings import Settings, resolve
+from cogrip.protocol.settings import Settings, resolve, seat_settings
 from cogrip.server.core import ServerCore
 from cogrip.server.io.authenticator import TokenAuthenticator
 from cogrip.server.io.dtls_channel import DtlsListener
@@ -35,14 +37,17 @@ from cogrip.server.loop import LiveServer, ServerChannel
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
-from tests.bench.network_load import room_name
+from tests.bench.children import start_python
+from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
 
-Kind = Literal["echo", "plain", "sealed"]
+Kind = Literal["echo", "unencrypted", "encrypted"]
 HOST = "127.0.0.1"
 NETWORK_HZ = 128
 MOST_BYTES = 2048
 LOOK_EVERY_NS = 20_000_000
 END_LIMIT_S = 20.0
+SETTLE_S = 1.0
+ASK_S = 0.1
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -75,7 +80,7 @@ class Reading(msgspec.Struct, frozen=True):
     seated: int = 0
     frames_lost: int = 0
     frames_late: int = 0
-    told: int = 0  # lines that a server would have printed
+    said: int = 0  # lines that a server would have printed
     trouble: tuple[str, ...] = ()
 
 
@@ -83,8 +88,7 @@ class Process:
     """The other end of this: start it, ask, and end it."""
 
     def __init__(self, job: Job) -> None:
-        command = [sys.executable, "-P", "-m", "tests.bench.network_server", msgspec.json.encode(job).decode()]
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._child = start_python("-m", "tests.bench.loads.server", msgspec.json.encode(job).decode())
         self.started = msgspec.json.decode(self._line(), type=Started)
 
     @property
@@ -132,17 +136,28 @@ def settings_of(job: Job) -> list[Settings]:
     return rooms
 
 
+def make_load(job: Job, server: Process) -> Load:
+    """People for that server."""
+    started = server.started
+    people = make_people(
+        job.people, job.per_room, (HOST, started.port),
+        (lambda: DtlsClient(started.fingerprint)) if job.kind == "encrypted" else UnencryptedChannel,
+        started.token, Echoed if job.kind == "echo" else Person,
+    )  # fmt: skip
+    return Load(people, seat_settings(settings_of(job)[0], 0))
+
+
 def serve(job: Job) -> None:
     """A real server until standard input ends."""
-    stop, told, trouble = Stop(), [0], list[str]()
+    stop, said, trouble = Stop(), [0], list[str]()
     folder = make_folder(Path(job.state))
 
     def say(event: object) -> None:
-        told[0] += 1
+        said[0] += 1
         if getattr(event, "event", "") == "trouble":
             trouble.append(str(event))
 
-    authenticator = TokenAuthenticator(TokenFile(folder), say) if job.kind == "sealed" else None
+    authenticator = TokenAuthenticator(TokenFile(folder), say) if job.kind == "encrypted" else None
     server = LiveServer(settings_of(job), HOST, 0, stop, say, lambda core: _channel(core, job, folder))
     if authenticator is not None:
         server.authenticator = authenticator
@@ -162,7 +177,7 @@ def serve(job: Job) -> None:
         return Reading(
             time.monotonic_ns(), time.process_time_ns(), memory_kb(), lateness.summary_us(), work.summary_us(),
             lateness.count, pacers[0].skipped, {**server.drops(), **server.losses()}, len(server.core.roster()),
-            sum(count.lost for count in counts), sum(count.late for count in counts), told[0], tuple(trouble),
+            sum(count.lost for count in counts), sum(count.late for count in counts), said[0], tuple(trouble),
         )  # fmt: skip
 
     asked = Asked(job, read, stop)
@@ -184,7 +199,7 @@ def _channel(core: ServerCore, job: Job, folder: StateFolder) -> ServerChannel:
     rate_limiter = RateLimiter(secrets.token_bytes(16))
     return (
         UnencryptedListener(rate_limiter, core.listens_to)
-        if job.kind == "plain"
+        if job.kind == "unencrypted"
         else DtlsListener(folder.path, rate_limiter, core.knows)
     )
 
@@ -250,7 +265,7 @@ def echo(job: Job) -> None:
 
 
 def memory_kb() -> int:
-    """What this process holds in memory now; where that is not told, the most it ever held."""
+    """Return the memory that this process holds now; where the system does not say, the most it ever held."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
     except (OSError, ValueError):

@@ -72,7 +72,7 @@ def _panda(columns: Columns) -> Iterator[Stretch]:
 
 
 def _pen(columns: Columns) -> Iterator[Stretch]:
-    """What it does above the tablet jumps: only strokes count."""
+    """Yield the strokes: above the tablet the pen's position jumps."""
     down = _numbers(columns, "pen_down") > 0.0
     yield (
         "writing",

@@ -1,1 +1,0 @@
-"""The storm matrix: whole sessions on every network, by people, stiffness and seed, and what each of them must show."""
