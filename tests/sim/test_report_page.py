@@ -83,7 +83,7 @@ def test_the_same_run_gives_the_same_report(folder: Path) -> None:
 
 def test_settings_that_are_not_the_default_are_marked(folder: Path) -> None:
     text = text_of(folder)
-    assert "<tr><th>tank_mj</th><td class=changed>0.5</td></tr>" in text
+    assert '<tr><th>tank_mj</th><td class="changed">0.5</td></tr>' in text
     assert "<tr><th>redundancy</th><td>8</td></tr>" in text
 
 
@@ -130,7 +130,7 @@ def test_markup_and_tex_in_names_are_only_text(folder: Path) -> None:
         ({client_recording("ben")}, "client-ben.mcap is not here", PLOTS_IN_VIRTUAL_TIME - {"coherence"}),
         (
             {client_recording("ben"), client_recording("anna")},
-            "no client&#x27;s trace",
+            "no client&#39;s trace",
             {"positions", "forces", "energy", "link"},
         ),
         ({client_recording("ben"), client_recording("anna"), SERVER_RECORDING}, "no trace is here", set()),

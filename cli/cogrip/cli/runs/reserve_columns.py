@@ -10,7 +10,7 @@ from cogrip.sim.runs.summary_values import (
     energy,
     least_reserve,
     people,
-    sittings,
+    seat_sessions,
     worst_margin,
 )
 
@@ -45,7 +45,7 @@ def device_ports(summary: Summary) -> str:
     leak = least_reserve(users, "device_leak_j")  # below 0: a hand was given more than was taken from it
 
     def of(least: tuple[float, str]) -> str:
-        return f" ({shown(least[1])})" if len(sittings(users)) > 1 else ""
+        return f" ({shown(least[1])})" if len(seat_sessions(users)) > 1 else ""
 
     told = [f"least reserve {energy(reserve[0])}{of(reserve)}"] if reserve else []
     if leak:

@@ -33,7 +33,7 @@ class UserRecord(msgspec.Struct, frozen=True):
     name: str
     client: ClientAccount | None
     seat: SeatAccount | None
-    earlier: tuple[UserRecord, ...] = ()  # sittings of the same user before this one, oldest first
+    earlier: tuple[UserRecord, ...] = ()  # seat_sessions of the same user before this one, oldest first
     asked_npm: float | None = None
 
 
@@ -55,8 +55,8 @@ def summarise(
     `claimed` of each user, null elsewhere.
     """
     rows = [{**_user(user, claims), "earlier": [_user(before, claims) for before in user.earlier]} for user in users]
-    sittings = [seat_session for user in users for seat_session in (*user.earlier, user)]
-    said = not claims and any(each.client.diverged for each in sittings if each.client)
+    seat_sessions = [seat_session for user in users for seat_session in (*user.earlier, user)]
+    said = not claims and any(each.client.diverged for each in seat_sessions if each.client)
     diverged = said or bool(room and room.diverged)
     return {
         "name": name,
@@ -166,7 +166,7 @@ def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]
 
 
 def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
-    """The sittings at a seat before the last."""
+    """The seat_sessions at a seat before the last."""
     seat = room.seats[number]
     asked_npm = seat.settings.coupling.stiffness_npm
     return tuple(

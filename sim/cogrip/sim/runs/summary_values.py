@@ -55,12 +55,12 @@ def people(summary: Summary) -> list[dict[str, Any]]:
 
 
 def earlier(user: dict[str, Any]) -> list[dict[str, Any]]:
-    """The sittings of a person before the last, oldest first."""
+    """The seat_sessions of a person before the last, oldest first."""
     before = user.get("earlier")
     return [each for each in before if isinstance(each, dict)] if isinstance(before, list) else []
 
 
-def sittings(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def seat_sessions(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Every sitting of everybody."""
     return [seat_session for user in users for seat_session in (*earlier(user), user)]
 
@@ -87,7 +87,7 @@ def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
     bounds = {key: -(2.0 if key == "line_margin_j" else 1.0) * tank_j - ROUNDING_J for key in MARGINS}
     return any(
         is_number(value := dig(user, "energy", key)) and value < bounds[key]
-        for user in sittings(users)
+        for user in seat_sessions(users)
         for key in ledgers(user)
     )
 
@@ -99,7 +99,9 @@ def ledgers(user: dict[str, Any]) -> dict[str, str]:
 
 def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | None:
     """(least energy reserve after the first second [J], whose), by its key in `energy`; None where no end told."""
-    found = [(float(value), name_of(user)) for user in sittings(users) if is_number(value := dig(user, "energy", key))]
+    found = [
+        (float(value), name_of(user)) for user in seat_sessions(users) if is_number(value := dig(user, "energy", key))
+    ]
     return min(found, default=None)
 
 
@@ -115,7 +117,7 @@ def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:
     """(energy [J], which ledger, whose); None where no end told."""
     found = [
         (float(value), words, name_of(user))
-        for user in sittings(users)
+        for user in seat_sessions(users)
         for key, words in ledgers(user).items()
         if is_number(value := dig(user, "energy", key))
     ]

@@ -23,7 +23,7 @@ from cogrip.sim.runs.summary_values import (
     number,
     overdrawn,
     people,
-    sittings,
+    seat_sessions,
     vector,
     worst_margin,
 )
@@ -111,7 +111,7 @@ def _claimed_margins(users: list[Row], tank_j: float) -> list[str]:
     bounds = (("down_margin_j", "its line down", -tank_j), ("device_margin_j", "its device", 0.0))
     return [
         f"the client of {name_of(row)} says that {words} gave out {energy(-value)} too much"
-        for row in sittings(users)
+        for row in seat_sessions(users)
         if row.get("claimed")
         for key, words, bound in bounds
         if is_number(value := dig(row, "energy", key)) and value < bound - ROUNDING_J
@@ -182,14 +182,14 @@ def _worst_device(users: list[Row]) -> tuple[float, str] | None:
     """(margin [J], whose), of the device ports whose margin is a number."""
     found = [
         (float(value), name_of(row))
-        for row in sittings(users)
+        for row in seat_sessions(users)
         if not row.get("claimed") and is_number(value := dig(row, "energy", "device_margin_j"))
     ]
     return min(found, default=None)
 
 
 def _leak_of(users: list[Row], name: str) -> float | None:
-    leaks = [row["leak_j"] for row in sittings(users) if name_of(row) == name and is_number(row.get("leak_j"))]
+    leaks = [row["leak_j"] for row in seat_sessions(users) if name_of(row) == name and is_number(row.get("leak_j"))]
     return max(leaks, default=None)
 
 
@@ -229,7 +229,7 @@ def unjudged(summary: Summary) -> bool:
 def stable(summary: Summary) -> Judgement:
     """Judge whether nothing diverged and no force oscillated at a hand."""
     users, said = people(summary), summary.get("diverged")
-    shaking = _named(row for row in sittings(users) if row.get("oscillates") is True and not row.get("claimed"))
+    shaking = _named(row for row in seat_sessions(users) if row.get("oscillates") is True and not row.get("claimed"))
     found, brief = [], []
     if said is True:
         why = [f"{name_of(user)}: {user['reason']}" for user in users if user.get("reason") and not user.get("claimed")]
@@ -246,8 +246,8 @@ def stable(summary: Summary) -> Judgement:
         return Judgement(
             "stable", "warn", "Whether the run was stable is not known: no end told whether anything diverged."
         )
-    shaking = _named(row for row in sittings(users) if row.get("oscillates") is True)
-    diverged = _named(row for row in sittings(users) if dig(row, "claimed", "diverged") is True)
+    shaking = _named(row for row in seat_sessions(users) if row.get("oscillates") is True)
+    diverged = _named(row for row in seat_sessions(users) if dig(row, "claimed", "diverged") is True)
     if shaking or diverged:
         claims = [f"{what} of {_some(who)}" for what, who in (("the force", shaking), ("the hand", diverged)) if who]
         text = f"Stable as far as this end measured, but clients say that they were not: {', '.join(claims)}."
@@ -259,7 +259,7 @@ def stable(summary: Summary) -> Judgement:
             f"Whether the run was stable is not known: nothing diverged; whether a force oscillated was not told of "
             f"{_some(unknown) or 'anybody'}.",
         )  # fmt: skip
-    let_go = _named(row for row in sittings(users) if row.get("let_go"))
+    let_go = _named(row for row in seat_sessions(users) if row.get("let_go"))
     if let_go:
         text = f"Not known to be stable: the force on {_some(let_go)} was let go, at its limit or for want of energy."
         return Judgement("stable", "warn", text, f"let go ({_some(let_go)})")
@@ -381,7 +381,7 @@ def _share(row: Row, direction: str, key: str) -> float:
 _SHARES: tuple[tuple[Callable[[Row], float | None], float, str], ...] = (
     (lambda row: _value(row, "at_limit"), MOST_LIMITED, "a limit of {name}'s device held the force in {share} of the ticks"),
     (lambda row: _value(row, "controlled"), MOST_CONTROLLED, "{name}'s device port changed what is felt in {share} of ticks"),
-    (lambda row: _replaced(row)[0], MOST_REPLACED, "{share} of the frames {way} {name} were missing and replaced"),
+    (lambda row: _replaced(row)[0], MOST_REPLACED, "{share} of the frames {direction} {name} were missing and replaced"),
 )  # fmt: skip
 """How to read a share of a person, what it may be, and the reason that it gives where it is more."""
 

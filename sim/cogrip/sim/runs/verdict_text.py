@@ -9,8 +9,8 @@ from cogrip.sim.runs.summary_values import (
     is_number,
     name_of,
     people,
+    seat_sessions,
     share,
-    sittings,
     ticks_share,
 )
 from cogrip.sim.runs.verdict import Tone, judgements
@@ -65,7 +65,7 @@ def _late(summary: Summary) -> Iterator[tuple[Tone, str]]:
     if not is_number(frames):
         return  # it follows the network, or nobody says
     found = []
-    for user in sittings(people(summary)):
+    for user in seat_sessions(people(summary)):
         for direction in ("up", "down"):
             late, sent = dig(user, "link", direction, "late"), dig(user, "link", direction, "sent")
             if not (dig(user, "playout", direction) and is_number(late) and is_number(sent)):
