@@ -383,7 +383,7 @@ def test_curves_are_those_of_the_recordings(runs: dict[str, Run]) -> None:
     for panel, name in zip(forces.axes, ("anna", "ben"), strict=True):
         assert panel.get_ylabel() == f"{name}: force [N]"
         for line, run in zip(panel.lines, pair, strict=True):
-            values = run.clients[name].columns["force_n.0"]
+            values = run.clients[name].columns["force_n"][:, 0]
             assert line.get_ydata()[-1] == values[-1]
             assert np.max(np.abs(line.get_ydata())) == np.max(np.abs(values))
     for number, panel in enumerate(forces.axes):

@@ -18,7 +18,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import compared
 from cogrip.sim.runs.plots.energy import energies
 from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.summary_values import sittings
+from cogrip.sim.runs.summary_values import seat_sessions
 from cogrip.sim.runs.traces import Run, load_run
 from cogrip.sim.runs.verdict import passive
 from cogrip.sim.session.laboratory import Laboratory
@@ -59,7 +59,7 @@ def watch(laboratory: Laboratory) -> None:
 
 def lawful(summary: dict[str, Any]) -> None:
     """Hold the law at the end: the least of all is no more than the least after the first second."""
-    for row in sittings(summary["users"]):
+    for row in seat_sessions(summary["users"]):
         for ledger in LEDGERS:
             margin_j, reserve_j = (row["energy"][f"{ledger}_{what}_j"] for what in ("margin", "reserve"))
             assert reserve_j is None or margin_j <= reserve_j + ROUNDING_J
@@ -206,7 +206,7 @@ def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summa
     for number, user in enumerate(run.summary["users"]):
         ticks = run.clients[user["name"]].columns
         traces = {
-            "down": (ticks["down_reserve_j"], 1024 - 8),
+            "down": (ticks["reserve_j"], 1024 - 8),
             "device": (ticks["device_reserve_j"], 1024),
             "up": (run.room.columns[f"{number}.up_reserve_j"], 128 - 1),
             "line": (run.room.columns[f"{number}.line_reserve_j"], 128 - 1),

@@ -25,8 +25,8 @@ from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics
 from cogrip.sim.runs import export as export_module
+from cogrip.sim.runs.columns import layout_of
 from cogrip.sim.runs.export import ExportError, Format, export
-from cogrip.sim.runs.flat_records import shape_of
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
 
@@ -157,7 +157,7 @@ def test_datagrams_only_when_asked_for_and_whole(folder: Path, tmp_path: Path) -
 )
 def test_addresses_are_written_as_one_types_them(address: str, text: str | None) -> None:
     datagram = Datagram(b"\x01\xff", address)
-    assert shape_of(datagram).rows(datagram) == [[text, "01ff"]]
+    assert layout_of(datagram).table([0.5], [datagram]) == [[0.5], [text], ["01ff"]]
 
 
 A_SEAT = SeatStep("anna", True, (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0, 0)
@@ -173,15 +173,14 @@ def test_no_field_of_a_record_is_forgotten(record: type[Record]) -> None:
         kinds: dict[Any, Any] = {int: 1, str: "x", float: 1.0}
         fields = msgspec.structs.fields(record)
         sample = record(**{each.name: "" if each.name == "ticks" else kinds.get(each.type, 1.0) for each in fields})
-    shape = shape_of(sample)
-    bare = {column.name.rpartition(".")[2] for column in shape.columns}
+    layout = layout_of(sample)
+    bare = {column.name.rpartition(".")[2] for column in layout.columns}
     bare |= {name.removesuffix("_x") for name in bare} | {name.partition("_")[0] for name in bare}
     assert set(record.__struct_fields__) - {"unfit", "seats"} <= bare
     if record is Step:
         assert set(SeatStep.__struct_fields__) - {"user"} <= bare
-        assert {column.name.partition(".")[0] for column in shape.columns if "." in column.name} == {"anna"}
-    (row,) = shape.rows(sample)
-    assert len(row) == len(shape.columns)
+        assert {column.name.partition(".")[0] for column in layout.columns if "." in column.name} == {"anna"}
+    assert [len(values) for values in layout.table([0.0], [sample])] == [1] * len(layout.columns)
 
 
 def test_accounts_are_spread_over_columns(folder: Path, tmp_path: Path) -> None:

@@ -28,11 +28,11 @@ def test_trace_columns_are_those_of_the_run(folder: Path) -> None:
     run = load_run(folder)
     trace = run.clients["anna"]
     assert (trace.who, trace.rate_hz, trace.rows, run.notes) == ("anna", 1024, 2048, ())
-    assert trace.vector("position_m").shape == (2048, 1)
+    assert trace.columns["position_m"].shape == (2048, 1)
     assert np.array_equal(trace.columns["tick"], np.arange(2048.0))
     assert trace.time_s == pytest.approx(np.arange(2048) / 1024, abs=1e-9)
     with pytest.raises(KeyError):
-        trace.vector("nonsense")
+        trace.columns["nonsense"]
 
 
 def test_columns_are_what_the_recording_holds_bit_by_bit(folder: Path) -> None:
@@ -41,7 +41,7 @@ def test_columns_are_what_the_recording_holds_bit_by_bit(folder: Path) -> None:
     ticks = [msgspec.json.decode(each.payload, type=Tick) for each in recording.messages() if each.topic == topic]
     trace = load_run(folder).clients["anna"]
     for name in ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down"):
-        assert trace.vector(name).tolist() == [list(getattr(tick, name)) for tick in ticks]
+        assert trace.columns[name].tolist() == [list(getattr(tick, name)) for tick in ticks]
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.95])
@@ -193,7 +193,7 @@ def test_messages_that_were_not_recorded_are_counted_where_they_are_missing(tmp_
     run = load_run(tmp_path)
     trace = run.clients["anna"]
     assert trace.rows == 30
-    assert trace.columns["position_m.0"].tolist() == [float(number) for number in [*range(20), *range(40, 50)]]
+    assert trace.columns["position_m"][:, 0].tolist() == [float(number) for number in [*range(20), *range(40, 50)]]
     assert trace.time_s == pytest.approx([number * 0.1 for number in [*range(20), *range(40, 50)]])
     (note,) = [note for note in run.notes if note.startswith("client-anna.mcap")]
     assert "20 messages were not recorded" in note

@@ -137,7 +137,7 @@ def axes_of(run: Run) -> int | None:
     trace = run.room or next(iter(run.clients.values()), None)
     if trace is None:
         return None
-    return sum(name.startswith("object_m.") for name in trace.columns)
+    return int(trace.columns["object_m"].shape[1])
 
 
 def object_of(run: Run) -> str | None:

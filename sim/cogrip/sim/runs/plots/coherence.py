@@ -53,12 +53,12 @@ def movement(run: Run) -> Movement:
     if end - start < _LEAST_S:
         raise NotDrawnError(f"the people have less than {_LEAST_S:g} s in common")
     rate_hz = float(min(trace.rate_hz for _, trace in found))
-    axes = range(found[0][1].vector("velocity_mps").shape[1])
-    axis = max(axes, key=lambda each: sum(float(np.var(trace.columns[f"velocity_mps.{each}"])) for _, trace in found))
+    velocities = [trace.columns["velocity_mps"] for _, trace in found]
+    axis = int(np.argmax(sum(values.var(axis=0) for values in velocities)))
     grid = start + np.arange(int((end - start) * rate_hz)) / rate_hz
     numbers, rows = [], []
-    for number, trace in found:
-        values = np.interp(grid, trace.time_s, np.nan_to_num(trace.columns[f"velocity_mps.{axis}"]))
+    for (number, trace), velocity in zip(found, velocities, strict=True):
+        values = np.interp(grid, trace.time_s, np.nan_to_num(velocity[:, axis]))
         if np.std(values) > _STILL_MPS:
             numbers.append(number)
             rows.append(values)

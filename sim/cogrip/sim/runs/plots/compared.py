@@ -155,7 +155,7 @@ def _hand(side: Side, name: str, column: str, scale: float) -> list[tuple[int, L
     trace = side.run.clients.get(name)
     if trace is None:
         return []
-    return [(axis, Line(trace.time_s, values * scale, {})) for axis, values in enumerate(trace.vector(column).T)]
+    return [(axis, Line(trace.time_s, values * scale, {})) for axis, values in enumerate(trace.columns[column].T)]
 
 
 def _object(side: Side) -> list[tuple[int, Line]]:

@@ -31,9 +31,8 @@ def seat_columns(run: Run, number: int, name: str) -> Array | None:
     """A seat's column or vector as columns, shape (rows, n); not a number while nobody sits there."""
     if run.room is None or f"{number}.seated" not in run.room.columns:
         return None
-    columns, key = run.room.columns, f"{number}.{name}"
-    values = columns[key][:, None] if key in columns else run.room.vector(key)
-    values[columns[f"{number}.seated"] == 0.0] = np.nan
+    values = run.room.columns[f"{number}.{name}"].reshape(run.room.rows, -1)
+    values[run.room.columns[f"{number}.seated"] == 0.0] = np.nan
     return values
 
 
@@ -44,7 +43,7 @@ def reserve(run: Run, name: str, key: str) -> Line | None:
     """One of RESERVES over time [J]; None where nothing tells it, as in recordings of older versions."""
     if key == "down_reserve_j":
         trace = run.clients.get(name)
-        values = trace.columns[key] if trace else None
+        values = trace.columns["reserve_j"] if trace else None
     else:
         trace, seat = run.room, seat_columns(run, run.names.index(name), key)
         values = seat[:, 0] if seat is not None else None
@@ -82,7 +81,7 @@ def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int
         trace = run.clients.get(person)
         if trace is None:
             continue
-        for axis, values in enumerate(trace.vector(name).T):
+        for axis, values in enumerate(trace.columns[name].T):
             yield axis, Line(trace.time_s, values * scale, {**person_style(number), "lw": 1.2, **style})
 
 
@@ -101,7 +100,7 @@ def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Li
     source = run.room or next(iter(run.clients.values()), None)
     if source is None:
         raise NotDrawnError("no trace is here")
-    for axis, values in enumerate(source.vector("object_m").T):
+    for axis, values in enumerate(source.columns["object_m"].T):
         yield axis, Line(source.time_s, values * scale, style)
 
 

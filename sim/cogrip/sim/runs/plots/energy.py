@@ -69,5 +69,6 @@ def _ledgers(run: Run, name: str) -> Iterator[tuple[str, Line]]:
     trace = run.clients.get(name)
     if trace is None:
         return
-    for key in _LEDGERS:
-        yield key, Line(trace.time_s, trace.columns[key], {})
+    work_j, port_j = trace.columns["work_j"], trace.columns["port_j"]
+    for key, values in zip(_LEDGERS, (work_j, port_j, work_j - port_j), strict=True):
+        yield key, Line(trace.time_s, values, {})

@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cogrip.client.safety import STATES
 from cogrip.sim.runs.plots.curves import Line, Window, extent, hands, object_lines, people_legend, seats, shown
 from cogrip.sim.runs.plots.style import (
     AXIS_NAMES,
@@ -24,7 +23,6 @@ from cogrip.sim.runs.traces import Run
 
 _LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
 _DETAIL_S = 5.0
-_LIVE = float(STATES.index("live"))
 _GROUPS = 1500  # of frames, for the pale band behind the waves
 _SOLID: Style = {"color": FAINT}
 _DASHED: Style = {"color": FAINT, "ls": DASHED}
@@ -100,7 +98,7 @@ def _bar_not_live(run: Run, panel: Axes) -> bool:
         trace = run.clients.get(name)
         if trace is None:
             continue
-        held = (trace.columns["state"] != _LIVE).astype(np.int8)
+        held = (trace.columns["live"] == 0.0).astype(np.int8)
         borders = np.flatnonzero(np.diff(held, prepend=0, append=0)).clip(max=trace.rows - 1)
         spans = [
             (trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)
