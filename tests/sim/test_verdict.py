@@ -18,7 +18,7 @@ from cogrip.protocol.accounts import (
     TickCount,
 )
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs import verdict as judgement
+from cogrip.sim.runs import felt_as_intended as judgement
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.summary import UserRecord, summarise

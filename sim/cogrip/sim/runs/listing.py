@@ -12,10 +12,12 @@ from cogrip.protocol.messages import all_shown, shown
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
+from cogrip.sim.runs.felt_as_intended import SOFTER_BRIEF
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_recording
+from cogrip.sim.runs.judgement import Judgement, Tone
 from cogrip.sim.runs.kind import Kind, Word, comparison_words, is_comparison, kind_of
 from cogrip.sim.runs.summary_values import Summary, dig, is_number, name_of, people
-from cogrip.sim.runs.verdict import SOFTER_BRIEF, Judgement, Tone, came, judgements, stable, unjudged
+from cogrip.sim.runs.verdict import came, judgements, stable, unjudged
 from cogrip.sim.runs.verdict_text import notes
 
 _TIME = re.compile(r"\d{8}-\d{6}(?=-|$)")

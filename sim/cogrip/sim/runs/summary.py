@@ -20,7 +20,8 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.messages import Farewell, shown
 from cogrip.protocol.passivity_control import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings, coupling_of
-from cogrip.sim.runs.verdict import not_predicted, passive_of
+from cogrip.sim.runs.felt_as_intended import not_predicted
+from cogrip.sim.runs.verdict import passive_of
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
     from cogrip.server.room import Room

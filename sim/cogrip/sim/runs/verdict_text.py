@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.summary_values import (
     Summary,
     dig,
@@ -13,7 +14,7 @@ from cogrip.sim.runs.summary_values import (
     share,
     ticks_share,
 )
-from cogrip.sim.runs.verdict import Tone, judgements
+from cogrip.sim.runs.verdict import judgements
 
 _BALANCE_J = 1e-9  # what rounding can put the books of one step out by, generously
 _SHOWN_PEOPLE = 6

@@ -17,10 +17,10 @@ from cogrip.sim.experiments.methods.table import cells, gather, headings, markdo
 from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.experiments.sweep.folder import as_text
 from cogrip.sim.runs.folder import SUMMARY, summary_text
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.plots.style import png
 from cogrip.sim.runs.report.page import Picture, render_page
 from cogrip.sim.runs.report.tables import Cell, Row, Table, plain, row, settings_tables
-from cogrip.sim.runs.verdict import Tone
 
 REPORT, MARKDOWN, LATEX, PLOTS, PEOPLE = "report.html", "table.md", "table.tex", "plots", "felt.csv"
 KIND = "comparison of methods"

@@ -68,7 +68,7 @@ def movement(run: Run) -> Movement:
 
 def correlation(first: Array, second: Array, rate_hz: float) -> tuple[float, float, float]:
     """Return (Pearson's r, largest r within a second's lag, that lag [s]; positive: `second` moves later)."""
-    from scipy import signal
+    from scipy import signal  # type: ignore[import-untyped]
 
     first, second = (first - first.mean()) / first.std(), (second - second.mean()) / second.std()
     size = len(first)
@@ -80,7 +80,7 @@ def correlation(first: Array, second: Array, rate_hz: float) -> tuple[float, flo
 
 def coherence(run: Run) -> Figure:
     """Draw the coherence of each pair by frequency, and below how much each hand moves there (Welch's method)."""
-    from scipy import signal  # takes longer to import than the other plots take to draw
+    from scipy import signal
 
     moved = movement(run)
     rate_hz, values = moved.rate_hz, moved.values

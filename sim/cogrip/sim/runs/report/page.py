@@ -9,10 +9,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.report.tables import dropped_table, people_table, room_table, settings_tables
 from cogrip.sim.runs.summary_values import lent_j, number
 from cogrip.sim.runs.traces import MOST_PEOPLE, Run, load_run
-from cogrip.sim.runs.verdict import Tone
 from cogrip.sim.runs.verdict_text import verdict
 
 if TYPE_CHECKING:
