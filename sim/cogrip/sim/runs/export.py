@@ -27,7 +27,7 @@ ROWS_HELD = 16_384  # in memory, of one Parquet table
 
 
 class ExportError(Exception):
-    """It cannot be exported; the text says why, and the cure."""
+    """Raised where a run cannot be exported; the text says why, and the cure."""
 
 
 class Exported(NamedTuple):
@@ -48,7 +48,7 @@ Make = Callable[[IO[bytes], Sequence[Column]], Table]
 
 
 class CsvTable:
-    """Floats are written by `repr`, the shortest text that reads back as the same bits."""
+    """A CSV file; floats are written by `repr`, the shortest text that reads back as the same bits."""
 
     def __init__(self, file: IO[bytes], columns: Sequence[Column]) -> None:
         self._file = TextIOWrapper(file, encoding="utf-8", newline="")
@@ -63,7 +63,7 @@ class CsvTable:
 
 
 class ParquetTable:
-    """Row groups of about ROWS_HELD rows."""
+    """A Parquet file in row groups of about ROWS_HELD rows; fields carry their unit."""
 
     def __init__(self, file: IO[bytes], columns: Sequence[Column]) -> None:
         self._arrow, parquet = _pyarrow()
@@ -101,7 +101,7 @@ _TABLES: dict[Format, Make] = {"csv": CsvTable, "parquet": ParquetTable}
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    """pyarrow and its parquet. Raises ExportError where it is not installed."""
+    """Return pyarrow and its parquet. Raises ExportError where it is not installed."""
     try:
         import pyarrow  # type: ignore[import-untyped]
         import pyarrow.parquet  # type: ignore[import-untyped]
@@ -142,7 +142,7 @@ def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False) -
 
 
 def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: bool) -> dict[int, Path]:
-    """Where each topic goes, by its number. Of a server's rooms those that are `called` so, or all where none is."""
+    """Return the file of each topic by its number; of a server's rooms those that are `called` so, or all where none is."""
     topics = end.recording.topics
     rooms = [topic for topic in topics if KINDS.get(kind_of(topic)) is Step]
     rooms = [topic for topic in rooms if topic in map(step_topic, called)] or rooms
@@ -194,7 +194,7 @@ class _Topic:
 
 
 def _export_end(end: End, paths: dict[int, Path], make: Make, begun: list[Path]) -> Iterator[Exported]:
-    """One pass over the recording for all its tables."""
+    """Write all tables of one recording in one pass over it."""
     topics = {
         number: _Topic(kind_of(end.recording.topics[number]), end.recording.header.start, path, make, begun)
         for number, path in paths.items()

@@ -45,7 +45,7 @@ def kind_of(folder: Path, headers: Sequence[Header], settings: dict[str, Any]) -
 
 
 def _device(start: str) -> str:
-    """The device that a client's recording was begun with."""
+    """Return the device that a client's recording was begun with."""
     try:
         return str(json.loads(start)["hello"]["device"])
     except (ValueError, KeyError, TypeError):

@@ -60,12 +60,12 @@ class End:
 
     @property
     def rate_hz(self) -> int:
-        """Of its loop."""
+        """Rate of its loop [Hz]."""
         return self.recording.header.rate_hz
 
     @property
     def damage(self) -> list[Damage]:
-        """What could not be read, once something was read to its end."""
+        """The damaged parts, once something was read to its end."""
         return self.recording.damage
 
     def topic(self, kind: str) -> int:
@@ -79,7 +79,7 @@ class End:
         return found[0]
 
     def chunks(self, kind: str) -> Iterator[tuple[list[float], list[Any]]]:
-        """(times [s], records) of one topic, a chunk of the file at a time."""
+        """Yield (times [s], records) of one topic, a chunk of the file at a time."""
         wanted = self.topic(kind)
         decode = decoder(kind_of(self.recording.topics[wanted]))
         for chunk in self.recording.chunks():
@@ -145,7 +145,7 @@ class RunRecords:
         return [*seats, *(name for name in self.clients if name not in seats)]
 
     def settings(self) -> Settings | None:
-        """Of the room, where the server's part is here. Raises RecordingError where that does not say them."""
+        """Return the room's settings, None without the server's part. Raises RecordingError where that does not say them."""
         if self.server is None:
             return None
         try:
@@ -221,7 +221,7 @@ def _align(ends: list[End], folder: Path, notes: list[str]) -> None:
 
 
 def _span(end: End) -> tuple[float, float]:
-    """Times [s] of the first tick (where there is none, of the first message) and of the last message."""
+    """Return the times [s] of the first tick (where there is none, of the first message) and of the last message."""
     ticks = [number for number, topic in enumerate(end.recording.topics) if kind_of(topic) == "tick"]
     began_ns, first_ns = None, None
     for message in end.recording.messages():
@@ -235,7 +235,7 @@ def _span(end: End) -> tuple[float, float]:
 
 
 def read_clocks(folder: Path) -> Mapping[str, int]:
-    """What `cogrip merge` found out: by file name, nanoseconds to add to its clock to have the server's."""
+    """Return the clocks by `cogrip merge`: by file name, nanoseconds to add to have the server's."""
     try:
         table = json.loads((folder / CLOCKS).read_text())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""What a run folder holds, as numpy columns in time order: recordings, summary, settings, and what is missing of them.
+"""A run folder read for its report: traces as numpy columns, summary, settings, and notes on what is missing.
 
 A recording is read once, into a temporary file for each column; a column is read when it is asked for. So half an hour
 of many people stays on the disk.
@@ -101,7 +101,7 @@ class Run:
 
 
 def load_run(folder: Path) -> Run:
-    """Everything that can be read. FileNotFoundError if the folder holds nothing of a run."""
+    """Read everything that can be read. FileNotFoundError if the folder holds nothing of a run."""
     notes: list[str] = []
     summary, settings = (_read_json(folder / name, notes) for name in (SUMMARY, SETTINGS))
     clients: dict[str, Trace] = {}
@@ -149,7 +149,7 @@ def _try(records: RunRecords, end: End, notes: list[str]) -> Trace | None:
 
 
 def _versions(records: RunRecords) -> tuple[str, ...]:
-    """Versions that ran each end; who ran it is named where that is not the same for all."""
+    """Return the versions that ran each end; who ran it is named where that is not the same for all."""
     ends = {"server": records.server, **records.clients}
     found: dict[str, list[str]] = {}
     for who, end in ends.items():
@@ -175,7 +175,7 @@ def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:
 
 
 def losses(end: End) -> list[str]:
-    """What is not in a recording that has been read to its end."""
+    """Return notes on what is missing in a recording that has been read to its end."""
     notes = [f"{end.path.name}: {describe(each, end.offset_s)}." for each in end.damage]
     missing = sum(timed.record.messages for timed in end.records("gap"))
     if missing:
@@ -186,7 +186,7 @@ def losses(end: End) -> list[str]:
 
 
 def describe(damage: Damage, offset_s: float) -> str:
-    """A damage in words, on the run's clock."""
+    """Return a damage in words, on the run's clock."""
     size = f"{damage.length} bytes at {damage.offset}"
     if damage.from_ns is None or damage.to_ns is None:
         return f"{damage.reason} ({size})"
@@ -195,7 +195,7 @@ def describe(damage: Damage, offset_s: float) -> str:
 
 
 def _names(summary: dict[str, Any], settings: dict[str, Any], traces: Iterable[Trace]) -> tuple[str, ...]:
-    """Everybody who is mentioned anywhere, in the order of the seats as far as the settings tell."""
+    """Return everybody who is mentioned anywhere, in the order of the seats as far as the settings tell."""
     names: dict[str, None] = {}
     for table in (settings, summary):
         users = table.get("users")

@@ -61,7 +61,7 @@ class Side(NamedTuple):
 
 
 def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[str]) -> Iterator[Plot]:
-    """Positions, forces and energy of the people who are named, of whom the first few are drawn."""
+    """Yield positions, forces and energy of the people who are named, of whom the first few are drawn."""
     widths = np.linspace(_BROADEST, _FINEST, len(runs)).tolist()
     sides = [
         Side(run, name, {"color": tint, "lw": width}, share, LINES[max(0, number - 1) % len(LINES)])
@@ -102,21 +102,21 @@ def tints(runs: int) -> list[tuple[float, float, float]]:
 
 
 def positions(sides: Sequence[Side], names: Sequence[str], window: Window | None = None) -> Figure:
-    """Hands, then the object, a row each, a column an axis [mm]."""
+    """Draw hands, then the object, a row each, a column for each axis [mm]."""
     rows = [(name, [_hand(side, name, "position_m", 1e3) for side in sides]) for name in names]
     rows.append(("object", [_object(side) for side in sides]))
     return _against_time(sides, rows, "position [mm]", window)
 
 
 def forces(sides: Sequence[Side], names: Sequence[str], window: Window | None = None) -> Figure:
-    """Force on each hand, a row a person, a column an axis [N]."""
+    """Draw the force on each hand, a row for each person, a column for each axis [N]."""
     return _against_time(
         sides, [(name, [_hand(side, name, "force_n", 1.0) for side in sides]) for name in names], "force [N]", window
     )
 
 
 def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
-    """A row a person: ledgers left; right the whole line's energy reserve, where a recording tells it [J or mJ]."""
+    """Draw a row for each person: ledgers left; right the whole line's energy reserve, where recorded [J or mJ]."""
     books = [[_book(side.run, name) for side in sides] for name in names]
     reserves = [[(side, line) for side in sides if (line := whole_line(side.run, name)) is not None] for name in names]
     if not any(lines for each in books for lines in each):
@@ -147,7 +147,7 @@ def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
 
 
 def whole_line(run: Run, name: str) -> Line | None:
-    """Energy that a person's line holds: put in at the client, not taken out at the object [J]."""
+    """Return the energy that a person's line holds: put in at the client, not taken out at the object [J]."""
     return reserve(run, name, "line_reserve_j") if name in run.names else None
 
 
@@ -204,7 +204,7 @@ def _unit(curves: Iterator[Array]) -> tuple[str, float]:
 
 
 def _extent(sides: Sequence[Side]) -> Window:
-    """From when the first run begins until the last one ends."""
+    """Return the time from the start of the first run to the end of the last one."""
     spans = [extent(side.run) for side in sides if side.run.clients or side.run.room]
     if not spans:
         raise NotDrawnError("no recording is here")
@@ -212,7 +212,7 @@ def _extent(sides: Sequence[Side]) -> Window:
 
 
 def _detail(sides: Sequence[Side]) -> Window | None:
-    """The middle of the time that all runs have in common, where that is long."""
+    """Return the middle of the time that all runs have in common, where that is long."""
     spans = [extent(side.run) for side in sides if side.run.clients or side.run.room]
     start = max((span[0] for span in spans), default=0.0)
     end = min((span[1] for span in spans), default=0.0)
@@ -227,5 +227,5 @@ def _legend(sides: Sequence[Side]) -> Legend:
 
 
 def _escaped(text: str) -> str:
-    """As `label`, but folder names are longer: the end of one tells it from others."""
+    """Return `label` of a folder's name, which is longer: the end of one tells it from others."""
     return text[-_LONGEST_NAME:].replace("$", r"\$").lstrip("_") or "nameless"

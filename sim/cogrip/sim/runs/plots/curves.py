@@ -1,4 +1,4 @@
-"""Curves of a run against its time: who is drawn, from which trace, in what style."""
+"""Curves of a run against its time, from its traces, in the style of each person."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -23,12 +23,12 @@ class Line(NamedTuple):
 
 
 def shown(run: Run) -> list[tuple[int, str]]:
-    """(seat number, name) of the people who are drawn."""
+    """Return (seat number, name) of the people who are drawn."""
     return list(enumerate(run.names[:MOST_PEOPLE]))
 
 
 def seat_columns(run: Run, number: int, name: str) -> Array | None:
-    """A seat's column or vector as columns, shape (rows, n); not a number while nobody sits there."""
+    """Return a seat's column or vector, shape (rows, n); nan while nobody has the seat."""
     if run.room is None or f"{number}.seated" not in run.room.columns:
         return None
     values = run.room.columns[f"{number}.{name}"].reshape(run.room.rows, -1)
@@ -40,7 +40,7 @@ RESERVES = ("up_reserve_j", "down_reserve_j", "line_reserve_j")
 
 
 def reserve(run: Run, name: str, key: str) -> Line | None:
-    """One of RESERVES over time [J]; None where nothing tells it, as in recordings of older versions."""
+    """Return one of RESERVES over time [J]; None where it is not recorded, as by older versions."""
     if key == "down_reserve_j":
         trace = run.clients.get(name)
         values = trace.columns["reserve_j"] if trace else None
@@ -67,7 +67,7 @@ def forbid(panel: Any, lines: Iterable[Line], lent_j: float | None, scale: float
 
 
 def extent(run: Run) -> Window:
-    """When anybody was there: from the first client's first tick to the last one's last."""
+    """Return the time from the first tick of any client to the last one."""
     traces = list(run.clients.values()) or ([run.room] if run.room else [])
     if not traces:
         raise NotDrawnError("no trace is here")
@@ -76,7 +76,7 @@ def extent(run: Run) -> Window:
 
 
 def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int, Line]]:
-    """(axis, curve) of a vector of everybody's client trace."""
+    """Yield (axis, curve) of a vector of everybody's client trace."""
     for number, person in shown(run):
         trace = run.clients.get(person)
         if trace is None:
@@ -86,7 +86,7 @@ def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int
 
 
 def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
-    """(axis, curve) of a vector of every seat of the room."""
+    """Yield (axis, curve) of a vector of every seat of the room."""
     for number, _ in shown(run):
         vectors = seat_columns(run, number, name)
         if vectors is None or run.room is None:
@@ -96,7 +96,7 @@ def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
 
 
 def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Line]]:
-    """(axis, curve) of the object: the room's own, or else what the first client heard of it."""
+    """Yield (axis, curve) of the object: the room's own, or else as the first client received it."""
     source = run.room or next(iter(run.clients.values()), None)
     if source is None:
         raise NotDrawnError("no trace is here")

@@ -1,4 +1,4 @@
-"""Where the energy goes, and how much of it the lines hold: below 0 they would have made some."""
+"""Energy over time: ledgers of the hands, and reserves of the lines, which below 0 would have created some."""
 
 from collections.abc import Iterator, Mapping
 
@@ -24,7 +24,7 @@ _RESERVES = {
 
 
 def energies(run: Run) -> Figure:
-    """A row a person: ledgers left; right the lines' energy reserves, where a recording tells them [J or mJ]."""
+    """Draw a row for each person: ledgers left; right the lines' energy reserves, where recorded [J or mJ]."""
     people = [(number, name) for number, name in shown(run) if name in run.clients or run.room]
     if not people:
         raise NotDrawnError("no trace is here")

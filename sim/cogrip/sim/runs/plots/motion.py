@@ -1,4 +1,4 @@
-"""Positions, forces and waves against time, a row of panels an axis."""
+"""Positions, forces and waves against time, a row of panels for each axis."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,14 +30,14 @@ _OBJECT: Style = {"color": INK, "lw": 2.2, "alpha": 0.75}
 
 
 def positions(run: Run) -> Figure:
-    """Hands, proxies and object, a row an axis [mm]."""
+    """Draw hands, proxies and object, a row for each axis [mm]."""
     lines = [*object_lines(run, 1e3, _OBJECT), *hands(run, "position_m", 1e3), *seats(run, "proxy_m", 1e3)]
     legend = people_legend(run, ("hand", _SOLID), ("proxy", _DASHED), ("object", _OBJECT))
     return _against_time(run, lines, "position", "mm", legend)
 
 
 def forces(run: Run) -> Figure:
-    """Force on each hand and on each proxy, a row an axis [N]."""
+    """Draw the force on each hand and on each proxy, a row for each axis [N]."""
     lines = [*hands(run, "force_n", 1.0), *seats(run, "force_n", 1.0)]
     return _against_time(
         run, lines, "force", "N", people_legend(run, ("at the hand", _SOLID), ("at the object", _DASHED))
@@ -45,7 +45,7 @@ def forces(run: Run) -> Figure:
 
 
 def waves(run: Run) -> Figure:
-    """Waves up and down at each client's port, a row an axis [sqrt(W)]."""
+    """Draw the waves up and down at each client's port, a row for each axis [sqrt(W)]."""
     up, down = list(hands(run, "wave_up", 1.0, lw=1.1)), list(hands(run, "wave_down", 1.0, lw=1.1))
     if not up:
         raise NotDrawnError("no client's trace is here")
@@ -64,7 +64,7 @@ def waves(run: Run) -> Figure:
 
 
 def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: str, legend: Legend) -> Figure:
-    """A row of panels an axis; a long run has its middle seconds beside it."""
+    """Draw a row of panels for each axis; a long run has its middle seconds beside it."""
     if not lines:
         raise NotDrawnError("no trace is here")
     start, end = extent(run)
