@@ -10,6 +10,8 @@ from cogrip.sim.runs.traces import MOST_PEOPLE, Run
 
 Window = tuple[float, float]
 PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # the object's end
+DETAIL_S = 5.0
+_LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
 _SHORTEST_S = 1e-3  # an axis needs some length
 _LEAST_SPAN_J = 1e-5  # and height: below it lies rounding
 
@@ -73,6 +75,13 @@ def extent(run: Run) -> Window:
         raise NotDrawnError("no trace is here")
     start, end = min(float(trace.time_s[0]) for trace in traces), max(float(trace.time_s[-1]) for trace in traces)
     return (0.0 if 0.0 <= start < 0.1 * end else start), max(end, start + _SHORTEST_S)
+
+
+def detail(window: Window) -> Window | None:
+    """Return the middle DETAIL_S of a long time, None of a shorter one."""
+    start, end = window
+    middle = 0.5 * (start + end)
+    return (middle - 0.5 * DETAIL_S, middle + 0.5 * DETAIL_S) if end - start > _LONG_RUN_S else None
 
 
 def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int, Line]]:

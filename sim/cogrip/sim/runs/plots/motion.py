@@ -4,7 +4,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cogrip.sim.runs.plots.curves import Line, Window, extent, hands, object_lines, people_legend, seats, shown
+from cogrip.sim.runs.plots.curves import (
+    DETAIL_S,
+    Line,
+    Window,
+    detail,
+    extent,
+    hands,
+    object_lines,
+    people_legend,
+    seats,
+    shown,
+)
 from cogrip.sim.runs.plots.style import (
     AXIS_NAMES,
     DASHED,
@@ -21,8 +32,6 @@ from cogrip.sim.runs.plots.style import (
 from cogrip.sim.runs.summary_values import dig
 from cogrip.sim.runs.traces import Run
 
-_LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
-_DETAIL_S = 5.0
 _GROUPS = 1500  # of frames, for the pale band behind the waves
 _SOLID: Style = {"color": FAINT}
 _DASHED: Style = {"color": FAINT, "ls": DASHED}
@@ -67,12 +76,10 @@ def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: 
     """Draw a row of panels for each axis; a long run has its middle seconds beside it."""
     if not lines:
         raise NotDrawnError("no trace is here")
-    start, end = extent(run)
-    windows: dict[str, Window] = {"": (start, end)}
-    if end - start > _LONG_RUN_S:
-        middle = 0.5 * (start + end)
-        detail = (middle - 0.5 * _DETAIL_S, middle + 0.5 * _DETAIL_S)
-        windows = {"the whole run": (start, end), f"{_DETAIL_S:g} s in its middle": detail}
+    whole = extent(run)
+    windows: dict[str, Window] = {"": whole}
+    if middle := detail(whole):
+        windows = {"the whole run": whole, f"{DETAIL_S:g} s in its middle": middle}
     rows = 1 + max(axis for axis, _ in lines)
     sheet = Sheet(rows, len(windows), row_in=3.0 if rows == 1 else 1.9)
     for axis, line in lines:
