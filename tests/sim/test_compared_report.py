@@ -5,7 +5,6 @@ import re
 import shutil
 from dataclasses import replace
 from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +33,11 @@ from cogrip.sim.runs.report.compared import compare, is_comparison, write_compar
 from cogrip.sim.runs.report.page import write_report
 from cogrip.sim.runs.traces import Run, load_run
 
+from tests.sim.reported_runs import SETTINGS as TWO_SECONDS
+from tests.sim.reported_runs import Page, assert_self_contained
+
 SCRIPT = "<script>alert(1)</script>"
-SETTINGS: dict[str, Any] = {
-    "name": "short",
-    "seconds": 1.0,
-    "link": {"delay_ms": 10, "jitter_ms": 5, "loss": 0.1},
-    "playout": {"frames": 2, "tank_mj": 0.5},
-    "users": [{"name": "anna", "hand": "reach"}, {"name": "ben", "hand": "hold"}],
-}
+SETTINGS: dict[str, Any] = {**TWO_SECONDS, "seconds": 1.0}
 OTHERS: dict[str, dict[str, Any]] = {
     "first": {},
     "again": {},
@@ -80,18 +76,6 @@ def text_of(page: str) -> str:
     """The page's words, without its pictures and marks."""
     bare = re.sub(r"<style>.*?</style>|<[^>]*>", " ", page, flags=re.DOTALL)
     return unescape(re.sub(r"\s+", " ", bare))
-
-
-class Page(HTMLParser):
-    """Every tag with its attributes."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
 
 
 def test_numbers_are_those_of_the_summaries_and_differences_their_differences(runs: dict[str, Run]) -> None:
@@ -244,12 +228,7 @@ def test_the_page_has_everything_and_fetches_nothing(runs: dict[str, Run]) -> No
     names = ["first", "soft", "spring"]
     page = compare([runs[name] for name in names], names)
     words = text_of(page)
-    assert not re.search(r"https?:|url\(|@import", page)
-    tags = Page(page).tags
-    assert not {tag for tag, _ in tags} & {"script", "link", "iframe", "object", "embed", "base"}
-    sources = [str(attributes["src"]) for tag, attributes in tags if tag == "img"]
-    assert len(sources) == 3  # positions, forces, energy
-    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert_self_contained(page, pictures=3)  # positions, forces, energy
     assert "Differences are against the first, first." in words
     assert words.count("nothing diverged") == 2
     assert "the force on anna, ben oscillated" in words

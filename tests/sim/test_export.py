@@ -21,7 +21,6 @@ from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics
 from cogrip.sim.runs import export as export_module
@@ -29,6 +28,8 @@ from cogrip.sim.runs.columns import layout_of
 from cogrip.sim.runs.export import ExportError, Format, export
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
+
+from tests.recording_files import written
 
 SETTINGS: dict[str, Any] = {
     "name": "short",
@@ -53,14 +54,12 @@ def header(who: str, topics: tuple[str, ...], role: str = "client") -> Header:
 
 def write_recording(path: Path, head: Header, messages: Sequence[tuple[str, float, Record]], flush: int = 0) -> None:
     """Messages as (topic's kind or whole name, time [s], record); `flush` ends a chunk after so many."""
-    with path.open("xb") as file:
-        writer = RecordingWriter(file, head)
+    with written(path, head) as writer:
         for number, (kind, time_s, record) in enumerate(messages, 1):
             topic = next(place for place, topic in enumerate(head.topics) if kind in (topic, kind_of(topic)))
             writer.put(topic, round(time_s * 1e9), encode(record))
             if flush and number % flush == 0:
                 writer.flush()
-        writer.finish()
 
 
 def a_tick(number: int = 0, axes: int = 1, **fields: Any) -> Tick:
