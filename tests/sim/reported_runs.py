@@ -44,12 +44,12 @@ def assert_self_contained(text: str, pictures: int) -> None:
 
 
 def page_of(folder: Path) -> str:
-    """The whole report, with its plots."""
+    """Return the whole report, with its plots."""
     return write_report(folder).read_text(encoding="utf-8")
 
 
 def text_of(folder: Path) -> str:
-    """The report without plots, which take most of the time."""
+    """Return the report without plots, which take most of the time."""
     return render(load_run(folder), [])
 
 

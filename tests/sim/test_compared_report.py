@@ -45,7 +45,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "spring": {"coupling": {"kind": "coupling", "stiffness_npm": 2000.0}},
     "axes": {"object": {"axes": 3}},
     "wall": {"object": {"kind": "wall"}, "users": [{"name": "anna", "hand": "push"}]},
-    "strangers": {"users": [{"name": "carl"}, {"name": "dora"}]},
+    "others": {"users": [{"name": "carl"}, {"name": "dora"}]},
     "anna alone": {"users": [{"name": "anna", "hand": "reach"}]},
     "ben and carl": {"users": [{"name": "ben", "hand": "reach"}, {"name": "carl"}]},
 }
@@ -73,7 +73,7 @@ def row_of(rows: list[Difference], who: str, key: str) -> Difference:
 
 
 def text_of(page: str) -> str:
-    """The page's words, without its pictures and marks."""
+    """The page's words, without its pictures and tags."""
     bare = re.sub(r"<style>.*?</style>|<[^>]*>", " ", page, flags=re.DOTALL)
     return unescape(re.sub(r"\s+", " ", bare))
 
@@ -163,7 +163,7 @@ def test_exactly_what_was_changed_differs(changes: set[str]) -> None:
 
 
 def test_settings_are_rounded_for_people_and_say_whose_they_are(runs: dict[str, Run]) -> None:
-    """JSON stays exact; a page has six digits. What a user does not set is as in the section that has it."""
+    """JSON stays exact; a page has six digits. A value that a user does not set is as in its section."""
     first = runs["first"]
     users = [{"name": "anna", "stiffness_npm": None, "force_n": None}]
     other = [{"name": "anna", "stiffness_npm": 250.0, "force_n": 1.5}]
@@ -186,7 +186,7 @@ def test_a_person_more_is_a_difference(runs: dict[str, Run]) -> None:
         (["first", "axes"], "its object.axes is 3, not 1"),
         (["first", "soft", "axes"], "axes cannot be compared with first"),
         (["first", "wall"], "its object.kind is 'wall', not 'cube'"),
-        (["first", "strangers"], "nobody held on in both; its people are carl, dora, not anna, ben"),
+        (["first", "others"], "nobody held on in both; its people are carl, dora, not anna, ben"),
         (["first", "anna alone", "ben and carl"], "nobody held on in all of them"),
         (["first"], "1 runs cannot be compared"),
         (["first"] * (MOST_RUNS + 1), f"name 2 to {MOST_RUNS}"),
@@ -214,7 +214,7 @@ def test_what_can_be_compared_is(runs: dict[str, Run], names: list[str], common:
 def test_what_is_not_known_is_no_reason_to_refuse(
     folders: dict[str, Path], runs: dict[str, Run], tmp_path: Path
 ) -> None:
-    """Without settings the recordings tell the axes; what was held they do not."""
+    """Without settings the recordings tell the axes, but not the kind of the object."""
     spoilt = {}
     for name in ("axes", "first"):
         spoilt[name] = Path(shutil.copytree(folders[name], tmp_path / name))
@@ -334,7 +334,7 @@ def test_refused_runs_leave_the_page_that_was_there(folders: dict[str, Path], tm
 
 
 def test_a_long_run_is_drawn_in_detail_too(tmp_path: Path) -> None:
-    """At a low rate: half a minute is what is asked for, not many ticks."""
+    """A low rate makes half a minute of few ticks."""
     made = []
     for name, seconds in (("long", 31.0), ("longer", 33.0), ("short", 29.0)):
         made.append(tmp_path / name)
@@ -355,7 +355,7 @@ def test_a_long_run_is_drawn_in_detail_too(tmp_path: Path) -> None:
 
 
 def test_curves_are_those_of_the_recordings(runs: dict[str, Run]) -> None:
-    """A row a person in their colour, then the object; the first run is broad and pale, the last fine and full."""
+    """A row for each person in their colour, then the object; the first run is broad and pale, the last fine and full."""
     pair = [runs["first"], runs["soft"]]
     positions, forces, _ = (plot.draw() for plot in plots.compared_plots(pair, ["a", "b"], ["anna", "ben"]))
     assert [len(panel.lines) for panel in positions.axes] == [2, 2, 2]

@@ -53,7 +53,7 @@ def header(who: str, topics: tuple[str, ...], role: str = "client") -> Header:
 
 
 def write_recording(path: Path, head: Header, messages: Sequence[tuple[str, float, Record]], flush: int = 0) -> None:
-    """Messages as (topic's kind or whole name, time [s], record); `flush` ends a chunk after so many."""
+    """Write messages given as (topic's kind or whole name, time [s], record); `flush` ends a chunk after so many."""
     with written(path, head) as writer:
         for number, (kind, time_s, record) in enumerate(messages, 1):
             topic = next(place for place, topic in enumerate(head.topics) if kind in (topic, kind_of(topic)))
@@ -75,7 +75,7 @@ def read_csv(path: Path) -> dict[str, list[str]]:
 
 
 def same(text: str, value: Any) -> bool:
-    """Whether a cell holds a value, a float to the last bit."""
+    """Return True if a cell holds a value, a float to the last bit."""
     if value is None:
         return text == ""
     if isinstance(value, float):
@@ -84,7 +84,7 @@ def same(text: str, value: Any) -> bool:
 
 
 def flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """(column, value) of a record's field, written down independently of the code under test."""
+    """Yield (column, value) of a record's field, written down independently of the code under test."""
     if isinstance(value, tuple):
         for number, one in enumerate(value):
             yield f"{prefix}_{'xyz'[number]}", one
@@ -271,7 +271,7 @@ anything = st.floats()
 
 @st.composite
 def ticks(draw: st.DrawFn, axes: int) -> Tick:
-    """Of all the kinds that a client notes: with a sample, without, with its own velocity, with one that is not finite."""
+    """Draw ticks of all kinds: with a sample, without, with its own velocity, with one that is not finite."""
     row = st.tuples(*[numbers] * axes)
     texts = st.tuples(*[anything.map(repr)] * axes)
     vectors = {name: draw(row) for name in ("velocity_mps", "force_n", "wave_up", "wave_down", "object_m")}

@@ -52,11 +52,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @dataclass(frozen=True)
 class Machine:
-    """How a machine's clocks differ from the server's.
+    """Differences of a machine's clocks from the server's.
 
     ahead_ns  its steady clock - the server's
     lie_ns    its UTC - the server's UTC
-    anchored  whether it noted both clocks together
+    anchored  True if it recorded both clocks together
     """
 
     ahead_ns: int = 0
@@ -65,7 +65,7 @@ class Machine:
 
 
 def moved(source: Path, target: Path, machine: Machine) -> None:
-    """A recording as this machine would have made it. The hello and welcome, that had no delay, are left out."""
+    """Write a recording as this machine would have made it. The hello and welcome, that had no delay, are left out."""
     recording = open_recording(source)
     clock = next(number for number, topic in enumerate(recording.topics) if kind_of(topic) == "clock")
     header: Header = msgspec.structs.replace(
@@ -83,7 +83,7 @@ def moved(source: Path, target: Path, machine: Machine) -> None:
 
 
 def parts(whole: Path, base: Path, anna: Machine, ben: Machine, server: Machine = Machine()) -> list[Path]:
-    """The run in three folders of three machines."""
+    """Return the run in three folders of three machines."""
     folders = [base / name for name in ("the server's", "anna's", "ben's")]
     for folder, file, machine in zip(folders, (SERVER, ANNA, BEN), (server, anna, ben), strict=True):
         moved(whole / file, folder / file, machine)
@@ -93,7 +93,7 @@ def parts(whole: Path, base: Path, anna: Machine, ben: Machine, server: Machine 
 
 
 def datagrams(end: End, kind: str) -> dict[bytes, float]:
-    """When each datagram is said to have passed, by its bytes, the first time."""
+    """Return the time at which each datagram first passed, by its bytes."""
     found: dict[bytes, float] = {}
     for timed in end.records(kind):
         assert isinstance(timed.record, Datagram)
@@ -102,7 +102,7 @@ def datagrams(end: End, kind: str) -> dict[bytes, float]:
 
 
 def delays(folder: Path) -> dict[tuple[str, str, bytes], float]:
-    """(who, which way, datagram) to its delay [s] on the run's clock, of all that both ends have in `folder`."""
+    """Return (who, direction, datagram) to its delay [s] on the run's clock, of all that both ends have in `folder`."""
     run = open_run(folder)
     assert run.server is not None
     came, went = (datagrams(run.server, kind) for kind in ("datagram_in", "datagram_out"))
@@ -121,7 +121,7 @@ def delays(folder: Path) -> dict[tuple[str, str, bytes], float]:
 
 
 def test_three_machines_come_onto_one_clock(whole: Path, tmp_path: Path) -> None:
-    """Whatever the clocks say since the machines were started: with anchors that hold, to the nanosecond."""
+    """Clock anchors that hold are right to the nanosecond, whatever the machines' clocks show."""
     folders = parts(whole, tmp_path, Machine(ahead_ns=-987_654_321_987_654), Machine(ahead_ns=123_456_789))
     out = tmp_path / "merged"
     found = {each.file: each for each in merge(folders, out)}
@@ -129,7 +129,9 @@ def test_three_machines_come_onto_one_clock(whole: Path, tmp_path: Path) -> None
     for each in found.values():
         assert each.by == "clock anchors"
         assert each.least_ns <= each.add_ns <= each.most_ns
-        assert each.most_ns - each.least_ns <= (DELAY_UP_MS + DELAY_DOWN_MS + 2.0) * MS, "a tick each way, and jitter"
+        assert each.most_ns - each.least_ns <= (DELAY_UP_MS + DELAY_DOWN_MS + 2.0) * MS, (
+            "a tick in each direction, and jitter"
+        )
     assert json.loads((out / "clocks.json").read_text()) == {
         name: {"add_ns": each.add_ns, "least_ns": each.least_ns, "most_ns": each.most_ns, "by": each.by}
         for name, each in found.items()
@@ -273,7 +275,7 @@ def test_parts_of_other_runs_are_refused(whole: Path, tmp_path: Path) -> None:
 
 
 def test_a_part_that_heard_nothing_is_refused(whole: Path, tmp_path: Path) -> None:
-    """Bounds need datagrams of both ways."""
+    """Bounds need datagrams of both directions."""
     server, anna, _ = parts(whole, tmp_path, Machine(), Machine())
     rewrite(anna / ANNA, lambda kind, message: message.payload if kind != "datagram_in" else None)
     refused([server, anna], tmp_path / "out", "have no datagrams in common")

@@ -20,7 +20,7 @@ LINK = {"delay_ms": 31.25, "loss": 0.3, "burst_frames": 3.0}
 EXAMPLE_MAIN = runpy.run_path(str(EXAMPLE))["main"]
 
 
-@pytest.mark.parametrize(("kind", "way"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
+@pytest.mark.parametrize(("kind", "direction"), [("wave", "up"), ("wave", "down"), ("tdpa", "up"), ("tdpa", "down")])
 def test_a_recorded_network_can_be_played(tmp_path, capsys, kind: str, direction: str) -> None:
     run_laboratory(resolve({"seconds": 1.0, "seed": 4, "link": LINK, "coupling": {"kind": kind}}), tmp_path)
     assert EXAMPLE_MAIN([str(tmp_path), "anna", direction]) == 0

@@ -1,4 +1,4 @@
-"""The report of a run: complete, self-contained, escaped, and never at a loss for what is missing."""
+"""The report of a run: complete, self-contained and escaped, with a sentence for everything that is missing."""
 
 import json
 from pathlib import Path
@@ -160,7 +160,7 @@ def test_damaged_json_is_said(folder: Path) -> None:
 
 
 def without(value: Any) -> Any:
-    """The same keys, and null wherever a value stood."""
+    """Return the same keys, with null in place of every value."""
     if isinstance(value, dict):
         return {key: without(inner) for key, inner in value.items()}
     return [without(inner) for inner in value] if isinstance(value, list) else None

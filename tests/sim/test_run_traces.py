@@ -1,4 +1,4 @@
-"""What a report reads out of a run's recordings: every column as recorded, on one clock, and what is missing named."""
+"""Traces of a run's recordings: every column as recorded, on one clock, and a note on everything that is missing."""
 
 import re
 from pathlib import Path
@@ -60,7 +60,7 @@ def test_recording_that_is_cut_short_gives_what_is_whole(folder: Path, part: flo
 
 
 def _chunks(body: bytes | bytearray) -> list[tuple[int, int]]:
-    """(offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
+    """Return (offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
     found, offset = [], 8
     while offset + 9 <= len(body):
         opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
@@ -93,7 +93,7 @@ def test_recording_with_a_damaged_chunk_gives_the_rest_and_names_the_gap(folder:
 
 
 def _header_end(body: bytes) -> int:
-    """Where the metadata, which says what a recording is, ends."""
+    """Return the offset at which the metadata, which says what a recording is, ends."""
     offset = 8
     while True:
         opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
@@ -166,7 +166,7 @@ def _tick(number: int) -> Tick:
 
 
 def _person(folder: Path, who: str, start_ns: int) -> None:
-    """Two seconds of a client of ten ticks a second."""
+    """Write two seconds of a client of ten ticks a second."""
     with written(folder / client_recording(who), _client_header(who)) as writer:
         for number in range(20):
             writer.put(0, start_ns + number * 100_000_000, encode(_tick(number)))

@@ -1,4 +1,4 @@
-"""A person who sat twice: nothing that was known of the first sitting is lost."""
+"""A person who took a seat twice: nothing that was known of the first seat session is lost."""
 
 import io
 import json
@@ -25,7 +25,7 @@ CLIENT = ClientAccount(
 SEAT = SeatAccount((0.0,), 0.0, 0.0, LinkCount(sent=7))
 
 
-def test_both_sittings_of_a_session_are_in_its_summary() -> None:
+def test_both_seat_sessions_of_a_person_are_in_its_summary() -> None:
     laboratory = Laboratory(resolve({"seconds": 6.0, "users": [{"name": "anna"}, {"name": "ben", "side": "right"}]}))
     first = laboratory.people[0]
     while laboratory.seconds < 1.0:
@@ -55,7 +55,7 @@ def test_both_sittings_of_a_session_are_in_its_summary() -> None:
 
 
 @pytest.mark.parametrize("where", ["client", "seat"])
-def test_what_was_wrong_in_the_first_sitting_is_wrong(where: str) -> None:
+def test_a_fault_in_the_first_seat_session_counts(where: str) -> None:
     client, seat = CLIENT, SEAT
     if where == "client":
         client = msgspec.structs.replace(CLIENT, down_margin_j=-0.5)
@@ -72,7 +72,7 @@ def test_what_was_wrong_in_the_first_sitting_is_wrong(where: str) -> None:
     assert summarise(name="lab", seed=1, seconds=1.0, tank_mj=0.0, users=[gone], room=None, dropped={})["diverged"]
 
 
-def test_of_many_sittings_the_worst_is_kept() -> None:
+def test_of_many_seat_sessions_the_worst_is_kept() -> None:
     seat = Seat(seat_settings(resolve({}), 0))
     for number in range(40):
         margin_j = {5: -0.25, 7: math.nan}.get(number, 0.0)

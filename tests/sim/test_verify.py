@@ -126,11 +126,11 @@ class Recorded:
         self.kinds = [kind_of(recording.topics[message.topic]) for message in self.messages]
 
     def of(self, *kinds: str) -> list[int]:
-        """Where messages of these kinds stand."""
+        """Return the places of messages of these kinds."""
         return [at for at, kind in enumerate(self.kinds) if kind in kinds]
 
     def news(self) -> list[tuple[int, Datagram, Waves]]:
-        """Datagrams that brought the newest frame of all before the next tick or step: no other one says the same in time."""
+        """Return the datagrams that brought the newest frame of all before the next tick or step; no other one does in time."""
         newest: dict[Any, int] = {}
         waiting: dict[Any, tuple[int, Datagram, Waves]] = {}
         found: list[tuple[int, Datagram, Waves]] = []
@@ -204,7 +204,7 @@ def test_one_digit_of_a_force_is_found(anna: Recorded, data: st.DataObject) -> N
 
 
 def as_before(kind: str, message: Message) -> bytes:
-    """A message as an earlier cogrip wrote it: fields at their defaults left out."""
+    """Return a message as an earlier cogrip wrote it: fields at their defaults left out."""
     table = json.loads(message.payload)
     defaults = {field.name: field.default for field in msgspec.structs.fields(KINDS[kind])}
     return msgspec.json.encode({key: value for key, value in table.items() if value != defaults[key]})
@@ -248,7 +248,7 @@ def test_one_byte_of_a_datagram_that_was_sent_is_found(recorded: Recorded, data:
 
 @given(data=st.data())
 def test_the_seventh_digit_of_a_wave_that_was_heard_is_found(recorded: Recorded, data: st.DataObject) -> None:
-    """Of the newest frame of a datagram that is the first to bring it: whatever comes later repeats it."""
+    """The wave is of the newest frame in the datagram that brings it first: later ones repeat it."""
     moving = [each for each in recorded.news()[:-8] if max(map(abs, each[2].waves)) > 1e-3]  # the last are never played
     at, heard, said = data.draw(st.sampled_from(moving))
     axes = len(said.state) // 2

@@ -1,4 +1,4 @@
-"""The same hands in another world: what is changed is changed, nothing else is, and an unchanged world is the recorded one."""
+"""Recorded hands with other settings: only what is set changes, and unchanged settings give the recorded run."""
 
 import json
 import shutil
@@ -66,12 +66,12 @@ def spoiled(run: RunRecords, tmp_path: Path) -> Path:
 
 
 def streams(run: RunRecords) -> dict[str, list[Message]]:
-    """Every message of every file, by file name."""
+    """Return every message of every file, by file name."""
     return {path.name: list(open_recording(path).messages()) for path in sorted(run.folder.glob("*.mcap"))}
 
 
 def differences(one: Settings, other: Settings) -> dict[str, Any]:
-    """Dotted names of what differs, with the other's value."""
+    """Return the dotted names of what differs, with the other's value."""
     found: dict[str, Any] = {}
 
     def descend(left: Any, right: Any, where: str) -> None:
@@ -94,7 +94,7 @@ def with_start(path: Path, alter: Callable[[Hello, Capability], tuple[Hello, Cap
 
 
 def joined_with(path: Path, device: str) -> None:
-    """As if this person had joined with another device than the settings name."""
+    """Write the recording as if this person had joined with another device than the settings name."""
     with_start(path, lambda hello, capability: (msgspec.structs.replace(hello, device=device), capability))
 
 
@@ -219,7 +219,7 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
 
 @pytest.mark.parametrize("late_ns", [0, 3_000_000, 125_000_000, 700_000_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
-    """To the nearest frame; until then they keep their seats. What comes of it can be replayed bit by bit."""
+    """People begin at the nearest frame and keep their seats until then; the result replays bit by bit."""
     rewrite(spoiled / "client-ben.mcap", late_ns=late_ns)
     other = what_if(open_run(spoiled), {}, "positions")
     assert other.begins == (0, round(late_ns * 128e-9) * 8)
@@ -353,7 +353,7 @@ def test_a_person_who_is_missing_is_named(spoiled: Path, hands: Hands) -> None:
 
 
 def test_the_recorded_settings_are_those_of_the_server(run: RunRecords) -> None:
-    """Not of settings.json, which anybody may have edited."""
+    """settings.json is not read: anybody may have edited it."""
     assert run.server is not None
     (room,), _ = server_start(run.server.recording.header.start)
     assert run.settings() == room == resolve(TABLE)
