@@ -31,12 +31,12 @@ def same(kind: str, message: Message) -> bytes | None:
     return message.payload
 
 
-def rewrite(path: Path, alter: Alter = same, closed: bool = True, **header: object) -> None:
-    """Write a recording anew: other payloads, other fields of the header, perhaps not closed."""
+def rewrite(path: Path, alter: Alter = same, closed: bool = True, late_ns: int = 0, **header: object) -> None:
+    """Write a recording anew: other payloads, later, other fields of the header, perhaps not closed."""
     recording = open_recording(path)
     messages = list(recording.messages())
     with written(path, msgspec.structs.replace(recording.header, **header), closed) as writer:
         for message in messages:
             payload = alter(kind_of(recording.topics[message.topic]), message)
             if payload is not None:
-                writer.put(message.topic, message.time_ns, payload)
+                writer.put(message.topic, message.time_ns + late_ns, payload)

@@ -1,4 +1,4 @@
-"""A run for whoever reads what runs left."""
+"""Fixtures of a finished run."""
 
 import shutil
 from pathlib import Path

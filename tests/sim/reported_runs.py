@@ -1,5 +1,6 @@
 """Reports as tests read them: the page, its tags, and what the terminal shows."""
 
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -31,13 +32,24 @@ class Page(HTMLParser):
         self.tags.append((tag, dict(attrs)))
 
 
+def assert_self_contained(text: str, pictures: int) -> None:
+    """Hold that a page fetches nothing, and has so many pictures inside."""
+    assert not re.search(r"https?:|url\(|@import", text)
+    tags = Page(text).tags
+    assert not {tag for tag, _ in tags} & {"script", "link", "iframe", "object", "embed", "base"}
+    sources = [str(attributes["src"]) for _, attributes in tags if "src" in attributes]
+    assert len(sources) == pictures
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not any("href" in attributes for _, attributes in tags)
+
+
 def page_of(folder: Path) -> str:
-    """The whole report, with its plots."""
+    """Return the whole report, with its plots."""
     return write_report(folder).read_text(encoding="utf-8")
 
 
 def text_of(folder: Path) -> str:
-    """The report without plots, which take most of the time."""
+    """Return the report without plots, which take most of the time."""
     return render(load_run(folder), [])
 
 

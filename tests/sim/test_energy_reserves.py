@@ -1,4 +1,4 @@
-"""Energy reserves in whole sessions: which session would make the one that is shown mislead?"""
+"""Energy reserves in whole sessions: kept in order with the margins, and shown as they are."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +18,7 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import compared
 from cogrip.sim.runs.plots.energy import energies
 from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.summary_values import sittings
+from cogrip.sim.runs.summary_values import seat_sessions
 from cogrip.sim.runs.traces import Run, load_run
 from cogrip.sim.runs.verdict import passive
 from cogrip.sim.session.laboratory import Laboratory
@@ -38,7 +38,7 @@ def session(kind: str = "wave", seconds: float = 2.0, **more: Any) -> Settings:
 
 
 def pairs(laboratory: Laboratory) -> list[tuple[float | None, float | None]]:
-    """(reserve now, margin) of every ledger there is."""
+    """Return (reserve now, margin) of every ledger there is."""
     found: list[tuple[float | None, float | None]] = []
     for person in laboratory.people:
         coupling, port = person.core.coupling, person.core.port
@@ -59,7 +59,7 @@ def watch(laboratory: Laboratory) -> None:
 
 def lawful(summary: dict[str, Any]) -> None:
     """Hold the law at the end: the least of all is no more than the least after the first second."""
-    for row in sittings(summary["users"]):
+    for row in seat_sessions(summary["users"]):
         for ledger in LEDGERS:
             margin_j, reserve_j = (row["energy"][f"{ledger}_{what}_j"] for what in ("margin", "reserve"))
             assert reserve_j is None or margin_j <= reserve_j + ROUNDING_J
@@ -206,7 +206,7 @@ def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summa
     for number, user in enumerate(run.summary["users"]):
         ticks = run.clients[user["name"]].columns
         traces = {
-            "down": (ticks["down_reserve_j"], 1024 - 8),
+            "down": (ticks["reserve_j"], 1024 - 8),
             "device": (ticks["device_reserve_j"], 1024),
             "up": (run.room.columns[f"{number}.up_reserve_j"], 128 - 1),
             "line": (run.room.columns[f"{number}.line_reserve_j"], 128 - 1),
@@ -221,7 +221,7 @@ def test_the_recorded_reserves_lead_to_the_margins_and_to_the_least_in_the_summa
 
 
 def columns_without(run: Run, *names: str) -> Run:
-    """The same run as an older version would have recorded it."""
+    """Return the same run as an older version would have recorded it."""
 
     def older(columns: Any) -> dict[str, Any]:
         return {
@@ -269,7 +269,7 @@ def test_the_terminal_says_the_least_reserves_and_the_leak(run: Run, width: int)
 
 
 def test_a_negative_margin_is_not_hidden_by_a_reserve(run: Run) -> None:
-    """Both may be so: a line that gave out energy in its first second, a device whose debt was forgiven."""
+    """Both may be so: a line that gave out energy in its first second, a device whose deficit was written off."""
     anna, ben = run.summary["users"]
     line = {**anna, "energy": {**anna["energy"], "line_margin_j": -0.25}}
     device = {**ben, "energy": {**ben["energy"], "device_margin_j": -0.5}}

@@ -21,14 +21,15 @@ from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics
 from cogrip.sim.runs import export as export_module
+from cogrip.sim.runs.columns import layout_of
 from cogrip.sim.runs.export import ExportError, Format, export
-from cogrip.sim.runs.flat_records import shape_of
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import open_run
+
+from tests.recording_files import written
 
 SETTINGS: dict[str, Any] = {
     "name": "short",
@@ -52,15 +53,13 @@ def header(who: str, topics: tuple[str, ...], role: str = "client") -> Header:
 
 
 def write_recording(path: Path, head: Header, messages: Sequence[tuple[str, float, Record]], flush: int = 0) -> None:
-    """Messages as (topic's kind or whole name, time [s], record); `flush` ends a chunk after so many."""
-    with path.open("xb") as file:
-        writer = RecordingWriter(file, head)
+    """Write messages given as (topic's kind or whole name, time [s], record); `flush` ends a chunk after so many."""
+    with written(path, head) as writer:
         for number, (kind, time_s, record) in enumerate(messages, 1):
             topic = next(place for place, topic in enumerate(head.topics) if kind in (topic, kind_of(topic)))
             writer.put(topic, round(time_s * 1e9), encode(record))
             if flush and number % flush == 0:
                 writer.flush()
-        writer.finish()
 
 
 def a_tick(number: int = 0, axes: int = 1, **fields: Any) -> Tick:
@@ -76,7 +75,7 @@ def read_csv(path: Path) -> dict[str, list[str]]:
 
 
 def same(text: str, value: Any) -> bool:
-    """Whether a cell holds a value, a float to the last bit."""
+    """Return True if a cell holds a value, a float to the last bit."""
     if value is None:
         return text == ""
     if isinstance(value, float):
@@ -85,7 +84,7 @@ def same(text: str, value: Any) -> bool:
 
 
 def flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """(column, value) of a record's field, written down independently of the code under test."""
+    """Yield (column, value) of a record's field, written down independently of the code under test."""
     if isinstance(value, tuple):
         for number, one in enumerate(value):
             yield f"{prefix}_{'xyz'[number]}", one
@@ -99,7 +98,8 @@ def test_a_file_for_each_end_and_kind_of_message(folder: Path, tmp_path: Path) -
     assert set(names) == {path.name for path in tmp_path.iterdir()}
     assert names["client-anna.tick.csv"] == names["client-ben+r.tick.csv"] == 1024
     assert names["server.step.csv"] == 128
-    assert {"client-anna.account.csv", "client-anna.event.csv", "server.event.csv", "server.asked.csv"} <= set(names)
+    assert {"client-anna.account.csv", "client-anna.event.csv", "server.event.csv"} <= set(names)
+    assert {"server.asked.csv", "server.answer.csv"} & set(names)
     assert not any("datagram" in name or "gap" in name for name in names)
     for path, rows in tables:
         columns = read_csv(path)
@@ -157,7 +157,7 @@ def test_datagrams_only_when_asked_for_and_whole(folder: Path, tmp_path: Path) -
 )
 def test_addresses_are_written_as_one_types_them(address: str, text: str | None) -> None:
     datagram = Datagram(b"\x01\xff", address)
-    assert shape_of(datagram).rows(datagram) == [[text, "01ff"]]
+    assert layout_of(datagram).table([0.5], [datagram]) == [[0.5], [text], ["01ff"]]
 
 
 A_SEAT = SeatStep("anna", True, (0.0,), (0.0,), 0.0, 0.0, 0.0, 0.0, 0)
@@ -173,15 +173,14 @@ def test_no_field_of_a_record_is_forgotten(record: type[Record]) -> None:
         kinds: dict[Any, Any] = {int: 1, str: "x", float: 1.0}
         fields = msgspec.structs.fields(record)
         sample = record(**{each.name: "" if each.name == "ticks" else kinds.get(each.type, 1.0) for each in fields})
-    shape = shape_of(sample)
-    bare = {column.name.rpartition(".")[2] for column in shape.columns}
+    layout = layout_of(sample)
+    bare = {column.name.rpartition(".")[2] for column in layout.columns}
     bare |= {name.removesuffix("_x") for name in bare} | {name.partition("_")[0] for name in bare}
     assert set(record.__struct_fields__) - {"unfit", "seats"} <= bare
     if record is Step:
         assert set(SeatStep.__struct_fields__) - {"user"} <= bare
-        assert {column.name.partition(".")[0] for column in shape.columns if "." in column.name} == {"anna"}
-    (row,) = shape.rows(sample)
-    assert len(row) == len(shape.columns)
+        assert {column.name.partition(".")[0] for column in layout.columns if "." in column.name} == {"anna"}
+    assert [len(values) for values in layout.table([0.0], [sample])] == [1] * len(layout.columns)
 
 
 def test_accounts_are_spread_over_columns(folder: Path, tmp_path: Path) -> None:
@@ -210,17 +209,18 @@ def read_csv_rows(path: Path) -> list[dict[str, str]]:
 
 
 WORDS = {
-    "state", "verb", "reason", "text", "room", "user", "ticket", "grant", "limited_reasons", "room_dropped_reasons",
+    "state", "verb", "reason", "text", "room", "user", "ticket", "kind", "limited_reasons", "room_dropped_reasons",
 }  # fmt: skip
+JSON_TEXTS = {"grant", "value"}
 
 
 def test_every_table_is_plain_numbers_but_for_columns_of_words(folder: Path, tmp_path: Path) -> None:
     """No list, no object, no flag as a word in any cell: whatever reads a CSV file takes the columns for numbers."""
     for path, _ in export(open_run(folder), "csv", tmp_path):
         for name, cases in read_csv(path).items():
-            if name not in WORDS:
+            if name not in WORDS | JSON_TEXTS:
                 assert all(case == "" or math.isfinite(float(case)) for case in cases), (path.name, name)
-            if name != "grant":
+            if name not in JSON_TEXTS:
                 assert not any(case.startswith(("[", "{")) for case in cases), (path.name, name)
 
 
@@ -271,7 +271,7 @@ anything = st.floats()
 
 @st.composite
 def ticks(draw: st.DrawFn, axes: int) -> Tick:
-    """Of all the kinds that a client notes: with a sample, without, with its own velocity, with one that is not finite."""
+    """Draw ticks of all kinds: with a sample, without, with its own velocity, with one that is not finite."""
     row = st.tuples(*[numbers] * axes)
     texts = st.tuples(*[anything.map(repr)] * axes)
     vectors = {name: draw(row) for name in ("velocity_mps", "force_n", "wave_up", "wave_down", "object_m")}

@@ -13,15 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cogrip.protocol.recording.header import Header
-from cogrip.protocol.recording.reader import RecordingError, open_recording
+from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Clock, Datagram, kind_of
 from cogrip.protocol.recording.recover import recover
 from cogrip.protocol.recording.sink import encode
-from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.merge import merge
 from cogrip.sim.runs.records import End, open_run
+
+from tests.recording_files import rewrite, written
 
 MS = 1_000_000
 EPOCH_NS = 1_700_000_000 * 10**9  # of UTC
@@ -51,11 +52,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @dataclass(frozen=True)
 class Machine:
-    """How a machine's clocks differ from the server's.
+    """Differences of a machine's clocks from the server's.
 
     ahead_ns  its steady clock - the server's
     lie_ns    its UTC - the server's UTC
-    anchored  whether it noted both clocks together
+    anchored  True if it recorded both clocks together
     """
 
     ahead_ns: int = 0
@@ -64,15 +65,14 @@ class Machine:
 
 
 def moved(source: Path, target: Path, machine: Machine) -> None:
-    """A recording as this machine would have made it. The hello and welcome, that had no delay, are left out."""
+    """Write a recording as this machine would have made it. The hello and welcome, that had no delay, are left out."""
     recording = open_recording(source)
     clock = next(number for number, topic in enumerate(recording.topics) if kind_of(topic) == "clock")
     header: Header = msgspec.structs.replace(
         recording.header, epoch_ns=EPOCH_NS - BOOT_NS - machine.ahead_ns + machine.lie_ns, virtual=False
     )
     target.parent.mkdir(parents=True, exist_ok=True)
-    with target.open("xb") as file:
-        writer = RecordingWriter(file, header)
+    with written(target, header) as writer:
         for number, message in enumerate(recording.messages()):
             now_ns = message.time_ns + BOOT_NS + machine.ahead_ns
             if machine.anchored and number in ANCHORS_AT:
@@ -80,11 +80,10 @@ def moved(source: Path, target: Path, machine: Machine) -> None:
                 writer.put(clock, now_ns, encode(Clock(now_ns, utc_ns)))
             if message.time_ns > 0 or not kind_of(recording.topics[message.topic]).startswith("datagram"):
                 writer.put(message.topic, now_ns, message.payload)
-        writer.finish()
 
 
 def parts(whole: Path, base: Path, anna: Machine, ben: Machine, server: Machine = Machine()) -> list[Path]:
-    """The run in three folders of three machines."""
+    """Return the run in three folders of three machines."""
     folders = [base / name for name in ("the server's", "anna's", "ben's")]
     for folder, file, machine in zip(folders, (SERVER, ANNA, BEN), (server, anna, ben), strict=True):
         moved(whole / file, folder / file, machine)
@@ -94,7 +93,7 @@ def parts(whole: Path, base: Path, anna: Machine, ben: Machine, server: Machine 
 
 
 def datagrams(end: End, kind: str) -> dict[bytes, float]:
-    """When each datagram is said to have passed, by its bytes, the first time."""
+    """Return the time at which each datagram first passed, by its bytes."""
     found: dict[bytes, float] = {}
     for timed in end.records(kind):
         assert isinstance(timed.record, Datagram)
@@ -103,7 +102,7 @@ def datagrams(end: End, kind: str) -> dict[bytes, float]:
 
 
 def delays(folder: Path) -> dict[tuple[str, str, bytes], float]:
-    """(who, which way, datagram) to its delay [s] on the run's clock, of all that both ends have in `folder`."""
+    """Return (who, direction, datagram) to its delay [s] on the run's clock, of all that both ends have in `folder`."""
     run = open_run(folder)
     assert run.server is not None
     came, went = (datagrams(run.server, kind) for kind in ("datagram_in", "datagram_out"))
@@ -122,7 +121,7 @@ def delays(folder: Path) -> dict[tuple[str, str, bytes], float]:
 
 
 def test_three_machines_come_onto_one_clock(whole: Path, tmp_path: Path) -> None:
-    """Whatever the clocks say since the machines were started: with anchors that hold, to the nanosecond."""
+    """Clock anchors that hold are right to the nanosecond, whatever the machines' clocks show."""
     folders = parts(whole, tmp_path, Machine(ahead_ns=-987_654_321_987_654), Machine(ahead_ns=123_456_789))
     out = tmp_path / "merged"
     found = {each.file: each for each in merge(folders, out)}
@@ -130,7 +129,9 @@ def test_three_machines_come_onto_one_clock(whole: Path, tmp_path: Path) -> None
     for each in found.values():
         assert each.by == "clock anchors"
         assert each.least_ns <= each.add_ns <= each.most_ns
-        assert each.most_ns - each.least_ns <= (DELAY_UP_MS + DELAY_DOWN_MS + 2.0) * MS, "a tick each way, and jitter"
+        assert each.most_ns - each.least_ns <= (DELAY_UP_MS + DELAY_DOWN_MS + 2.0) * MS, (
+            "a tick in each direction, and jitter"
+        )
     assert json.loads((out / "clocks.json").read_text()) == {
         name: {"add_ns": each.add_ns, "least_ns": each.least_ns, "most_ns": each.most_ns, "by": each.by}
         for name, each in found.items()
@@ -202,17 +203,15 @@ def test_both_sides_of_both_bounds(whole: Path, tmp_path: Path, side: str, outsi
 def test_one_wrong_anchor_among_many_is_outvoted(whole: Path, tmp_path: Path) -> None:
     """A machine whose UTC is set right while it records: the median is taken."""
     folders = parts(whole, tmp_path, Machine(ahead_ns=77 * MS), Machine())
-    recording = open_recording(folders[1] / ANNA)
-    clock = recording.topics.index("/anna/clock")
-    messages = list(recording.messages())
-    first = next(place for place, message in enumerate(messages) if message.topic == clock)
-    wrong = msgspec.json.decode(messages[first].payload, type=Clock)
-    messages[first] = messages[first]._replace(payload=encode(Clock(wrong.monotonic_ns, wrong.utc_ns + 10**12)))
-    with (folders[1] / ANNA).open("wb") as file:
-        writer = RecordingWriter(file, recording.header)
-        for message in messages:
-            writer.put(*message)
-        writer.finish()
+    off_ns = iter([10**12, *[0] * len(ANCHORS_AT)])  # the first one is wrong
+
+    def wrong(kind: str, message: Message) -> bytes:
+        if kind != "clock":
+            return message.payload
+        anchor = msgspec.json.decode(message.payload, type=Clock)
+        return encode(Clock(anchor.monotonic_ns, anchor.utc_ns + next(off_ns)))
+
+    rewrite(folders[1] / ANNA, wrong)
     (anna, _) = merge(folders, tmp_path / "out")
     assert (anna.by, anna.add_ns) == ("clock anchors", -77 * MS)
 
@@ -247,21 +246,14 @@ def test_clients_of_the_servers_own_machine_stay_on_its_clock(whole: Path, tmp_p
     assert found == {ANNA: 0, BEN: -9 * MS}
 
 
-def test_what_was_cut_off_is_merged_as_far_as_it_goes(whole: Path, tmp_path: Path) -> None:
-    folders = parts(whole, tmp_path, Machine(ahead_ns=3 * MS), Machine())
-    data = (folders[1] / ANNA).read_bytes()
-    (folders[1] / ANNA).write_bytes(data[: len(data) * 3 // 4])
-    (anna, _) = merge(folders, tmp_path / "out")
-    assert (anna.by, anna.add_ns) == ("clock anchors", -3 * MS)
-    assert len(open_run(tmp_path / "out").clients["anna"].columns("tick", "tick")["tick"]) > 100
-
-
-def test_a_recovery_in_a_merged_run_keeps_its_clock(whole: Path, tmp_path: Path) -> None:
+def test_a_part_that_was_cut_off_is_merged_and_its_recovery_keeps_the_clock(whole: Path, tmp_path: Path) -> None:
     folders = parts(whole, tmp_path, Machine(ahead_ns=10**14), Machine())
     data = (folders[1] / ANNA).read_bytes()
     (folders[1] / ANNA).write_bytes(data[: len(data) * 3 // 4])
-    merge(folders, tmp_path / "out")
+    (anna, _) = merge(folders, tmp_path / "out")
+    assert (anna.by, anna.add_ns) == ("clock anchors", -(10**14))
     before = open_run(tmp_path / "out").clients["anna"].columns("tick", "tick")
+    assert len(before["tick"]) > 100
     recover(tmp_path / "out" / ANNA)
     after = open_run(tmp_path / "out").clients["anna"].columns("tick", "tick")
     assert after["time_s"] == pytest.approx(before["time_s"], abs=1e-6)
@@ -283,15 +275,9 @@ def test_parts_of_other_runs_are_refused(whole: Path, tmp_path: Path) -> None:
 
 
 def test_a_part_that_heard_nothing_is_refused(whole: Path, tmp_path: Path) -> None:
-    """Bounds need datagrams of both ways."""
+    """Bounds need datagrams of both directions."""
     server, anna, _ = parts(whole, tmp_path, Machine(), Machine())
-    recording = open_recording(anna / ANNA)
-    messages = [each for each in recording.messages() if recording.topics[each.topic] != "/anna/datagram_in"]
-    with (anna / ANNA).open("wb") as file:
-        writer = RecordingWriter(file, recording.header)
-        for message in messages:
-            writer.put(*message)
-        writer.finish()
+    rewrite(anna / ANNA, lambda kind, message: message.payload if kind != "datagram_in" else None)
     refused([server, anna], tmp_path / "out", "have no datagrams in common")
 
 

@@ -30,6 +30,7 @@ from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.experiments.sweep.grid import Grid, parse_axis
 from cogrip.sim.experiments.sweep.picture import draw_measure
 from cogrip.sim.runs.laboratory_run import run_laboratory
+from cogrip.sim.runs.plots.coherence import correlation
 from cogrip.sim.runs.plots.compared import compared_plots
 from cogrip.sim.runs.plots.registry import PLOTS
 from cogrip.sim.runs.plots.style import COLOURS, NotDrawnError, colour, person_style
@@ -272,3 +273,12 @@ def test_skipped_ticks_are_a_count(crowds: dict[int, Run], tmp_path: Path) -> No
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     rows = run.clients["p0"].rows
     assert texts[0] == f"p0: 28 of {28 + rows} ticks skipped"
+
+
+def test_a_hand_that_follows_correlates_at_its_lag() -> None:
+    leads = np.random.default_rng(1).normal(size=4000)
+    for first, second, sign in ((leads, np.roll(leads, 51), 1.0), (np.roll(leads, 51), leads, -1.0)):
+        r, best, lag_s = correlation(first, second, 1024.0)
+        assert lag_s == sign * 51 / 1024.0
+        assert best == pytest.approx(1.0, abs=0.05)
+        assert abs(r) < 0.1

@@ -34,7 +34,7 @@ def test_it_plays_again_bit_by_bit(path):
 
 
 def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
-    """From the settings, not from the record: devices, hands and links are the same as well."""
+    """The settings are run, not the record: devices, hands and links are the same as well."""
     from cogrip.protocol.settings import resolve
     from cogrip.sim.runs.laboratory_run import run_laboratory
 
@@ -52,7 +52,7 @@ def test_the_laboratory_still_comes_to_the_same_numbers(tmp_path):
 
 
 def test_each_message_of_a_session_validates_against_the_schema_beside_it(tmp_path):
-    """By others' reader and others' validator, on messages as sessions make them; each holds every key of its schema."""
+    """The reader and the validator are other projects'; each message holds every key of its schema."""
     jsonschema = pytest.importorskip("jsonschema")
     from mcap.reader import make_reader
 

@@ -1,4 +1,4 @@
-"""What a report reads out of a run's recordings: every column as recorded, on one clock, and what is missing named."""
+"""Traces of a run's recordings: every column as recorded, on one clock, and a note on everything that is missing."""
 
 import re
 from pathlib import Path
@@ -28,11 +28,11 @@ def test_trace_columns_are_those_of_the_run(folder: Path) -> None:
     run = load_run(folder)
     trace = run.clients["anna"]
     assert (trace.who, trace.rate_hz, trace.rows, run.notes) == ("anna", 1024, 2048, ())
-    assert trace.vector("position_m").shape == (2048, 1)
+    assert trace.columns["position_m"].shape == (2048, 1)
     assert np.array_equal(trace.columns["tick"], np.arange(2048.0))
     assert trace.time_s == pytest.approx(np.arange(2048) / 1024, abs=1e-9)
     with pytest.raises(KeyError):
-        trace.vector("nonsense")
+        trace.columns["nonsense"]
 
 
 def test_columns_are_what_the_recording_holds_bit_by_bit(folder: Path) -> None:
@@ -41,7 +41,7 @@ def test_columns_are_what_the_recording_holds_bit_by_bit(folder: Path) -> None:
     ticks = [msgspec.json.decode(each.payload, type=Tick) for each in recording.messages() if each.topic == topic]
     trace = load_run(folder).clients["anna"]
     for name in ("position_m", "velocity_mps", "force_n", "wave_up", "wave_down"):
-        assert trace.vector(name).tolist() == [list(getattr(tick, name)) for tick in ticks]
+        assert trace.columns[name].tolist() == [list(getattr(tick, name)) for tick in ticks]
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.95])
@@ -60,7 +60,7 @@ def test_recording_that_is_cut_short_gives_what_is_whole(folder: Path, part: flo
 
 
 def _chunks(body: bytes | bytearray) -> list[tuple[int, int]]:
-    """(offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
+    """Return (offset, length) of every chunk record's content (MCAP: opcode u8, length u64)."""
     found, offset = [], 8
     while offset + 9 <= len(body):
         opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
@@ -93,7 +93,7 @@ def test_recording_with_a_damaged_chunk_gives_the_rest_and_names_the_gap(folder:
 
 
 def _header_end(body: bytes) -> int:
-    """Where the metadata, which says what a recording is, ends."""
+    """Return the offset at which the metadata, which says what a recording is, ends."""
     offset = 8
     while True:
         opcode, length = body[offset], int.from_bytes(body[offset + 1 : offset + 9], "little")
@@ -166,7 +166,7 @@ def _tick(number: int) -> Tick:
 
 
 def _person(folder: Path, who: str, start_ns: int) -> None:
-    """Two seconds of a client of ten ticks a second."""
+    """Write two seconds of a client of ten ticks a second."""
     with written(folder / client_recording(who), _client_header(who)) as writer:
         for number in range(20):
             writer.put(0, start_ns + number * 100_000_000, encode(_tick(number)))
@@ -193,7 +193,7 @@ def test_messages_that_were_not_recorded_are_counted_where_they_are_missing(tmp_
     run = load_run(tmp_path)
     trace = run.clients["anna"]
     assert trace.rows == 30
-    assert trace.columns["position_m.0"].tolist() == [float(number) for number in [*range(20), *range(40, 50)]]
+    assert trace.columns["position_m"][:, 0].tolist() == [float(number) for number in [*range(20), *range(40, 50)]]
     assert trace.time_s == pytest.approx([number * 0.1 for number in [*range(20), *range(40, 50)]])
     (note,) = [note for note in run.notes if note.startswith("client-anna.mcap")]
     assert "20 messages were not recorded" in note

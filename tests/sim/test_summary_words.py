@@ -1,4 +1,4 @@
-"""What is said of a summary: the verdict in sentences, the table in the terminal, numbers with units."""
+"""Words on a summary: the verdict in sentences, the table in the terminal, numbers with units."""
 
 import json
 import math
@@ -95,7 +95,7 @@ def test_numbers_do_not_lie_by_rounding() -> None:
 
 
 def too_late(late: int, sent: int, frames: Any = 1, **changes: Any) -> list[str]:
-    """What is said where so many frames up came too late, and hardly any down."""
+    """Return the sentences where so many frames up came too late, and hardly any down."""
     link = {"up": {"late": late, "sent": sent}, "down": {"late": 1, "sent": sent}}
     user = {
         "name": "anna",
@@ -147,7 +147,7 @@ def test_a_session_with_a_fixed_depth_says_so_and_one_that_follows_does_not() ->
 
 
 def said(client_margin_j: float, seat_margin_j: float, other: float = 0.0) -> dict[str, Any]:
-    """The summary of a run of which the ends say this; `other` stands for all other numbers."""
+    """Return the summary of a run of which the ends say this; `other` stands for all other numbers."""
     some = Percentiles(other, other, other, other)
     client = ClientAccount(
         (other,), (other,), other, other, other, other, client_margin_j, other, LinkCount(), some,

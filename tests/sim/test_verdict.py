@@ -1,4 +1,4 @@
-"""The three judgements of a run: which session would make each of them wrong? Made accounts first, then whole sessions."""
+"""The three judgements of a run, on accounts made for each rule, then on whole sessions."""
 
 import math
 from typing import Any
@@ -18,7 +18,7 @@ from cogrip.protocol.accounts import (
     TickCount,
 )
 from cogrip.protocol.settings import resolve
-from cogrip.sim.runs import verdict as judgement
+from cogrip.sim.runs import felt_as_intended as judgement
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.summary import UserRecord, summarise
@@ -123,7 +123,7 @@ def test_what_was_asked_for_stands_beside_what_was_felt(asked_npm: float | None,
     assert (judged.tone, words in judged.sentence) == (tone, True)
 
 
-def test_an_earlier_sitting_counts() -> None:
+def test_an_earlier_seat_session_counts() -> None:
     before = port(margin_j=-1.0)
     summary = summary_of(msgspec.structs.replace(person(), earlier=(before,)))
     assert passive(summary).tone == "bad"

@@ -1,9 +1,9 @@
-"""The same hands in another world: what is changed is changed, nothing else is, and an unchanged world is the recorded one."""
+"""Recorded hands with other settings: only what is set changes, and unchanged settings give the recorded run."""
 
 import json
 import shutil
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from cogrip.devices.device import Capability
 from cogrip.devices.for_user import make_for
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message, RecordingError, open_recording
-from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.protocol.settings import Settings, User, resolve
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.server.recorder import start_of as server_start
@@ -24,6 +23,8 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import RunRecords, open_run
 from cogrip.sim.runs.replay.verify import verify
 from cogrip.sim.runs.replay.what_if import Hands, World, folder_name, label, what_if
+
+from tests.recording_files import rewrite
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 LIVE = Path(__file__).resolve().parents[1] / "recordings" / "live"
@@ -65,12 +66,12 @@ def spoiled(run: RunRecords, tmp_path: Path) -> Path:
 
 
 def streams(run: RunRecords) -> dict[str, list[Message]]:
-    """Every message of every file, by file name."""
+    """Return every message of every file, by file name."""
     return {path.name: list(open_recording(path).messages()) for path in sorted(run.folder.glob("*.mcap"))}
 
 
 def differences(one: Settings, other: Settings) -> dict[str, Any]:
-    """Dotted names of what differs, with the other's value."""
+    """Return the dotted names of what differs, with the other's value."""
     found: dict[str, Any] = {}
 
     def descend(left: Any, right: Any, where: str) -> None:
@@ -87,24 +88,13 @@ def differences(one: Settings, other: Settings) -> dict[str, Any]:
     return found
 
 
-def rewrite(path: Path, alter: Callable[[Message], Message | None] = lambda message: message, **header: Any) -> None:
-    """Write a recording anew: other messages (None leaves one out), other fields of the header."""
-    recording = open_recording(path)
-    messages = [new for message in recording.messages() if (new := alter(message))]
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, msgspec.structs.replace(recording.header, **header))
-        for message in messages:
-            writer.put(*message)
-        writer.finish()
-
-
 def with_start(path: Path, alter: Callable[[Hello, Capability], tuple[Hello, Capability]]) -> None:
     """Write a client's recording anew with another start."""
     rewrite(path, start=start_text(*alter(*start_of(open_recording(path).header.start))))
 
 
 def joined_with(path: Path, device: str) -> None:
-    """As if this person had joined with another device than the settings name."""
+    """Write the recording as if this person had joined with another device than the settings name."""
     with_start(path, lambda hello, capability: (msgspec.structs.replace(hello, device=device), capability))
 
 
@@ -120,11 +110,26 @@ def test_the_same_hands_in_the_same_world_are_the_same_run_bit_for_bit(config: P
 
 
 @pytest.mark.parametrize(
-    "changes", [{"coupling.kind": "coupling"}, {"link.loss": 0.4, "link.rate_kbps": 200}, {"object.kind": "faces"}]
+    "changes",
+    [
+        {"coupling.kind": "coupling"},
+        {"link.loss": 0.4, "link.rate_kbps": 200},
+        {"object.kind": "faces"},
+        {"seconds": 0.7},  # 89.6 frames
+    ],
 )
 def test_so_they_are_in_worlds_of_other_kinds(changes: dict[str, Any], tmp_path: Path) -> None:
     first = lab(resolve(TABLE, changes), tmp_path / "first")
     assert streams(lab(what_if(first, {}), tmp_path / "again")) == streams(first)
+
+
+def positions(run: RunRecords, other: RunRecords) -> Iterator[tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
+    """Yield each person's positions in one run, and in another."""
+    for name, end in run.clients.items():
+        yield (
+            end.columns("tick", "position_m")["position_m"],
+            other.clients[name].columns("tick", "position_m")["position_m"],
+        )
 
 
 def test_what_if_of_what_if(run: RunRecords, tmp_path: Path) -> None:
@@ -132,14 +137,7 @@ def test_what_if_of_what_if(run: RunRecords, tmp_path: Path) -> None:
     other = lab(what_if(run, {"object.mass_kg": 1.0}, "impedance"), tmp_path / "other")
     assert streams(lab(what_if(other, {}), tmp_path / "again")) == streams(other)
     back = lab(what_if(other, {"object.mass_kg": 0.2}), tmp_path / "back")
-    for name, end in run.clients.items():
-        before, after = (each.columns("tick", "position_m")["position_m"] for each in (end, back.clients[name]))
-        assert np.abs(before - after).max() < 1e-3, name
-
-
-def test_a_session_that_ends_inside_a_frame_is_the_same_run_as_well(tmp_path: Path) -> None:
-    first = lab(resolve(TABLE, {"seconds": 0.7}), tmp_path / "first")  # 89.6 frames
-    assert streams(lab(what_if(first, {}), tmp_path / "again")) == streams(first)
+    assert all(np.abs(before - after).max() < 1e-3 for before, after in positions(run, back))
 
 
 # Another world -------------------------------------------------------------------------------------------------------
@@ -214,16 +212,15 @@ def test_a_live_session_can_be_asked_as_well(tmp_path: Path, hands: Hands) -> No
     other = what_if(run, {"link.delay_ms": 5.0}, hands)
     made = lab(other, tmp_path / "other")
     whole = round(other.settings.seconds * 128) * 8
-    for number, (name, end) in enumerate(run.clients.items()):
-        before, after = (each.columns("tick", "position_m")["position_m"] for each in (end, made.clients[name]))
+    for number, (before, after) in enumerate(positions(run, made)):
         assert len(after) == whole - other.begins[number] >= len(before) - 8, "but for the end of the last frame"
         assert np.ptp(after) == pytest.approx(np.ptp(before), rel=0.2)
 
 
 @pytest.mark.parametrize("late_ns", [0, 3_000_000, 125_000_000, 700_000_000])
 def test_people_begin_when_they_began(run: RunRecords, spoiled: Path, tmp_path: Path, late_ns: int) -> None:
-    """To the nearest frame; until then they keep their seats. What comes of it can be replayed bit by bit."""
-    rewrite(spoiled / "client-ben.mcap", lambda message: message._replace(time_ns=message.time_ns + late_ns))
+    """People begin at the nearest frame and keep their seats until then; the result replays bit by bit."""
+    rewrite(spoiled / "client-ben.mcap", late_ns=late_ns)
     other = what_if(open_run(spoiled), {}, "positions")
     assert other.begins == (0, round(late_ns * 128e-9) * 8)
     as_long = other.begins == (0, 0)  # less than half a frame late: nothing was longer than it should be
@@ -249,14 +246,12 @@ def test_an_impedance_is_the_recorded_hands_own(run: RunRecords, tmp_path: Path)
     hand = make_for(anna, 2).hand  # type: ignore[attr-defined]
     assert (hand.stiffness_npm, hand.damping_nspm) == (450.0, 8.0)
     made = lab(other, tmp_path / "other")
-    for name, end in run.clients.items():
-        before, after = (each.columns("tick", "position_m")["position_m"] for each in (end, made.clients[name]))
-        assert np.abs(before - after).max() < 1e-3, name
+    assert all(np.abs(before - after).max() < 1e-3 for before, after in positions(run, made))
 
 
 def test_it_lasts_as_long_as_the_longest_hand(spoiled: Path) -> None:
-    def early(message: Message) -> Message | None:
-        return message if message.time_ns < 400_000_000 else None
+    def early(kind: str, message: Message) -> bytes | None:
+        return message.payload if message.time_ns < 400_000_000 else None
 
     rewrite(spoiled / "client-anna.mcap", early)
     assert what_if(open_run(spoiled), {}).settings.seconds == 1.0
@@ -266,8 +261,7 @@ def test_it_lasts_as_long_as_the_longest_hand(spoiled: Path) -> None:
 
 
 def test_a_hand_that_never_ticked_cannot_be_run_again(spoiled: Path) -> None:
-    tick = open_recording(spoiled / "client-anna.mcap").topics.index("/anna/tick")
-    rewrite(spoiled / "client-anna.mcap", lambda message: message if message.topic != tick else None)
+    rewrite(spoiled / "client-anna.mcap", lambda kind, message: message.payload if kind != "tick" else None)
     with pytest.raises(RecordingError, match="holds no ticks; there is no hand to run again"):
         what_if(open_run(spoiled), {})
 
@@ -359,7 +353,7 @@ def test_a_person_who_is_missing_is_named(spoiled: Path, hands: Hands) -> None:
 
 
 def test_the_recorded_settings_are_those_of_the_server(run: RunRecords) -> None:
-    """Not of settings.json, which anybody may have edited."""
+    """settings.json is not read: anybody may have edited it."""
     assert run.server is not None
     (room,), _ = server_start(run.server.recording.header.start)
     assert run.settings() == room == resolve(TABLE)

@@ -14,8 +14,8 @@ from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import has_width, padded, shortened
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.messages import shown
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.listing import ListedRun, list_runs
-from cogrip.sim.runs.verdict import Tone
 
 _TONES: dict[Tone, tuple[str, str]] = {"good": ("✓", "green"), "warn": ("!", "yellow"), "bad": ("✗", "red")}
 _HEADINGS = ("run", "age", "kind", "people", "verdict", "length", "size")  # the last ones are left out first

@@ -21,7 +21,7 @@ from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
 from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, hoped_stable, largest_stable, verdict
-from cogrip.sim.runs.verdict import STIFFNESS_JND
+from cogrip.sim.runs.felt_as_intended import STIFFNESS_JND
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns

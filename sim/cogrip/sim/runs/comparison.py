@@ -1,4 +1,4 @@
-"""Runs held against the first of them: whether they can be, their summaries' numbers, the settings that differ."""
+"""Comparison of runs with the first of them: the numbers of their summaries, and the settings that differ."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ NOT_SET = "not set"
 
 
 class ComparisonError(ValueError):
-    """These runs cannot be compared; the text says why, and the cure."""
+    """Raised for runs that cannot be compared; the text says why, and the cure."""
 
 
 class Quantity(NamedTuple):
@@ -66,16 +66,16 @@ class Difference(NamedTuple):
     values: tuple[float | None, ...]
 
     def change(self, number: int) -> float | None:
-        """Of run `number` against the first; None where one of them does not tell."""
+        """Return the difference of run `number` to the first; None where one of them does not tell."""
         first, other = self.values[0], self.values[number]
         return None if first is None or other is None else other - first
 
     def shown(self) -> list[str]:
-        """The values as a table shows them, and words where there is none."""
+        """Return the values as a table shows them, and words where there is none."""
         return [self.quantity.show(value) for value in self.values]
 
     def shown_change(self, number: int) -> str:
-        """`=` where nothing changed, else the difference with its sign, and in percent of the first run's value."""
+        """Return `=` where nothing changed, else the difference with its sign, and in percent of the first run's value."""
         change, first = self.change(number), self.values[0]
         if change is None or first is None:
             return ""
@@ -100,13 +100,13 @@ class SettingsDifference(NamedTuple):
 
 
 def labels_of(folders: Sequence[Path]) -> list[str]:
-    """What to call runs: by their folders' names, by whole paths where two have one name."""
+    """Return what to call runs: their folders' names, or whole paths where two have one name."""
     names = [folder.resolve().name for folder in folders]
     return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
 
 
 def check_comparable(runs: Sequence[Run], labels: Sequence[str]) -> list[str]:
-    """Names of the people whom all runs have in common, in the order of the first one's seats. Raises ComparisonError."""
+    """Return the people whom all runs have in common, in the order of the first one's seats. Raises ComparisonError."""
     if not 2 <= len(runs) <= MOST_RUNS:
         raise ComparisonError(f"{len(runs)} runs cannot be compared; name 2 to {MOST_RUNS} of them")
     for what, of in (("axes", axes_of), ("kind", object_of)):
@@ -130,24 +130,24 @@ def check_comparable(runs: Sequence[Run], labels: Sequence[str]) -> list[str]:
 
 
 def axes_of(run: Run) -> int | None:
-    """How many axes were held on, as far as settings or recordings tell."""
+    """Return the number of axes, by the settings or else the recordings."""
     axes = dig(run.settings, "object", "axes")
     if isinstance(axes, int):
         return axes
     trace = run.room or next(iter(run.clients.values()), None)
     if trace is None:
         return None
-    return sum(name.startswith("object_m.") for name in trace.columns)
+    return int(trace.columns["object_m"].shape[1])
 
 
 def object_of(run: Run) -> str | None:
-    """What was held, where the settings tell."""
+    """Return the kind of the object, where the settings tell."""
     kind = dig(run.settings, "object", "kind")
     return kind if isinstance(kind, str) else None
 
 
 def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None) -> list[Difference]:
-    """Every number that the summaries tell, side by side: the run's, then those of each person.
+    """Return every number that the summaries tell, side by side: the run's, then those of each person.
 
     names: whose; else those of everybody who is in all the summaries that name anybody.
     """
@@ -164,7 +164,7 @@ def differences(summaries: Sequence[Summary], names: Sequence[str] | None = None
 
 
 def settings_differences(settings: Sequence[dict[str, Any]]) -> list[SettingsDifference]:
-    """In the order in which they stand in the first settings that have them."""
+    """Return the settings that differ, in the order of the first settings that have them."""
     flat = [dict(_flat(table, "")) for table in settings]
     keys = dict.fromkeys(key for table in flat for key in table)
     rows = [SettingsDifference(key, tuple(table.get(key, NOT_SET) for table in flat)) for key in keys]
@@ -172,7 +172,7 @@ def settings_differences(settings: Sequence[dict[str, Any]]) -> list[SettingsDif
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """(`section.key`, value) of everything below; a table or list that is empty stands for nothing."""
+    """Yield (`section.key`, value) of everything below; an empty table or list yields nothing."""
     parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else None
     if parts is None:
         yield path, value

@@ -1,4 +1,4 @@
-"""Recordings as plain tables: a CSV or Parquet file for each end and kind of message (columns: `flat_records`).
+"""Recordings as plain tables: a CSV or Parquet file for each end and kind of message (`columns`).
 
 `time_s` stands first, on the run's clock. A table is written chunk by chunk, so half an hour needs no more memory than a
 minute.
@@ -6,6 +6,7 @@ minute.
 
 import csv
 import re
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from io import TextIOWrapper
@@ -16,19 +17,17 @@ import msgspec
 
 from cogrip.protocol.recording.folder import RECOVERED
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import KINDS, kind_of
+from cogrip.protocol.recording.records import KINDS, Datagram, Step, kind_of
 from cogrip.server.recorder import step_topic
-from cogrip.sim.runs.flat_accounts import NUMBER, Column, Row, Shape
-from cogrip.sim.runs.flat_records import shape_of
-from cogrip.sim.runs.records import End, RunRecords
+from cogrip.sim.runs.columns import Column, Layout, layout_of
+from cogrip.sim.runs.records import End, RunRecords, decoder
 
 Format = Literal["csv", "parquet"]
 ROWS_HELD = 16_384  # in memory, of one Parquet table
-_DATAGRAMS = ("datagram_in", "datagram_out")
 
 
 class ExportError(Exception):
-    """It cannot be exported; the text says why, and the cure."""
+    """Raised where a run cannot be exported; the text says why, and the cure."""
 
 
 class Exported(NamedTuple):
@@ -39,7 +38,7 @@ class Exported(NamedTuple):
 class Table(Protocol):
     """Rows on their way into a file."""
 
-    def write(self, rows: list[Row]) -> None: ...
+    def write(self, columns: Sequence[Sequence[Any]]) -> None: ...
 
     def close(self) -> None:
         """Write what is left; the file is closed too."""
@@ -49,46 +48,49 @@ Make = Callable[[IO[bytes], Sequence[Column]], Table]
 
 
 class CsvTable:
-    """Floats are written by `repr`, the shortest text that reads back as the same bits."""
+    """A CSV file; floats are written by `repr`, the shortest text that reads back as the same bits."""
 
     def __init__(self, file: IO[bytes], columns: Sequence[Column]) -> None:
         self._file = TextIOWrapper(file, encoding="utf-8", newline="")
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(column.name for column in columns)
 
-    def write(self, rows: list[Row]) -> None:
-        self._writer.writerows(rows)
+    def write(self, columns: Sequence[Sequence[Any]]) -> None:
+        self._writer.writerows(zip(*columns, strict=True))
 
     def close(self) -> None:
         self._file.close()
 
 
 class ParquetTable:
-    """Row groups of about ROWS_HELD rows."""
+    """A Parquet file in row groups of about ROWS_HELD rows; fields carry their unit."""
 
     def __init__(self, file: IO[bytes], columns: Sequence[Column]) -> None:
         self._arrow, parquet = _pyarrow()
-        self._schema = self._arrow.schema([(name, getattr(self._arrow, kind)()) for name, kind in columns])
+        self._schema = self._arrow.schema([
+            self._arrow.field(name, getattr(self._arrow, kind)(), metadata={"unit": unit} if unit else None)
+            for name, kind, unit in columns
+        ])  # fmt: skip
         self._file = file
         self._writer = parquet.ParquetWriter(file, self._schema, compression="zstd")
-        self._rows: list[Row] = []
+        self._held: list[list[Any]] = [[] for _ in columns]
 
-    def write(self, rows: list[Row]) -> None:
-        self._rows += rows
-        if len(self._rows) >= ROWS_HELD:
+    def write(self, columns: Sequence[Sequence[Any]]) -> None:
+        for held, values in zip(self._held, columns, strict=True):
+            held += values
+        if len(self._held[0]) >= ROWS_HELD:
             self._flush()
 
     def _flush(self) -> None:
-        columns = zip(*self._rows, strict=True)
         arrays = [
-            self._arrow.array(values, type=field.type) for values, field in zip(columns, self._schema, strict=True)
+            self._arrow.array(values, type=field.type) for values, field in zip(self._held, self._schema, strict=True)
         ]
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
-        self._rows = []
+        self._held = [[] for _ in arrays]
 
     def close(self) -> None:
         try:
-            if self._rows:
+            if self._held[0]:
                 self._flush()
             self._writer.close()
         finally:
@@ -99,7 +101,7 @@ _TABLES: dict[Format, Make] = {"csv": CsvTable, "parquet": ParquetTable}
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    """pyarrow and its parquet. Raises ExportError where it is not installed."""
+    """Return pyarrow and its parquet. Raises ExportError where it is not installed."""
     try:
         import pyarrow  # type: ignore[import-untyped]
         import pyarrow.parquet  # type: ignore[import-untyped]
@@ -140,17 +142,21 @@ def export(run: RunRecords, to: Format, out: Path, *, datagrams: bool = False) -
 
 
 def _paths(end: End, called: Collection[str], to: Format, out: Path, datagrams: bool) -> dict[int, Path]:
-    """Where each topic goes, by its number. Of a server's rooms those that are `called` so, or all where none is."""
+    """Return the file of each topic by its number; of a server's rooms those that are `called` so, or all where none is."""
     topics = end.recording.topics
-    rooms = [topic for topic in topics if kind_of(topic) == "step"]
+    rooms = [topic for topic in topics if KINDS.get(kind_of(topic)) is Step]
     rooms = [topic for topic in rooms if topic in map(step_topic, called)] or rooms
     stem = end.path.name.removesuffix(RECOVERED).removesuffix(".mcap")
     found = {}
     for number, topic in enumerate(topics):
         kind = kind_of(topic)
-        if kind not in KINDS or (kind in _DATAGRAMS and not datagrams) or (kind == "step" and topic not in rooms):
+        if (
+            kind not in KINDS
+            or (KINDS[kind] is Datagram and not datagrams)
+            or (KINDS[kind] is Step and topic not in rooms)
+        ):
             continue
-        if kind == "step" and len(rooms) > 1:
+        if KINDS[kind] is Step and len(rooms) > 1:
             room_name = re.sub(r"[^\w.-]", "+", topic.removeprefix("/room/").removesuffix("/step"))
             kind = f"{room_name}.{kind}"
         found[number] = out / f"{stem}.{kind}.{to}"
@@ -161,9 +167,9 @@ class _Topic:
     """The messages of one topic on their way into a table, which is made with the first of them."""
 
     def __init__(self, kind: str, start: str, path: Path, make: Make, begun: list[Path]) -> None:
-        self._decode = msgspec.json.Decoder(KINDS[kind]).decode
+        self._decode = decoder(kind)
         self._start, self._make, self._begun = start, make, begun
-        self._shape: Shape | None = None
+        self._layout: Layout | None = None
         self._table: Table | None = None
         self.path = path
         self.rows = 0
@@ -171,23 +177,16 @@ class _Topic:
     def write(self, messages: list[Message], offset_s: float) -> None:
         try:
             records = [self._decode(message.payload) for message in messages]
-            shape = self._shape = self._shape or shape_of(records[0], self._start)
-            rows = [
-                [message.time_ns * 1e-9 + offset_s, *row]
-                for message, record in zip(messages, records, strict=True)
-                for row in shape.rows(record)
-            ]
+            layout = self._layout = self._layout or layout_of(records[0], self._start)
+            columns = layout.table([message.time_ns * 1e-9 + offset_s for message in messages], records)
         except (msgspec.MsgspecError, ValueError, LookupError, TypeError) as error:
             raise ExportError(f"{self.path.name}: a message is not what its topic says: {error}") from None
         if self._table is None:
             file = self.path.open("xb")
             self._begun.append(self.path)
-            self._table = self._make(file, [Column("time_s", NUMBER), *shape.columns])
-        width = 1 + len(shape.columns)
-        if any(len(row) != width for row in rows):
-            raise ExportError(f"{self.path.name}: not all messages have as many axes or seats as the first")
-        self._table.write(rows)
-        self.rows += len(rows)
+            self._table = self._make(file, layout.columns)
+        self._table.write(columns)
+        self.rows += len(columns[0])
 
     def close(self) -> None:
         if self._table is not None:
@@ -195,16 +194,16 @@ class _Topic:
 
 
 def _export_end(end: End, paths: dict[int, Path], make: Make, begun: list[Path]) -> Iterator[Exported]:
-    """One pass over the recording for all its tables."""
+    """Write all tables of one recording in one pass over it."""
     topics = {
         number: _Topic(kind_of(end.recording.topics[number]), end.recording.header.start, path, make, begun)
         for number, path in paths.items()
     }
     try:
         for chunk in end.recording.chunks():
-            of_topic: dict[int, list[Message]] = {}
+            of_topic: defaultdict[int, list[Message]] = defaultdict(list)
             for message in chunk:
-                of_topic.setdefault(message.topic, []).append(message)
+                of_topic[message.topic].append(message)
             for number, messages in of_topic.items():
                 if number in topics:
                     topics[number].write(messages, end.offset_s)

@@ -24,7 +24,7 @@ def client_recording(name: str) -> str:
 
 
 def client_log(name: str) -> str:
-    """File name of what one person's client said."""
+    """File name of the log of one person's client."""
     return f"client-{_file_name(name)}.log"
 
 
@@ -34,7 +34,7 @@ def _file_name(name: str) -> str:
 
 
 def make_run_folder(base: Path, name: str, now: datetime) -> Path:
-    """A new folder below `base`, never one that exists."""
+    """Make a new folder below `base`, never one that exists."""
     stem = f"{now:%Y%m%d-%H%M%S}-{_file_name(name)}"
     for suffix in ("", *(f"-{number}" for number in range(2, 1000))):
         folder = base / f"{stem}{suffix}"
@@ -52,13 +52,13 @@ def write_settings(folder: Path, settings: Settings) -> None:
 
 
 def write_account(folder: Path, name: str, account: ClientAccount) -> None:
-    """What one client knows, for whoever joins the parts."""
+    """Write what one client knows, for `read_accounts`."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / client_recording(name)).with_suffix(".json").write_bytes(msgspec.json.encode(account))
 
 
 def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount | None]:
-    """What the clients of these names left by `write_account`; None for one that left nothing."""
+    """Return what the clients of these names left by `write_account`; None for one that left nothing."""
     found: dict[str, ClientAccount | None] = {}
     for name in names:
         path = (folder / client_recording(name)).with_suffix(".json")
@@ -70,12 +70,12 @@ def read_accounts(folder: Path, names: Sequence[str]) -> dict[str, ClientAccount
 
 
 def summary_text(summary: dict[str, Any]) -> str:
-    """The summary as JSON text: null for what is not finite, sorted as written, one trailing newline."""
+    """Return the summary as JSON text: null for what is not finite, sorted as written, one trailing newline."""
     return json.dumps(finite(summary), indent=1, allow_nan=False) + "\n"
 
 
 def finite(value: Any) -> Any:
-    """The other end's account may hold anything that a float can be; JSON has no word for some of it."""
+    """Return a value with None for floats that are not finite, which JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

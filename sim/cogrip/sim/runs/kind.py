@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 from cogrip.protocol.recording.header import Header
 from cogrip.sim.experiments.methods.table import ours_failed
 from cogrip.sim.runs.folder import SUMMARY
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.summary_values import Summary, is_number, people
-from cogrip.sim.runs.verdict import Tone
 
 Kind = Literal["session", "lab", "replay", "what-if", "comparison"]
 
@@ -45,7 +45,7 @@ def kind_of(folder: Path, headers: Sequence[Header], settings: dict[str, Any]) -
 
 
 def _device(start: str) -> str:
-    """The device that a client's recording was begun with."""
+    """Return the device that a client's recording was begun with."""
     try:
         return str(json.loads(start)["hello"]["device"])
     except (ValueError, KeyError, TypeError):

@@ -66,7 +66,7 @@ def run_laboratory(
 
 
 def _recording(settings: Settings, folder: Path, files: ExitStack) -> Record:
-    """Recordings in `folder`, by the clock of the laboratory: one seed gives the same bytes every time."""
+    """Return what records in `folder`, by the clock of the laboratory: one seed gives the same bytes every time."""
     device_hz = {user.name: rates_of(settings, user).device_hz for user in settings.users}
 
     def record(core: RecordedClient | RecordedServer, who: str) -> Sink:

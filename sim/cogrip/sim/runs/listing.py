@@ -12,10 +12,12 @@ from cogrip.protocol.messages import all_shown, shown
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of, seats_of
 from cogrip.protocol.recording.reader import Recording, RecordingError, open_recording
 from cogrip.protocol.recording.recover import is_closed
+from cogrip.sim.runs.felt_as_intended import SOFTER_BRIEF
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_recording
+from cogrip.sim.runs.judgement import Judgement, Tone
 from cogrip.sim.runs.kind import Kind, Word, comparison_words, is_comparison, kind_of
 from cogrip.sim.runs.summary_values import Summary, dig, is_number, name_of, people
-from cogrip.sim.runs.verdict import SOFTER_BRIEF, Judgement, Tone, came, judgements, stable, unjudged
+from cogrip.sim.runs.verdict import came, judgements, stable, unjudged
 from cogrip.sim.runs.verdict_text import notes
 
 _TIME = re.compile(r"\d{8}-\d{6}(?=-|$)")
@@ -43,9 +45,9 @@ class ListedRun:
 
 
 def list_runs(base: Path, is_running: Callable[[Path], bool]) -> list[ListedRun]:
-    """Runs right below `base`, the rooms of a run of several, or `base` itself if it is a run. Raises OSError.
+    """Return the runs right below `base`, the rooms of a run of several, or `base` itself if it is a run. Raises OSError.
 
-    is_running: whether a recording that is not closed is still being written.
+    is_running: True for a recording that is not closed and still being written.
     """
     below = list(_below(base)) or ([base] if _is_run(base) else [])
     listed = [_listed(folder, base, is_running) for folder in below]
@@ -67,7 +69,7 @@ def _below(base: Path) -> Iterator[Path]:
 
 
 def _is_run(folder: Path) -> bool:
-    """Settings alone are a run's only where the folder is named like one, or is a room of one."""
+    """Return True for the folder of a run; settings alone are one only where the folder or its parent is named like one."""
     if (folder / SUMMARY).is_file() or is_comparison(folder) or any(folder.glob("*.mcap")):
         return True
     named = _TIME.match(folder.name) or _TIME.match(folder.absolute().parent.name)
@@ -98,7 +100,7 @@ def _listed(folder: Path, base: Path, is_running: Callable[[Path], bool]) -> Lis
 
 
 def _comparison(folder: Path, base: Path, summary: Summary, words: list[Word]) -> ListedRun:
-    """A comparison of methods, or a sweep: no session of its own, so nothing of it is passive or stable."""
+    """Return the row of a comparison of methods, or a sweep: no session, so nothing of it is passive or stable."""
     words += comparison_words(folder, summary)
     asked = dig(summary, "asked", "settings")
     names = [name_of(user) for user in people(asked if isinstance(asked, dict) else {})]
@@ -126,7 +128,7 @@ def _made(
 
 
 def _table(path: Path, words: list[Word]) -> dict[str, Any]:
-    """A JSON table; an empty one where there is none, and what is wrong with it into `words`."""
+    """Return a JSON table; an empty one where there is none, and what is wrong with it into `words`."""
     try:
         table = all_shown(json.loads(path.read_bytes()))
     except FileNotFoundError:
@@ -142,7 +144,7 @@ def _table(path: Path, words: list[Word]) -> dict[str, Any]:
 
 
 def _open(files: Iterable[Path], words: list[Word]) -> list[Recording]:
-    """Headers of those that have one; those that have none are told of."""
+    """Return the recordings that have a header; the others go into `words`."""
     found = []
     for file in files:
         try:
@@ -185,7 +187,7 @@ def _of_summary(summary: Summary) -> Iterator[Word]:
 
 
 def _short(judgement: Judgement, summary: Summary) -> str:
-    """The word for a judgement that is not good."""
+    """Return the word for a judgement that is not good."""
     if judgement.name == "felt as intended":
         if judgement.brief == SOFTER_BRIEF:
             return SOFTER_BRIEF
@@ -198,12 +200,12 @@ def _short(judgement: Judgement, summary: Summary) -> str:
 
 
 def _as_part(sentence: str) -> str:
-    """A sentence as a part of another."""
+    """Return a sentence as a part of another."""
     return f"{sentence[0].lower()}{sentence[1:].rstrip('.')}" if sentence[1:2].islower() else sentence
 
 
 def _of_recordings(files: list[Path], names: list[str], whole: bool) -> Iterator[Word]:
-    """whole: the server's should be there. Clients on other machines keep their own."""
+    """Yield what is not recorded here; whole: the server's should be. Clients on other machines keep their own."""
     if not files:
         yield Word("warn", "no recording is here", "no recording")
         return
@@ -216,7 +218,7 @@ def _of_recordings(files: list[Path], names: list[str], whole: bool) -> Iterator
 
 
 def _when(folder: Path) -> datetime:
-    """By its name, or the name of the run whose room it is; else when it was last changed. Local time."""
+    """Return the local time in the name of the folder, or of the run whose room it is; else when it was last changed."""
     for name in (folder.name, folder.absolute().parent.name):
         if found := _TIME.match(name):
             try:
@@ -227,6 +229,6 @@ def _when(folder: Path) -> datetime:
 
 
 def _size(folder: Path, files: Iterable[Path]) -> int:
-    """Of all that is in the folder, and of recordings elsewhere that are its too."""
+    """Return the size of all that is in the folder, and of recordings elsewhere that are its too."""
     everything = {*(path for path in folder.rglob("*") if path.is_file()), *files}
     return sum(path.stat().st_size for path in {path.resolve() for path in everything})

@@ -1,4 +1,4 @@
-"""Reading recordings from Python: typed records one by one, or columns as numpy arrays.
+"""Recordings read from Python: typed records one by one, or columns as numpy arrays.
 
     run = open_run("runs/20260101-120000-demo")
     for time_s, tick in run.clients["anna"].records("tick"):
@@ -10,26 +10,29 @@ half an hour of many people needs no more memory than what is asked for.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from cogrip.client.recorder import start_of as client_start
 from cogrip.protocol.recording.folder import RECOVERED, recordings_of
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError, open_recording
-from cogrip.protocol.recording.records import KINDS, Record, Step, Tick, kind_of
+from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.settings import Settings
 from cogrip.server.recorder import WHO, step_topic
 from cogrip.server.recorder import start_of as server_start
+from cogrip.sim.runs.columns import Array, Layout, layout_of
 from cogrip.sim.runs.folder import CLOCKS
 
-Array = NDArray[Any]
-R = TypeVar("R", bound=Record)
+
+@cache
+def decoder(kind: str) -> Callable[[bytes], Any]:
+    """Return what decodes the messages of topics of this kind."""
+    return msgspec.json.Decoder(KINDS[kind]).decode
 
 
 class Timed(NamedTuple):
@@ -46,7 +49,6 @@ class End:
 
     recording: Recording
     offset_s: float = 0.0
-    _decoders: dict[str, msgspec.json.Decoder[Any]] = field(default_factory=dict)
 
     @property
     def who(self) -> str:
@@ -58,12 +60,12 @@ class End:
 
     @property
     def rate_hz(self) -> int:
-        """Of its loop."""
+        """Rate of its loop [Hz]."""
         return self.recording.header.rate_hz
 
     @property
     def damage(self) -> list[Damage]:
-        """What could not be read, once something was read to its end."""
+        """The damaged parts, once something was read to its end."""
         return self.recording.damage
 
     def topic(self, kind: str) -> int:
@@ -76,16 +78,10 @@ class End:
             raise KeyError(f"{self.path.name} has no topic {kind!r}; there is: {there}")
         return found[0]
 
-    def _decoder(self, number: int) -> msgspec.json.Decoder[Any]:
-        kind = kind_of(self.recording.topics[number])
-        if kind not in self._decoders:
-            self._decoders[kind] = msgspec.json.Decoder(KINDS[kind])
-        return self._decoders[kind]
-
     def chunks(self, kind: str) -> Iterator[tuple[list[float], list[Any]]]:
-        """(times [s], records) of one topic, a chunk of the file at a time."""
+        """Yield (times [s], records) of one topic, a chunk of the file at a time."""
         wanted = self.topic(kind)
-        decode = self._decoder(wanted).decode
+        decode = decoder(kind_of(self.recording.topics[wanted]))
         for chunk in self.recording.chunks():
             mine = [message for message in chunk if message.topic == wanted]
             if mine:
@@ -103,36 +99,22 @@ class End:
         for times, records in self.chunks(kind):
             yield from map(Timed, times, records)
 
-    def columns(self, kind: str, *names: str) -> dict[str, Array]:
-        """Fields of one topic as arrays, shape (n,) or (n, axes), with `time_s`; all fields if none is named.
-
-        What is null is nan. Raises KeyError for a field that does not exist.
-        """
-        record = KINDS[kind_of(kind)]
-        fields = [each for each in msgspec.structs.fields(record) if each.name in (names or record.__struct_fields__)]
-        for name in names:
-            if name not in record.__struct_fields__:
-                raise KeyError(f"{kind} has no field {name!r}; there is: {', '.join(record.__struct_fields__)}")
-        parts: dict[str, list[Array]] = {"time_s": [], **{each.name: [] for each in fields}}
+    def parts(self, kind: str, *names: str, numbered: bool = False) -> Iterator[dict[str, Array]]:
+        """`columns` of one topic, a chunk of the file at a time. numbered: seats stand under their number."""
+        layout: Layout | None = None
         for times, records in self.chunks(kind):
-            parts["time_s"].append(np.array(times))
-            for each in fields:
-                parts[each.name].append(_column([getattr(one, each.name) for one in records]))
-        return {name: np.concatenate(part) if part else np.empty(0) for name, part in parts.items()}
+            layout = layout or layout_of(records[0], self.recording.header.start, numbered=numbered)
+            yield layout.arrays(times, records, names)
 
+    def columns(self, kind: str, *names: str) -> dict[str, Array]:
+        """Return fields of one topic as arrays, shape (n,) or (n, axes), with `time_s`; all fields if none is named.
 
-def _column(values: list[Any]) -> Array:
-    first = next((value for value in values if value is not None), None)
-    if isinstance(first, tuple) and all(isinstance(value, float | None) for value in first):
-        missing = (np.nan,) * len(first)
-        return np.array([missing if value is None else value for value in values], dtype=float)
-    if first is None or isinstance(first, float):
-        return np.array(values, dtype=float)
-    if isinstance(first, int | str):
-        return np.array(values)
-    column = np.empty(len(values), dtype=object)
-    column[:] = values
-    return column
+        Fields are as in an exported table (`columns.layout_of`); null is nan. Raises KeyError for an unknown field.
+        """
+        parts = list(self.parts(kind, *names))
+        if not parts:
+            return {name: np.empty(0) for name in ("time_s", *(names or KINDS[kind_of(kind)].__struct_fields__))}
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 @dataclass
@@ -163,7 +145,7 @@ class RunRecords:
         return [*seats, *(name for name in self.clients if name not in seats)]
 
     def settings(self) -> Settings | None:
-        """Of the room, where the server's part is here. Raises RecordingError where that does not say them."""
+        """Return the room's settings, None without the server's part. Raises RecordingError where that does not say them."""
         if self.server is None:
             return None
         try:
@@ -173,16 +155,20 @@ class RunRecords:
         names = {end.recording.header.room for end in self.clients.values()} or {self.folder.name}
         return next((room for room in rooms if room.name in names), rooms[0])
 
+    def room(self) -> str:
+        """Return the name of the room, "" where the server's part is not here. Raises RecordingError as `settings`."""
+        settings = self.settings()
+        return settings.name if settings else ""
+
     @property
     def virtual(self) -> bool:
-        """Whether it was run in the laboratory."""
+        """True for a run of the laboratory."""
         return any(end.recording.header.virtual for end in (*self.clients.values(), self.server) if end)
 
     def steps(self) -> Iterator[Timed]:
         """Steps of the room, typed `Step`; none where the server's part is not here."""
-        settings = self.settings()
-        if self.server is not None and settings is not None:
-            yield from self.server.records(step_topic(settings.name))
+        if self.server is not None:
+            yield from self.server.records(step_topic(self.room()))
 
 
 def open_run(path: str | Path) -> RunRecords:
@@ -235,7 +221,7 @@ def _align(ends: list[End], folder: Path, notes: list[str]) -> None:
 
 
 def _span(end: End) -> tuple[float, float]:
-    """Times [s] of the first tick (where there is none, of the first message) and of the last message."""
+    """Return the times [s] of the first tick (where there is none, of the first message) and of the last message."""
     ticks = [number for number, topic in enumerate(end.recording.topics) if kind_of(topic) == "tick"]
     began_ns, first_ns = None, None
     for message in end.recording.messages():
@@ -249,17 +235,9 @@ def _span(end: End) -> tuple[float, float]:
 
 
 def read_clocks(folder: Path) -> Mapping[str, int]:
-    """What `cogrip merge` found out: by file name, nanoseconds to add to its clock to have the server's."""
+    """Return the clocks by `cogrip merge`: by file name, nanoseconds to add to have the server's."""
     try:
         table = json.loads((folder / CLOCKS).read_text())
     except (OSError, ValueError):
         return {}
     return {name: int(each["add_ns"]) for name, each in table.items()}
-
-
-def device_axes(end: End) -> int:
-    """How many axes a client's device has."""
-    return client_start(end.recording.header.start)[1].axes
-
-
-__all__ = ["End", "RunRecords", "Step", "Tick", "Timed", "open_run"]

@@ -20,7 +20,8 @@ from cogrip.protocol.accounts import (
 from cogrip.protocol.messages import Farewell, shown
 from cogrip.protocol.passivity_control import lent_mj
 from cogrip.protocol.settings import SeatSettings, Settings, coupling_of
-from cogrip.sim.runs.verdict import not_predicted, passive_of
+from cogrip.sim.runs.felt_as_intended import not_predicted
+from cogrip.sim.runs.verdict import passive_of
 
 if TYPE_CHECKING:  # a client leaves a summary too, and has neither
     from cogrip.server.room import Room
@@ -33,7 +34,7 @@ class UserRecord(msgspec.Struct, frozen=True):
     name: str
     client: ClientAccount | None
     seat: SeatAccount | None
-    earlier: tuple[UserRecord, ...] = ()  # sittings of the same user before this one, oldest first
+    earlier: tuple[UserRecord, ...] = ()  # seat sessions of the same user before this one, oldest first
     asked_npm: float | None = None
 
 
@@ -55,124 +56,82 @@ def summarise(
     `claimed` of each user, null elsewhere.
     """
     rows = [{**_user(user, claims), "earlier": [_user(before, claims) for before in user.earlier]} for user in users]
-    sittings = [seat_session for user in users for seat_session in (*user.earlier, user)]
-    said = not claims and any(each.client.diverged for each in sittings if each.client)
-    diverged = said or bool(room and room.diverged)
+    sessions = [session for user in users for session in (*user.earlier, user)]
+    said = not claims and any(each.client.diverged for each in sessions if each.client)
     return {
         "name": name,
         "seed": seed,
         "seconds": seconds,
         "passive": passive_of(rows, tank_mj * 1e-3),
-        "diverged": diverged,
+        "diverged": said or bool(room and room.diverged),
         "playout_frames": playout_frames,
         "object": {
-            "position_m": list(room.position_m) if room else None,
-            "velocity_mps": list(room.velocity_mps) if room else None,
-            "travel_m": room.travel_m if room else None,
+            "position_m": _of(room, "position_m"),
+            "velocity_mps": _of(room, "velocity_mps"),
+            "travel_m": _of(room, "travel_m"),
         },
         "users": rows,
         "server": {
-            "ticks": _ticks(room.ticks if room else None),
-            "energy_balance_error_j": room.energy_balance_error_j if room else None,
+            "ticks": _ticks(_of(room, "ticks")),
+            "energy_balance_error_j": _of(room, "energy_balance_error_j"),
             "dropped": dict(dropped),
         },
     }
 
 
 def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
-    """The summary of a session in virtual time."""
-    settings: Settings = laboratory.settings
-    dropped: dict[str, int] = {**laboratory.server.dropped, **_limited(laboratory.room)}
-    return summarise(
-        name=settings.name,
-        seed=settings.seed,
-        seconds=laboratory.seconds,
-        tank_mj=lent_mj(settings.coupling, settings.playout),
-        playout_frames=settings.playout.frames,
-        users=[
-            UserRecord(
-                person.name,
-                person.core.account(laboratory.ticks(number)),
-                laboratory.room.seat_account(number),
-                _earlier(laboratory.room, number),
-                laboratory.room.seats[number].settings.coupling.stiffness_npm,
-            )
-            for number, person in enumerate(laboratory.people)
-        ],
-        room=laboratory.room.account(),
-        dropped=dropped,
+    """Return the summary of a session in virtual time."""
+    room, accounts = (
+        laboratory.room,
+        [person.core.account(laboratory.ticks(number)) for number, person in enumerate(laboratory.people)],
     )
+    return _of_room(room, accounts, laboratory.seconds, laboratory.server.dropped, claims=False)
 
 
 def of_room(room: Room, seconds: float, dropped: Mapping[str, int]) -> dict[str, Any]:
-    """The summary of a live room: its clients' part as far as they said goodbye."""
-    settings = room.settings
-    return summarise(
-        name=settings.name,
-        seed=settings.seed,
-        seconds=seconds,
-        tank_mj=lent_mj(settings.coupling, settings.playout),
-        playout_frames=settings.playout.frames,
-        users=[
-            UserRecord(
-                seat.settings.user,
-                seat.account,
-                room.seat_account(number),
-                _earlier(room, number),
-                seat.settings.coupling.stiffness_npm,
-            )
-            for number, seat in enumerate(room.seats)
-        ],
-        room=room.account(),
-        dropped={**dropped, **_limited(room)},
-        claims=True,
+    """Return the summary of a live room: its clients' part as far as they said goodbye."""
+    return _of_room(room, [seat.account for seat in room.seats], seconds, dropped, claims=True)
+
+
+def _of_room(
+    room: Room, accounts: Sequence[ClientAccount | None], seconds: float, dropped: Mapping[str, int], claims: bool
+) -> dict[str, Any]:
+    users = []
+    for number, (seat, account) in enumerate(zip(room.seats, accounts, strict=True)):
+        asked_npm = seat.settings.coupling.stiffness_npm
+        earlier = [UserRecord(seat.name, each.client, each.seat, asked_npm=asked_npm) for each in seat.earlier]
+        users.append(UserRecord(seat.name, account, room.seat_account(number), tuple(earlier), asked_npm))
+    return _of_settings(
+        room.settings, room.settings.name, seconds, users, room.account(), {**dropped, **_limited(room)}, claims
     )
 
 
 def of_client(
     seat: SeatSettings, account: ClientAccount, farewell: Farewell | None, seconds: float, dropped: Mapping[str, int]
 ) -> dict[str, Any]:
-    """The summary that one live client can give: the server's part as far as it said goodbye."""
-    return summarise(
-        name=seat.room,
-        seed=seat.seed,
-        seconds=seconds,
-        tank_mj=lent_mj(seat.coupling, seat.playout),
-        playout_frames=seat.playout.frames,
-        users=[
-            UserRecord(seat.user, account, farewell.seat if farewell else None, asked_npm=seat.coupling.stiffness_npm)
-        ],
-        room=farewell.room if farewell else None,
-        dropped=dropped,
-    )
+    """Return the summary that one live client can give: the server's part as far as it said goodbye."""
+    user = UserRecord(seat.user, account, farewell.seat if farewell else None, asked_npm=seat.coupling.stiffness_npm)
+    return _of_settings(seat, seat.room, seconds, [user], farewell.room if farewell else None, dropped)
 
 
 def of_accounts(settings: Settings, accounts: Mapping[str, ClientAccount | None]) -> dict[str, Any]:
-    """The summary of a live run whose server left nothing: what the clients knew."""
+    """Return the summary of a live run whose server left nothing: what the clients knew."""
+    users = [
+        UserRecord(user.name, accounts[user.name], None, asked_npm=coupling_of(settings, user).stiffness_npm)
+        for user in settings.users
+        if user.name in accounts
+    ]
+    return _of_settings(settings, settings.name, settings.seconds, users, None, {})
+
+
+def _of_settings(
+    settings: Settings | SeatSettings, name: str, seconds: float, users: Sequence[UserRecord], room: RoomAccount | None,
+    dropped: Mapping[str, int], claims: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     return summarise(
-        name=settings.name,
-        seed=settings.seed,
-        seconds=settings.seconds,
-        tank_mj=lent_mj(settings.coupling, settings.playout),
-        playout_frames=settings.playout.frames,
-        users=[
-            UserRecord(user.name, accounts[user.name], None, asked_npm=coupling_of(settings, user).stiffness_npm)
-            for user in settings.users
-            if user.name in accounts
-        ],
-        room=None,
-        dropped={},
-    )
-
-
-def _earlier(room: Room, number: int) -> tuple[UserRecord, ...]:
-    """The sittings at a seat before the last."""
-    seat = room.seats[number]
-    asked_npm = seat.settings.coupling.stiffness_npm
-    return tuple(
-        UserRecord(seat.name, seat_session.client, seat_session.seat, asked_npm=asked_npm)
-        for seat_session in seat.earlier
-    )
+        name=name, seed=settings.seed, seconds=seconds, tank_mj=lent_mj(settings.coupling, settings.playout), users=users,
+        room=room, dropped=dropped, playout_frames=settings.playout.frames, claims=claims,
+    )  # fmt: skip
 
 
 def _limited(room: Room) -> dict[str, int]:
@@ -185,74 +144,64 @@ def _limited(room: Room) -> dict[str, int]:
     }
 
 
-def _claimed(client: ClientAccount | None) -> dict[str, Any]:
-    """Return what a client alone says that would decide the verdict, if it were believed."""
-    return {"diverged": client.diverged if client else None, "down_margin_j": client.down_margin_j if client else None}
+def _of(end: object, name: str) -> Any:
+    """Return a field of an account, None where there is no account; a row of numbers as a list."""
+    value = getattr(end, name, None)
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _user(user: UserRecord, claims: bool) -> dict[str, Any]:
     client, seat = user.client, user.seat
+    device = client.device if client else DeviceAccount()
     row: dict[str, Any] = {
         "name": user.name,
-        "position_m": list(client.position_m) if client else None,
-        "proxy_m": list(seat.proxy_m) if seat else None,
-        "force_n": list(client.force_n) if client else None,
-        "peak_force_n": client.peak_force_n if client else None,
-        "peak_force_step_n": client.peak_step_n if client else None,
-        "travel_m": client.travel_m if client else None,
+        "position_m": _of(client, "position_m"),
+        "proxy_m": _of(seat, "proxy_m"),
+        "force_n": _of(client, "force_n"),
+        "peak_force_n": _of(client, "peak_force_n"),
+        "peak_force_step_n": _of(client, "peak_step_n"),
+        "travel_m": _of(client, "travel_m"),
         "asked_stiffness_npm": user.asked_npm,
-        "felt_stiffness_npm": client.felt_stiffness_npm if client else None,
-        "predicted_stiffness_npm": client.predicted_stiffness_npm if client else None,
+        "felt_stiffness_npm": _of(client, "felt_stiffness_npm"),
+        "predicted_stiffness_npm": _of(client, "predicted_stiffness_npm"),
         "energy": {
-            "up_margin_j": seat.up_margin_j if seat else None,
-            "down_margin_j": client.down_margin_j if client else None,
-            "line_margin_j": seat.line_margin_j if seat else None,
-            "device_leak_j": client.device_leak_j if client else None,
-            "device_margin_j": client.device.margin_j if client else None,
-            "up_reserve_j": seat.up_reserve_j if seat else None,
-            "down_reserve_j": client.down_reserve_j if client else None,
-            "line_reserve_j": seat.line_reserve_j if seat else None,
-            "device_reserve_j": client.device.reserve_j if client else None,
+            "up_margin_j": _of(seat, "up_margin_j"),
+            "down_margin_j": _of(client, "down_margin_j"),
+            "line_margin_j": _of(seat, "line_margin_j"),
+            "device_leak_j": _of(client, "device_leak_j"),
+            "device_margin_j": device.margin_j,
+            "up_reserve_j": _of(seat, "up_reserve_j"),
+            "down_reserve_j": _of(client, "down_reserve_j"),
+            "line_reserve_j": _of(seat, "line_reserve_j"),
+            "device_reserve_j": device.reserve_j,
         },
-        **_device(client.device if client else DeviceAccount()),
+        # null where nobody looked at the device port: the margin says whether somebody did
+        **{key: getattr(device, key) if device.margin_j is not None else None for key in _DEVICE},
         "link": _link(seat.up if seat else None, client.down if client else None, client.rtt_ms if client else None),
-        "playout": {
-            "up": _struct(seat.playout if seat else None),
-            "down": _struct(client.playout if client else None),
-        },
+        "playout": {"up": _struct(_of(seat, "playout")), "down": _struct(_of(client, "playout"))},
         "delay": _delay(client.delay if client else DelayAccount()),
-        "rendered_npm": seat.rendered_npm if seat else None,
-        "ticks": _ticks(client.ticks if client else None),
+        "rendered_npm": _of(seat, "rendered_npm"),
+        "ticks": _ticks(_of(client, "ticks")),
         "state": shown(client.state) if client else None,
         "reason": shown(client.reason) if client else None,
-        "claimed": _claimed(client) if claims else None,
+        "claimed": {key: _of(client, key) for key in ("diverged", "down_margin_j")} if claims else None,
     }
-    return {**row, **_prediction(row)}
-
-
-def _device(device: DeviceAccount) -> dict[str, Any]:
-    """Return what was seen at the device port; null where nobody looked: the margin says whether somebody did."""
-    keys = ("oscillates", "at_limit", "controlled", "leak_j", "let_go")
-    return {key: getattr(device, key) if device.margin_j is not None else None for key in keys}
-
-
-def _prediction(row: dict[str, Any]) -> dict[str, Any]:
-    """The stiffness that the linear line predicts, null with the reason where it does not hold of this run."""
     why = not_predicted(row) if row["predicted_stiffness_npm"] is not None else ""
-    return {"predicted_stiffness_npm": None if why else row["predicted_stiffness_npm"], "not_predicted": why or None}
+    return {
+        **row,
+        "predicted_stiffness_npm": None if why else row["predicted_stiffness_npm"],
+        "not_predicted": why or None,
+    }
+
+
+_DEVICE = ("oscillates", "at_limit", "controlled", "leak_j", "let_go")
 
 
 def _link(up: LinkCount | None, down: LinkCount | None, rtt_ms: Percentiles | None) -> dict[str, Any]:
-    """Both directions together in the flat keys, each beside them."""
-    fields = LinkCount.__struct_fields__
-    both = {name: sum(getattr(one, name) for one in (up, down) if one) for name in fields}
+    """Return both directions together in the flat keys, each beside them."""
+    both = {name: sum(getattr(one, name) for one in (up, down) if one) for name in LinkCount.__struct_fields__}
     rtt = rtt_ms or Percentiles()
-    return {
-        **both,
-        "up": _struct(up),
-        "down": _struct(down),
-        "rtt_ms": {"p50": rtt.p50, "p99": rtt.p99},
-    }
+    return {**both, "up": _struct(up), "down": _struct(down), "rtt_ms": {"p50": rtt.p50, "p99": rtt.p99}}
 
 
 def _delay(delay: DelayAccount) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A run's `summary.json` as values: what stands where, and numbers in readable units. Whatever is missing is said to be."""
+"""Values of a run's `summary.json`, and numbers in readable units; missing values read UNKNOWN."""
 
 import math
 from typing import Any
@@ -9,10 +9,11 @@ Summary = dict[str, Any]
 UNKNOWN = "not known"
 MARGINS = {"up_margin_j": "line up", "down_margin_j": "line down", "line_margin_j": "whole line"}
 ROUNDING_J = 1e-12  # what margins are allowed for rounding
+FORCELESS = ("fault", "degraded")  # states of a client's safety that let no force through at the end
 
 
 def dig(table: Any, *keys: str) -> Any:
-    """table[key][key]..., None where there is no such thing."""
+    """Return table[key][key]..., None where there is no such thing."""
     for key in keys:
         table = table.get(key) if isinstance(table, dict) else None
     return table
@@ -23,7 +24,7 @@ def is_number(value: Any) -> bool:
 
 
 def number(value: Any, *, scale: float = 1.0, digits: int = 1) -> str:
-    """`value` in display units, or UNKNOWN; what is no number at all stands as it is."""
+    """Return a value in display units, or UNKNOWN; any other thing than a number as its text."""
     if is_number(value):
         text = f"{value * scale:.{digits}f}"
         return text.replace("-", "−") if float(text) else text.lstrip("-")
@@ -31,14 +32,14 @@ def number(value: Any, *, scale: float = 1.0, digits: int = 1) -> str:
 
 
 def vector(values: Any, *, scale: float = 1.0, digits: int = 1) -> str:
-    """Components side by side, or UNKNOWN."""
+    """Return components side by side, or UNKNOWN."""
     if not isinstance(values, (list, tuple)):
         return number(values, scale=scale, digits=digits)
     return ", ".join(number(value, scale=scale, digits=digits) for value in values) or UNKNOWN
 
 
 def energy(value_j: Any) -> str:
-    """With the unit that fits; rounding errors are 0 J."""
+    """Return an energy with the unit that fits; rounding errors are 0 J."""
     if not is_number(value_j):
         return number(value_j)
     if abs(value_j) <= ROUNDING_J:
@@ -55,13 +56,13 @@ def people(summary: Summary) -> list[dict[str, Any]]:
 
 
 def earlier(user: dict[str, Any]) -> list[dict[str, Any]]:
-    """The sittings of a person before the last, oldest first."""
+    """Return the seat sessions of a person before the last, oldest first."""
     before = user.get("earlier")
     return [each for each in before if isinstance(each, dict)] if isinstance(before, list) else []
 
 
-def sittings(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Every sitting of everybody."""
+def seat_sessions(users: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return every seat session of everybody."""
     return [seat_session for user in users for seat_session in (*earlier(user), user)]
 
 
@@ -70,36 +71,28 @@ def name_of(user: dict[str, Any]) -> str:
 
 
 def ticks_share(ticks: Any) -> float | None:
-    """Ticks run of those that were due, 0 to 1."""
+    """Return the share of due ticks that were run, 0 to 1."""
     due, run = dig(ticks, "due"), dig(ticks, "run")
     return run / due if is_number(due) and is_number(run) and due > 0 else None
 
 
 def share(value: float | None) -> str:
-    """Percent that says 100 only if nothing is missing."""
+    """Return percent; 100 only if nothing is missing."""
     if value is None:
         return UNKNOWN
     return "100 %" if value >= 1.0 else f"{min(value * 100.0, 99.99):.2f} %"
 
 
-def overdrawn(users: list[dict[str, Any]], tank_j: float) -> bool:
-    """Return whether a margin that is a number is below what its ledger may lend: the tank of each direction."""
-    bounds = {key: -(2.0 if key == "line_margin_j" else 1.0) * tank_j - ROUNDING_J for key in MARGINS}
-    return any(
-        is_number(value := dig(user, "energy", key)) and value < bounds[key]
-        for user in sittings(users)
-        for key in ledgers(user)
-    )
-
-
 def ledgers(user: dict[str, Any]) -> dict[str, str]:
-    """Those that the verdict rests on: not the one that only somebody else's client kept."""
+    """Return the lines' margins that the verdict rests on: not the one that only somebody else's client kept."""
     return {key: words for key, words in MARGINS.items() if key != "down_margin_j" or not user.get("claimed")}
 
 
 def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | None:
-    """(least energy reserve after the first second [J], whose), by its key in `energy`; None where no end told."""
-    found = [(float(value), name_of(user)) for user in sittings(users) if is_number(value := dig(user, "energy", key))]
+    """Return (least energy reserve after the first second [J], whose), by its key in `energy`; None where no end told."""
+    found = [
+        (float(value), name_of(user)) for user in seat_sessions(users) if is_number(value := dig(user, "energy", key))
+    ]
     return min(found, default=None)
 
 
@@ -112,10 +105,10 @@ def lent_j(settings: Any) -> float | None:
 
 
 def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:
-    """(energy [J], which ledger, whose); None where no end told."""
+    """Return (energy [J], which ledger, whose); None where no end told."""
     found = [
         (float(value), words, name_of(user))
-        for user in sittings(users)
+        for user in seat_sessions(users)
         for key, words in ledgers(user).items()
         if is_number(value := dig(user, "energy", key))
     ]

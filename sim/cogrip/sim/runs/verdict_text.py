@@ -1,7 +1,8 @@
-"""A run's summary in sentences, for the report and the terminal: three judgements, then what else there is to say."""
+"""A run's summary in sentences, for the report and the terminal: three judgements, then notes."""
 
 from collections.abc import Iterator
 
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.summary_values import (
     Summary,
     dig,
@@ -9,19 +10,19 @@ from cogrip.sim.runs.summary_values import (
     is_number,
     name_of,
     people,
+    seat_sessions,
     share,
-    sittings,
     ticks_share,
 )
-from cogrip.sim.runs.verdict import Tone, judgements
+from cogrip.sim.runs.verdict import judgements
 
-_BALANCE_J = 1e-9  # what rounding can put the books of one step out by, generously
+_BALANCE_J = 1e-9  # what rounding can put the energy balance of one step out by, generously
 _SHOWN_PEOPLE = 6
 MUCH_LATE, MANY_LATE = 0.05, 20  # share, and number, of one direction's frames from which on a depth is too shallow
 
 
 def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, str]]:
-    """Sentences, each with its tone. tank_j: what the lines may lend (settings), None if not known."""
+    """Return sentences, each with its tone. tank_j: what the lines may lend (settings), None if not known."""
     if not summary:
         return [("bad", "There is no summary of this run: only what its traces hold can be shown.")]
     return [
@@ -31,7 +32,7 @@ def verdict(summary: Summary, tank_j: float | None = None) -> list[tuple[Tone, s
 
 
 def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
-    """Sentences beside the three judgements, each with its tone and, in a word or two, what it is about."""
+    """Yield sentences beside the three judgements, each with its tone and, in a word or two, its subject."""
     for about, sentences in (
         ("energy balance", _balance), ("ended badly", _states), ("late frames", _late), ("ticks missed", _loops),
     ):  # fmt: skip
@@ -42,7 +43,7 @@ def notes(summary: Summary) -> Iterator[tuple[Tone, str, str]]:
 def _balance(summary: Summary) -> Iterator[tuple[Tone, str]]:
     error_j = dig(summary, "server", "energy_balance_error_j")
     if is_number(error_j) and error_j > _BALANCE_J:
-        yield "warn", f"The object's step does not keep its books: one step made or lost up to {energy(error_j)}."
+        yield "warn", f"The object's step does not balance its energy: one step made or lost up to {energy(error_j)}."
 
 
 def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
@@ -60,12 +61,12 @@ def _states(summary: Summary) -> Iterator[tuple[Tone, str]]:
 
 
 def _late(summary: Summary) -> Iterator[tuple[Tone, str]]:
-    """A depth of playout that was set, and is too shallow for the network that there was; only waves are played out."""
+    """Yield a warning of a playout depth that was set too shallow for the network; only waves are played out."""
     frames = summary.get("playout_frames")
     if not is_number(frames):
         return  # it follows the network, or nobody says
     found = []
-    for user in sittings(people(summary)):
+    for user in seat_sessions(people(summary)):
         for direction in ("up", "down"):
             late, sent = dig(user, "link", direction, "late"), dig(user, "link", direction, "sent")
             if not (dig(user, "playout", direction) and is_number(late) and is_number(sent)):

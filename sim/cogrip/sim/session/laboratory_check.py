@@ -24,9 +24,11 @@ from cogrip.sim.analysis.advice import Advice, Finding, Level, feel_level, plain
 from cogrip.sim.analysis.advice_change import Change, change_to, ranked_changes
 from cogrip.sim.analysis.stiffest import Stiffest, eased, stiffest
 from cogrip.sim.experiments.methods.felt import measure_felt
+from cogrip.sim.runs.felt_as_intended import SOFTER
+from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.summary import of_laboratory
-from cogrip.sim.runs.verdict import SOFTER, Tone, passive, stable
 from cogrip.sim.runs.verdict import felt as felt_as_intended
+from cogrip.sim.runs.verdict import passive, stable
 from cogrip.sim.session.laboratory import Laboratory
 
 Values = tuple[float | None, ...]

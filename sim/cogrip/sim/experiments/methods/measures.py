@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from cogrip.sim.experiments.methods.trace import Array, Trace
+from cogrip.sim.runs.felt_as_intended import SOFTER
 from cogrip.sim.runs.summary_values import Summary, is_number, people, worst_margin
-from cogrip.sim.runs.verdict import SOFTER, felt
+from cogrip.sim.runs.verdict import felt
 
 LAST_S = 0.5  # of the rest at the end, over which it is judged
 SWING_N = 1.0  # swing of a force between hands that hold still

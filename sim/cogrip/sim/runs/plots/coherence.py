@@ -1,4 +1,4 @@
-"""How far the hands move as one: magnitude-squared coherence and correlation of their velocities along the main axis."""
+"""Magnitude-squared coherence and correlation of hands' velocities along the axis that moved most."""
 
 from itertools import combinations
 from typing import NamedTuple
@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from cogrip.sim.runs.plots.spectra import coherence_of, correlations, frequencies, power_density
 from cogrip.sim.runs.plots.style import (
     AXIS_NAMES,
     FAINT,
@@ -44,7 +43,7 @@ class Movement(NamedTuple):
 
 
 def movement(run: Run) -> Movement:
-    """Of everybody who has a trace and moved, along the axis that moved most, while all were there."""
+    """Return the velocities of all who have a trace and moved, along the axis that moved most, while all were there."""
     found = [(number, run.clients[name]) for number, name in enumerate(run.names[:MOST_PEOPLE]) if name in run.clients]
     if len(found) < 2:
         raise NotDrawnError("it takes the traces of two people")
@@ -53,12 +52,12 @@ def movement(run: Run) -> Movement:
     if end - start < _LEAST_S:
         raise NotDrawnError(f"the people have less than {_LEAST_S:g} s in common")
     rate_hz = float(min(trace.rate_hz for _, trace in found))
-    axes = range(found[0][1].vector("velocity_mps").shape[1])
-    axis = max(axes, key=lambda each: sum(float(np.var(trace.columns[f"velocity_mps.{each}"])) for _, trace in found))
+    velocities = [trace.columns["velocity_mps"] for _, trace in found]
+    axis = int(np.argmax(sum(values.var(axis=0) for values in velocities)))
     grid = start + np.arange(int((end - start) * rate_hz)) / rate_hz
     numbers, rows = [], []
-    for number, trace in found:
-        values = np.interp(grid, trace.time_s, np.nan_to_num(trace.columns[f"velocity_mps.{axis}"]))
+    for (number, trace), velocity in zip(found, velocities, strict=True):
+        values = np.interp(grid, trace.time_s, np.nan_to_num(velocity[:, axis]))
         if np.std(values) > _STILL_MPS:
             numbers.append(number)
             rows.append(values)
@@ -68,17 +67,21 @@ def movement(run: Run) -> Movement:
 
 
 def correlation(first: Array, second: Array, rate_hz: float) -> tuple[float, float, float]:
-    """(Pearson's r, largest r within a second's lag, lag [s]; positive: `second` moves later)."""
+    """Return (Pearson's r, largest r within a second's lag, that lag [s]; positive: `second` moves later)."""
+    from scipy import signal  # type: ignore[import-untyped]
+
     first, second = (first - first.mean()) / first.std(), (second - second.mean()) / second.std()
     size = len(first)
     reach = min(size - 1, round(_FURTHEST_LAG_S * rate_hz))
-    near = correlations(first, second, reach) / size
+    near = signal.correlate(second, first, method="fft")[size - 1 - reach : size + reach] / size
     best = int(np.argmax(near))
     return float(near[reach]), float(near[best]), (best - reach) / rate_hz
 
 
 def coherence(run: Run) -> Figure:
-    """Above, coherence of each pair by frequency; below, how much each hand moves there."""
+    """Draw the coherence of each pair by frequency, and below how much each hand moves there (Welch's method)."""
+    from scipy import signal
+
     moved = movement(run)
     rate_hz, values = moved.rate_hz, moved.values
     segment = int(min(_SEGMENT_S * rate_hz, values.shape[1] // _LEAST_SEGMENTS))
@@ -86,10 +89,11 @@ def coherence(run: Run) -> Figure:
     shared, power = sheet.panels[:, 0]
     legend: list[tuple[str, Style]] = []
     pairs = list(combinations(range(len(values)), 2))
-    frequency = frequencies(rate_hz, segment)
+    frequency, densities = signal.welch(values, rate_hz, nperseg=segment)
     shown = (frequency > 0.0) & (frequency <= _HIGHEST_HZ)
     for index, (first, second) in enumerate(pairs[:_MOST_PAIRS]):
-        level = coherence_of(values[first], values[second], segment)
+        with np.errstate(invalid="ignore"):  # not a number where neither hand has any power
+            _, level = signal.coherence(values[first], values[second], rate_hz, nperseg=segment)
         style: Style = {"color": INK if index < _HALF else FAINT, "ls": LINES[index % _HALF], "lw": 1.8}
         shared.plot(frequency[shown], level[shown], **style)
         r, best, lag_s = correlation(values[first], values[second], rate_hz)
@@ -103,8 +107,7 @@ def coherence(run: Run) -> Figure:
     independent = values.shape[1] // segment
     shared.axhline(1.0 - 0.05 ** (1.0 / (independent - 1)), color=FAINT, lw=1.2, ls=(0, (6, 3)))
     legend.append(("one in twenty by chance", {"color": FAINT, "ls": (0, (6, 3))}))
-    for number, row in zip(moved.numbers, values, strict=True):
-        density = power_density(row, rate_hz, segment)
+    for number, density in zip(moved.numbers, densities, strict=True):
         power.set_yscale("log")
         draw(power, frequency[shown], density[shown] * 1e6, **person_style(number), lw=1.5)
         legend.append((label(run.names[number]), {**person_style(number), "lw": 2.0}))

@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from cogrip.sim.runs.plots.curves import FORBIDDEN, Line, Window, extent, forbid, object_lines, reserve
+from cogrip.sim.runs.plots.curves import DETAIL_S, Line, Window, detail, extent, object_lines, reserve
+from cogrip.sim.runs.plots.energy import EnergyRow, energy_sheet
 from cogrip.sim.runs.plots.style import (
     AXIS_NAMES,
     DASHED,
     INK,
     LINES,
-    Array,
-    Legend,
     NotDrawnError,
     Sheet,
     Style,
@@ -31,11 +30,8 @@ from cogrip.sim.runs.summary_values import lent_j
 from cogrip.sim.runs.traces import Run
 
 MOST_ROWS = 6  # people that are drawn
-_LONG_RUN_S = 30.0  # of a longer one a detail is drawn as well
-_DETAIL_S = 5.0
 _BROADEST, _FINEST = 3.0, 1.0  # line widths of the first run and of the last
 _PALEST = 0.45  # share of the colour in the first run's line
-_LARGE_J = 5.0
 _LONGEST_NAME = 40
 
 
@@ -61,7 +57,7 @@ class Side(NamedTuple):
 
 
 def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[str]) -> Iterator[Plot]:
-    """Positions, forces and energy of the people who are named, of whom the first few are drawn."""
+    """Yield positions, forces and energy of the people who are named, of whom the first few are drawn."""
     widths = np.linspace(_BROADEST, _FINEST, len(runs)).tolist()
     sides = [
         Side(run, name, {"color": tint, "lw": width}, share, LINES[max(0, number - 1) % len(LINES)])
@@ -80,7 +76,7 @@ def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[s
         yield Plot(heading, caption, partial(of, sides, names))
         if window:
             yield Plot(
-                f"{heading}, in detail", f"{_DETAIL_S:g} s of the middle.", partial(of, sides, names, window=window)
+                f"{heading}, in detail", f"{DETAIL_S:g} s of the middle.", partial(of, sides, names, window=window)
             )
     yield Plot(
         "Energy",
@@ -102,52 +98,40 @@ def tints(runs: int) -> list[tuple[float, float, float]]:
 
 
 def positions(sides: Sequence[Side], names: Sequence[str], window: Window | None = None) -> Figure:
-    """Hands, then the object, a row each, a column an axis [mm]."""
+    """Draw hands, then the object, a row each, a column for each axis [mm]."""
     rows = [(name, [_hand(side, name, "position_m", 1e3) for side in sides]) for name in names]
     rows.append(("object", [_object(side) for side in sides]))
     return _against_time(sides, rows, "position [mm]", window)
 
 
 def forces(sides: Sequence[Side], names: Sequence[str], window: Window | None = None) -> Figure:
-    """Force on each hand, a row a person, a column an axis [N]."""
+    """Draw the force on each hand, a row for each person, a column for each axis [N]."""
     return _against_time(
         sides, [(name, [_hand(side, name, "force_n", 1.0) for side in sides]) for name in names], "force [N]", window
     )
 
 
 def energies(sides: Sequence[Side], names: Sequence[str]) -> Figure:
-    """A row a person: ledgers left; right the whole line's energy reserve, where a recording tells it [J or mJ]."""
-    books = [[_book(side.run, name) for side in sides] for name in names]
-    reserves = [[(side, line) for side in sides if (line := whole_line(side.run, name)) is not None] for name in names]
-    if not any(lines for each in books for lines in each):
-        raise NotDrawnError("no client's recording is here")
-    told = any(reserves)
-    unit, scale = _unit(line.values for each in books for lines in each for line in lines)
-    reserve_unit, reserve_scale = _unit(line.values for each in reserves for _, line in each)
-    lent = max((lent_j(side.run.settings) or 0.0 for side in sides), default=0.0)
-    sheet = Sheet(len(names), 1 + told, row_in=1.9, widths=(1.7, 1.0) if told else (1.0,))
+    """Draw a row for each person: ledgers left; right the whole line's energy reserve, where recorded [J or mJ]."""
     seats = {name: number for number, name in enumerate(sides[0].run.names)}
-    for name, ledgers, lines_of, panels in zip(names, books, reserves, sheet.panels, strict=True):
+    rows = []
+    for name in names:
         tint = colour(seats[name]) if name in seats else INK
-        for side, lines in zip(sides, ledgers, strict=True):
-            for line in lines:  # dashes tell the two ledgers apart, widths and paleness the runs
-                style = {**side.style, "color": shade(tint, side.share), **line.style}
-                draw(panels[0], line.time, line.values * scale, **style)
-        title(panels[0], label(name))
-        if told:
-            for side, line in lines_of:
-                draw(panels[1], line.time, line.values * reserve_scale, **side.tinted(tint))
-            forbid(panels[1], [line for _, line in lines_of], lent, reserve_scale)
-            title(panels[1], f"reserve of the whole line [{reserve_unit}]")
-    for panel in sheet.panels[0]:
-        panel.set_xlim(*_extent(sides))
-    return sheet.finish(
-        "time [s]", [f"energy [{unit}]"] * len(names), [*_legend(sides), *([FORBIDDEN] if told else [])]
-    )
+        reserves = [
+            line._replace(style=side.tinted(tint)) for side in sides if (line := whole_line(side.run, name)) is not None
+        ]
+        rows.append(
+            EnergyRow(label(name), INK, [line for side in sides for line in _ledgers(side, name, tint)], reserves)
+        )
+    if not any(row.ledgers for row in rows):
+        raise NotDrawnError("no client's recording is here")
+    lent = max((lent_j(side.run.settings) or 0.0 for side in sides), default=0.0)
+    legend = [(_escaped(side.label), {"color": side.style["color"], "lw": 2.5}) for side in sides]
+    return energy_sheet(rows, _extent(sides), lent, "reserve of the whole line", legend)
 
 
 def whole_line(run: Run, name: str) -> Line | None:
-    """Energy that a person's line holds: put in at the client, not taken out at the object [J]."""
+    """Return the energy that a person's line holds: put in at the client, not taken out at the object [J]."""
     return reserve(run, name, "line_reserve_j") if name in run.names else None
 
 
@@ -155,7 +139,7 @@ def _hand(side: Side, name: str, column: str, scale: float) -> list[tuple[int, L
     trace = side.run.clients.get(name)
     if trace is None:
         return []
-    return [(axis, Line(trace.time_s, values * scale, {})) for axis, values in enumerate(trace.vector(column).T)]
+    return [(axis, Line(trace.time_s, values * scale, {})) for axis, values in enumerate(trace.columns[column].T)]
 
 
 def _object(side: Side) -> list[tuple[int, Line]]:
@@ -186,25 +170,20 @@ def _against_time(
     return sheet.finish("time [s]", [f"{label(name)}: {quantity}" for name, _ in rows], legend)
 
 
-def _book(run: Run, name: str) -> list[Line]:
-    """The hand's work, and what of it went into the line [J]."""
-    trace = run.clients.get(name)
+def _ledgers(side: Side, name: str, tint: Any) -> list[Line]:
+    """Return the hand's work, and what of it went into the line [J]; dashes tell the two apart, widths and paleness runs."""
+    trace = side.run.clients.get(name)
     if trace is None:
         return []
+    style = {**side.style, "color": shade(tint, side.share)}
     return [
-        Line(trace.time_s, trace.columns["work_j"], {}),
-        Line(trace.time_s, trace.columns["port_j"], {"ls": DASHED}),
+        Line(trace.time_s, trace.columns["work_j"], style),
+        Line(trace.time_s, trace.columns["port_j"], {**style, "ls": DASHED}),
     ]
 
 
-def _unit(curves: Iterator[Array]) -> tuple[str, float]:
-    """The unit for a column of panels, and how many of it make a joule."""
-    largest = max((float(np.fmax.reduce(np.abs(values), initial=0.0)) for values in curves), default=0.0)
-    return ("J", 1.0) if largest >= _LARGE_J else ("mJ", 1e3)
-
-
 def _extent(sides: Sequence[Side]) -> Window:
-    """From when the first run begins until the last one ends."""
+    """Return the time from the start of the first run to the end of the last one."""
     spans = [extent(side.run) for side in sides if side.run.clients or side.run.room]
     if not spans:
         raise NotDrawnError("no recording is here")
@@ -212,20 +191,11 @@ def _extent(sides: Sequence[Side]) -> Window:
 
 
 def _detail(sides: Sequence[Side]) -> Window | None:
-    """The middle of the time that all runs have in common, where that is long."""
+    """Return the middle of the time that all runs have in common, where that is long."""
     spans = [extent(side.run) for side in sides if side.run.clients or side.run.room]
-    start = max((span[0] for span in spans), default=0.0)
-    end = min((span[1] for span in spans), default=0.0)
-    if end - start <= _LONG_RUN_S:
-        return None
-    middle = 0.5 * (start + end)
-    return middle - 0.5 * _DETAIL_S, middle + 0.5 * _DETAIL_S
-
-
-def _legend(sides: Sequence[Side]) -> Legend:
-    return [(_escaped(side.label), {"color": side.style["color"], "lw": 2.5}) for side in sides]
+    return detail((max((start for start, _ in spans), default=0.0), min((end for _, end in spans), default=0.0)))
 
 
 def _escaped(text: str) -> str:
-    """As `label`, but folder names are longer: the end of one tells it from others."""
+    """Return `label` of a folder's name, which is longer: the end of one tells it from others."""
     return text[-_LONGEST_NAME:].replace("$", r"\$").lstrip("_") or "nameless"

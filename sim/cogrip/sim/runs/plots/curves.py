@@ -1,4 +1,4 @@
-"""Curves of a run against its time: who is drawn, from which trace, in what style."""
+"""Curves of a run against its time, from its traces, in the style of each person."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -10,6 +10,8 @@ from cogrip.sim.runs.traces import MOST_PEOPLE, Run
 
 Window = tuple[float, float]
 PROXY: Style = {"lw": 1.2, "ls": DASHED, "mfc": "white"}  # the object's end
+DETAIL_S = 5.0
+_LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
 _SHORTEST_S = 1e-3  # an axis needs some length
 _LEAST_SPAN_J = 1e-5  # and height: below it lies rounding
 
@@ -23,17 +25,16 @@ class Line(NamedTuple):
 
 
 def shown(run: Run) -> list[tuple[int, str]]:
-    """(seat number, name) of the people who are drawn."""
+    """Return (seat number, name) of the people who are drawn."""
     return list(enumerate(run.names[:MOST_PEOPLE]))
 
 
 def seat_columns(run: Run, number: int, name: str) -> Array | None:
-    """A seat's column or vector as columns, shape (rows, n); not a number while nobody sits there."""
+    """Return a seat's column or vector, shape (rows, n); nan while nobody has the seat."""
     if run.room is None or f"{number}.seated" not in run.room.columns:
         return None
-    columns, key = run.room.columns, f"{number}.{name}"
-    values = columns[key][:, None] if key in columns else run.room.vector(key)
-    values[columns[f"{number}.seated"] == 0.0] = np.nan
+    values = run.room.columns[f"{number}.{name}"].reshape(run.room.rows, -1)
+    values[run.room.columns[f"{number}.seated"] == 0.0] = np.nan
     return values
 
 
@@ -41,10 +42,10 @@ RESERVES = ("up_reserve_j", "down_reserve_j", "line_reserve_j")
 
 
 def reserve(run: Run, name: str, key: str) -> Line | None:
-    """One of RESERVES over time [J]; None where nothing tells it, as in recordings of older versions."""
+    """Return one of RESERVES over time [J]; None where it is not recorded, as by older versions."""
     if key == "down_reserve_j":
         trace = run.clients.get(name)
-        values = trace.columns[key] if trace else None
+        values = trace.columns["reserve_j"] if trace else None
     else:
         trace, seat = run.room, seat_columns(run, run.names.index(name), key)
         values = seat[:, 0] if seat is not None else None
@@ -68,7 +69,7 @@ def forbid(panel: Any, lines: Iterable[Line], lent_j: float | None, scale: float
 
 
 def extent(run: Run) -> Window:
-    """When anybody was there: from the first client's first tick to the last one's last."""
+    """Return the time from the first tick of any client to the last one."""
     traces = list(run.clients.values()) or ([run.room] if run.room else [])
     if not traces:
         raise NotDrawnError("no trace is here")
@@ -76,18 +77,25 @@ def extent(run: Run) -> Window:
     return (0.0 if 0.0 <= start < 0.1 * end else start), max(end, start + _SHORTEST_S)
 
 
+def detail(window: Window) -> Window | None:
+    """Return the middle DETAIL_S of a long time, None of a shorter one."""
+    start, end = window
+    middle = 0.5 * (start + end)
+    return (middle - 0.5 * DETAIL_S, middle + 0.5 * DETAIL_S) if end - start > _LONG_RUN_S else None
+
+
 def hands(run: Run, name: str, scale: float, **style: Any) -> Iterator[tuple[int, Line]]:
-    """(axis, curve) of a vector of everybody's client trace."""
+    """Yield (axis, curve) of a vector of everybody's client trace."""
     for number, person in shown(run):
         trace = run.clients.get(person)
         if trace is None:
             continue
-        for axis, values in enumerate(trace.vector(name).T):
+        for axis, values in enumerate(trace.columns[name].T):
             yield axis, Line(trace.time_s, values * scale, {**person_style(number), "lw": 1.2, **style})
 
 
 def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
-    """(axis, curve) of a vector of every seat of the room."""
+    """Yield (axis, curve) of a vector of every seat of the room."""
     for number, _ in shown(run):
         vectors = seat_columns(run, number, name)
         if vectors is None or run.room is None:
@@ -97,11 +105,11 @@ def seats(run: Run, name: str, scale: float) -> Iterator[tuple[int, Line]]:
 
 
 def object_lines(run: Run, scale: float, style: Style) -> Iterator[tuple[int, Line]]:
-    """(axis, curve) of the object: the room's own, or else what the first client heard of it."""
+    """Yield (axis, curve) of the object: the room's own, or else as the first client received it."""
     source = run.room or next(iter(run.clients.values()), None)
     if source is None:
         raise NotDrawnError("no trace is here")
-    for axis, values in enumerate(source.vector("object_m").T):
+    for axis, values in enumerate(source.columns["object_m"].T):
         yield axis, Line(source.time_s, values * scale, style)
 
 

@@ -1,4 +1,4 @@
-"""What the network did."""
+"""Round-trip times and lost frames."""
 
 from matplotlib.figure import Figure
 
@@ -8,7 +8,7 @@ from cogrip.sim.runs.traces import Run
 
 
 def link(run: Run) -> Figure:
-    """Round-trip time [ms], and frames that were lost so far, in each direction: late ones are not."""
+    """Draw the round-trip time [ms], and the frames lost so far, in each direction: late ones are not."""
     if not shown(run):
         raise NotDrawnError("nobody is named")
     sheet = Sheet(2, row_in=1.9)

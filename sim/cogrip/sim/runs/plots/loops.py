@@ -1,4 +1,4 @@
-"""How punctual every loop was: histograms of lateness and of work a tick."""
+"""Histograms of lateness and of work per tick, of every loop."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ _FLOOR_US = 0.1  # a tick that is no later than this stands in the first bin
 
 
 def loops(run: Run) -> Figure:
-    """Share of ticks by lateness and by work [us], clients and server, logarithmic both ways."""
+    """Draw the share of ticks by lateness and by work [us], clients and server, logarithmic both ways."""
     traces: list[tuple[str, Style, Trace]] = [
         (name, {"color": colour(number), "ls": LINES[number % len(LINES)], "lw": 1.5}, run.clients[name])
         for number, name in enumerate(run.names[:MOST_PEOPLE])

@@ -1,11 +1,21 @@
-"""Positions, forces and waves against time, a row of panels an axis."""
+"""Positions, forces and waves against time, a row of panels for each axis."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cogrip.client.safety import STATES
-from cogrip.sim.runs.plots.curves import Line, Window, extent, hands, object_lines, people_legend, seats, shown
+from cogrip.sim.runs.plots.curves import (
+    DETAIL_S,
+    Line,
+    Window,
+    detail,
+    extent,
+    hands,
+    object_lines,
+    people_legend,
+    seats,
+    shown,
+)
 from cogrip.sim.runs.plots.style import (
     AXIS_NAMES,
     DASHED,
@@ -22,9 +32,6 @@ from cogrip.sim.runs.plots.style import (
 from cogrip.sim.runs.summary_values import dig
 from cogrip.sim.runs.traces import Run
 
-_LONG_RUN_S = 30.0  # a longer one shows its shape only, so a detail stands beside it
-_DETAIL_S = 5.0
-_LIVE = float(STATES.index("live"))
 _GROUPS = 1500  # of frames, for the pale band behind the waves
 _SOLID: Style = {"color": FAINT}
 _DASHED: Style = {"color": FAINT, "ls": DASHED}
@@ -32,14 +39,14 @@ _OBJECT: Style = {"color": INK, "lw": 2.2, "alpha": 0.75}
 
 
 def positions(run: Run) -> Figure:
-    """Hands, proxies and object, a row an axis [mm]."""
+    """Draw hands, proxies and object, a row for each axis [mm]."""
     lines = [*object_lines(run, 1e3, _OBJECT), *hands(run, "position_m", 1e3), *seats(run, "proxy_m", 1e3)]
     legend = people_legend(run, ("hand", _SOLID), ("proxy", _DASHED), ("object", _OBJECT))
     return _against_time(run, lines, "position", "mm", legend)
 
 
 def forces(run: Run) -> Figure:
-    """Force on each hand and on each proxy, a row an axis [N]."""
+    """Draw the force on each hand and on each proxy, a row for each axis [N]."""
     lines = [*hands(run, "force_n", 1.0), *seats(run, "force_n", 1.0)]
     return _against_time(
         run, lines, "force", "N", people_legend(run, ("at the hand", _SOLID), ("at the object", _DASHED))
@@ -47,7 +54,7 @@ def forces(run: Run) -> Figure:
 
 
 def waves(run: Run) -> Figure:
-    """Waves up and down at each client's port, a row an axis [sqrt(W)]."""
+    """Draw the waves up and down at each client's port, a row for each axis [sqrt(W)]."""
     up, down = list(hands(run, "wave_up", 1.0, lw=1.1)), list(hands(run, "wave_down", 1.0, lw=1.1))
     if not up:
         raise NotDrawnError("no client's trace is here")
@@ -66,15 +73,13 @@ def waves(run: Run) -> Figure:
 
 
 def _against_time(run: Run, lines: list[tuple[int, Line]], quantity: str, unit: str, legend: Legend) -> Figure:
-    """A row of panels an axis; a long run has its middle seconds beside it."""
+    """Draw a row of panels for each axis; a long run has its middle seconds beside it."""
     if not lines:
         raise NotDrawnError("no trace is here")
-    start, end = extent(run)
-    windows: dict[str, Window] = {"": (start, end)}
-    if end - start > _LONG_RUN_S:
-        middle = 0.5 * (start + end)
-        detail = (middle - 0.5 * _DETAIL_S, middle + 0.5 * _DETAIL_S)
-        windows = {"the whole run": (start, end), f"{_DETAIL_S:g} s in its middle": detail}
+    whole = extent(run)
+    windows: dict[str, Window] = {"": whole}
+    if middle := detail(whole):
+        windows = {"the whole run": whole, f"{DETAIL_S:g} s in its middle": middle}
     rows = 1 + max(axis for axis, _ in lines)
     sheet = Sheet(rows, len(windows), row_in=3.0 if rows == 1 else 1.9)
     for axis, line in lines:
@@ -100,7 +105,7 @@ def _bar_not_live(run: Run, panel: Axes) -> bool:
         trace = run.clients.get(name)
         if trace is None:
             continue
-        held = (trace.columns["state"] != _LIVE).astype(np.int8)
+        held = (trace.columns["live"] == 0.0).astype(np.int8)
         borders = np.flatnonzero(np.diff(held, prepend=0, append=0)).clip(max=trace.rows - 1)
         spans = [
             (trace.time_s[first], trace.time_s[last] - trace.time_s[first]) for first, last in borders.reshape(-1, 2)

@@ -35,11 +35,11 @@ _STRETCHES = 150
 
 
 class NotDrawnError(Exception):
-    """There is nothing to draw; the text says why."""
+    """Raised where there is nothing to draw; the text says why."""
 
 
 def colour(person: int) -> str | tuple[float, float, float]:
-    """Person number n's colour in every plot; from the seventh on a darker round, from the thirteenth a paler one."""
+    """Return person n's colour in every plot; from the seventh on a darker round, from the thirteenth a paler one."""
     base = _PALETTE[person % len(_PALETTE)]
     if person < len(_PALETTE):
         return base
@@ -50,7 +50,7 @@ def colour(person: int) -> str | tuple[float, float, float]:
 
 
 def person_style(person: int) -> Style:
-    """Person number n's colour and marker, which tells people apart in grey print."""
+    """Return person n's colour and marker, which tells people apart in grey print."""
     return {"color": colour(person), "marker": _MARKERS[person % len(_MARKERS)], "ms": 4.0}
 
 
@@ -61,12 +61,12 @@ def shade(tint: Any, share: float) -> tuple[float, float, float]:
 
 
 def label(text: str) -> str:
-    """Text from outside: no TeX, no leading underscore (which hides it from legends), not endless."""
+    """Return text from outside without TeX, leading underscore (which hides it from legends), or endless length."""
     return text[:24].replace("$", r"\$").lstrip("_") or "nameless"
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """At most 2 * _BUCKETS points that keep every extreme: minimum and maximum of each bucket, in the order of its slope."""
+    """Return at most 2 * _BUCKETS points that keep every extreme: minimum and maximum of each bucket, in order of time."""
     size = len(time)
     if size <= 2 * _BUCKETS:
         return time, values
@@ -81,7 +81,7 @@ def envelope(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def draw(panel: Axes, time: Array, values: Array, *, window: tuple[float, float] | None = None, **style: Any) -> None:
-    """A line of at most a few points a pixel, with a few of its markers if it has any; `window` cuts it in time first."""
+    """Draw a line of at most a few points a pixel, with a few markers if it has any; `window` cuts it in time first."""
     if window is not None:
         first, last = np.searchsorted(time, window)
         time, values = time[first:last], values[first:last]
@@ -90,7 +90,7 @@ def draw(panel: Axes, time: Array, values: Array, *, window: tuple[float, float]
 
 
 def _marked(points: int, marker: str | None) -> tuple[int, int] | None:
-    """(first, step) of the points that get a marker: markers of different people stand at different times."""
+    """Return (first, step) of the points that get a marker: those of different people stand at different times."""
     if not marker or marker not in _MARKERS:
         return None
     step = max(1, points // _MARKED)
@@ -100,7 +100,7 @@ def _marked(points: int, marker: str | None) -> tuple[int, int] | None:
 def draw_spread(
     panel: Axes, time: Array, values: Array, style: Style, stretches: int = _STRETCHES, pale: float = 0.18
 ) -> None:
-    """What scatters: the median of every stretch of time, on a pale band from its least to its largest."""
+    """Draw the median of every stretch of time, on a pale band from its least to its largest value."""
     known = np.isfinite(values)
     time, values = time[known], values[known]
     parts = np.array_split(np.arange(len(time)), min(stretches, len(time)) or 1)
@@ -142,7 +142,7 @@ class Sheet:
     def finish(
         self, x_label: str | Sequence[str], y_labels: Sequence[str], legend: Legend = (), columns: int = 0
     ) -> Figure:
-        """Labels on the outer panels, the legend above, margins in inches.
+        """Set labels on the outer panels, the legend above, margins in inches.
 
         x_label: one for all columns, or one a column. y_labels: one a row, for the first column, or one a panel where each
         has its own scale. The legend is filled column by column; `columns` = 0: as many as fit.
@@ -196,7 +196,7 @@ def title(panel: Axes, text: str, tint: Any = INK) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """The picture; the same run gives the same bytes."""
+    """Return the figure as PNG; the same run gives the same bytes."""
     out = BytesIO()
     figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()

@@ -1,4 +1,4 @@
-"""Comparison of what is recorded now with what was recorded: message for message, byte for byte.
+"""Comparison of the messages of a replay with the recorded ones, one by one, byte for byte.
 
 Files of an earlier cogrip leave out the fields that are at their defaults; these count as there.
 """
@@ -29,7 +29,7 @@ class Difference:
 
 
 class Comparison:
-    """A `Sink` for what is noted now; `expect` takes what was recorded. Either may run ahead of the other."""
+    """A `Sink` for the replayed messages; `expect` takes the recorded ones. Either may run ahead of the other."""
 
     def __init__(self, topics: Sequence[str]) -> None:
         self._topics = topics
@@ -54,7 +54,7 @@ class Comparison:
             self._replayed.append(message)
 
     def finish(self) -> None:
-        """The recording is whole, so what only one side has is a difference.
+        """Take messages that only one side has as a difference: the recording is whole.
 
         Of one that was cut, the last outputs may be missing, or the input that they came of.
         """
@@ -64,7 +64,7 @@ class Comparison:
             self._differ(message, "", NOTHING, _text(message))
 
     def untold(self, time_ns: int, topic: str) -> None:
-        """The core asked for what the recording should hold and does not."""
+        """Note that the core asked for an answer that the recording should hold and does not."""
         if self.difference is None:
             self.difference = Difference(time_ns, topic, "", NOTHING, "an answer was asked for")
 
@@ -91,13 +91,13 @@ def _text(message: Message) -> str:
 
 
 def _defaults_of(kind: str) -> dict[str, Any]:
-    """Defaults of a record's fields, as JSON has them."""
+    """Return the defaults of a record's fields, as JSON has them."""
     fields = msgspec.structs.fields(KINDS[kind]) if kind in KINDS else ()
     return {each.encode_name: each.default for each in fields if each.default is not msgspec.NODEFAULT}
 
 
 def _first_field(recorded: bytes, replayed: bytes, defaults: dict[str, Any]) -> tuple[str, str, str] | None:
-    """(path, value there, value here) of the first difference between two JSON messages; None where there is none."""
+    """Return (path, recorded value, replayed value) of the first difference of two JSON messages; None where there is none."""
     if recorded == replayed:
         return None
     try:

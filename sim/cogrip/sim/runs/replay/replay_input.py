@@ -1,18 +1,20 @@
-"""The messages of a recording in the order in which they happened, with a view ahead to what a core was told when it asked."""
+"""The messages of a recording in the order in which they happened, with a view ahead to the answers that a core was given."""
 
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 
 from cogrip.protocol.recording.reader import Damage, Message, Recording
-from cogrip.protocol.recording.records import Asked, Gap, kind_of
+from cogrip.protocol.recording.records import KINDS, Answer, Asked, Clock, Gap, kind_of
 
-_asked = msgspec.json.Decoder(Asked).decode
+ANSWERS = {kind: msgspec.json.Decoder(record).decode for kind, record in KINDS.items() if record in (Asked, Answer)}
+"""Kinds of topics that hold answers, the present one and that of older recordings, with what decodes their messages."""
 
 
 class UntoldError(Exception):
-    """A core asks for what the recording does not hold: nothing after this can be replayed."""
+    """A core asks for an answer that the recording does not hold: nothing after this can be replayed."""
 
 
 class ReplayInput:
@@ -27,7 +29,7 @@ class ReplayInput:
         self.last_ns = 0
         self._messages = self._read()
         self._ahead: deque[Message] = deque()
-        self._answers: deque[Asked] = deque()
+        self._answers: deque[Any] = deque()
 
     def _read(self) -> Iterator[Message]:
         recording = self.recording
@@ -36,19 +38,20 @@ class ReplayInput:
                 self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
                 return
             for message in chunk:
-                kind = self.kinds[message.topic]
-                if kind == "gap":
+                record = KINDS.get(self.kinds[message.topic])
+                if record is Gap:
                     self.hole, self.hole_ns = msgspec.json.decode(message.payload, type=Gap), message.time_ns
                     return
-                if kind != "clock":
+                if record is not Clock:
                     yield message
         if recording.complete and recording.damage:
             self.hole, self.hole_ns = recording.damage[0], recording.damage[0].from_ns
 
     def _take(self, message: Message) -> None:
         self._ahead.append(message)
-        if self.kinds[message.topic] == "asked":
-            self._answers.append(_asked(message.payload))
+        decode = ANSWERS.get(self.kinds[message.topic])
+        if decode is not None:
+            self._answers.append(decode(message.payload))
 
     def __iter__(self) -> Iterator[Message]:
         while True:
@@ -63,8 +66,8 @@ class ReplayInput:
             self.last_ns = message.time_ns
             yield message
 
-    def asked(self) -> Asked:
-        """What the core was told when it asked: the next such answer. Raises UntoldError if there is none."""
+    def asked(self) -> Any:
+        """Return the next answer that the core was given, `Asked` or `Answer`. Raises UntoldError if there is none."""
         while not self._answers:
             following = next(self._messages, None)
             if following is None:

@@ -1,21 +1,22 @@
-"""Does a recording play again exactly? Its inputs go into the same core, which notes everything as it did then; what it
-notes now must be, message for message and byte for byte, what the file holds.
+"""Verification of a recording: its inputs go into the same core again, which records everything as it did then.
+
+The new records must be those of the file, message for message and byte for byte.
 """
 
 from dataclasses import dataclass
 
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError
-from cogrip.protocol.recording.records import Gap
+from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.recover import is_closed
 from cogrip.sim.runs.replay.comparison import Comparison, Difference
 from cogrip.sim.runs.replay.play import PLAYS, Play
-from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
+from cogrip.sim.runs.replay.replay_input import ANSWERS, ReplayInput, UntoldError
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How one recording played.
+    """The outcome of replaying one recording.
 
     messages, ticks  compared and equal; ticks of a client, steps of a server
     versions         what differs between the machine that recorded and this one
@@ -65,11 +66,11 @@ def _compare(replay_input: ReplayInput, play: Play, comparison: Comparison, clos
             play.take(message)
             if comparison.difference is not None:
                 return
-        if (
-            closed and replay_input.hole is None
-        ):  # else the next input, and what is to be done with the last ones, is not known
+        if closed and replay_input.hole is None:  # else neither the next input nor the end of the last ones is known
             play.finish()
             comparison.finish()
     except UntoldError:
         if closed and replay_input.hole is None:
-            comparison.untold(replay_input.last_ns, f"/{replay_input.recording.header.who}/asked")
+            topics = replay_input.recording.topics
+            answers = [topic for topic in topics if kind_of(topic) in ANSWERS]
+            comparison.untold(replay_input.last_ns, answers[0] if answers else topics[0])

@@ -1,4 +1,4 @@
-"""The same hands in another world: a laboratory session of a recorded run's settings with some of them changed.
+"""Recorded hands with other settings: a laboratory session of a recorded run's settings with some of them changed.
 
 How the recorded people take part:
 
@@ -87,7 +87,7 @@ def _start(run: RunRecords, user: User) -> tuple[Hello, Capability]:
 
 
 def _hand(run: RunRecords, user: User, hands: Hands, hello: Hello, capability: Capability) -> dict[str, str | float]:
-    """The keys of a user that bring the recorded person back."""
+    """Return the keys of a user that bring the recorded person back."""
     end = run.clients[user.name]
     source = f"{run.folder if run.folder.is_dir() else end.path}#user={user.name}"
     if hands == "positions":
@@ -105,13 +105,13 @@ def _hand(run: RunRecords, user: User, hands: Hands, hello: Hello, capability: C
 
 
 def _impedance(address: str) -> str:
-    """The impedance keys of a simulated hand's address, for another hand."""
+    """Return the impedance keys of a simulated hand's address, for another hand."""
     items = address.partition("?")[2].split("&")
     return "".join(f"&{item}" for item in items if item.startswith(("hand_stiffness_npm=", "hand_damping_nspm=")))
 
 
 def _span(end: End) -> tuple[float, float]:
-    """When a client's first tick began and its last one ended, on the run's clock."""
+    """Return the start of a client's first tick and the end of its last one [s], on the run's clock."""
     start_s, last = None, -1
     for times, ticks in end.chunks("tick"):
         start_s = times[0] if start_s is None else start_s
@@ -122,11 +122,11 @@ def _span(end: End) -> tuple[float, float]:
 
 
 def label(changes: Mapping[str, Any]) -> str:
-    """What is different, for a heading."""
+    """Return the changes as a heading."""
     return ", ".join(f"{key} = {value}" for key, value in changes.items()) or "unchanged"
 
 
 def folder_name(run: RunRecords) -> str:
-    """What the new run is called."""
+    """Return the name of the new run."""
     settings = run.settings()
     return f"{settings.name if settings else Path(run.folder).name}-what-if"

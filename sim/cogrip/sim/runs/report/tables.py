@@ -1,8 +1,7 @@
-"""The tables of a report, as HTML. Every text is escaped here; what is not known says so."""
+"""Tables of a report as data, which `templates/parts.html.j2` writes as HTML; what is not known says so."""
 
-from collections.abc import Callable, Iterable, Sequence
-from html import escape
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -16,73 +15,102 @@ from cogrip.sim.runs.summary_values import (
     name_of,
     number,
     people,
+    seat_sessions,
     share,
-    sittings,
     ticks_share,
     vector,
 )
 
 Show = Callable[[dict[str, Any]], str]
+_TEXT = "text"  # class of a cell that is wrapped
+_CHANGED = "changed"
 
 
-def _pick(*keys: str, scale: float = 1.0, digits: int = 1) -> Show:
-    return lambda user: vector(dig(user, *keys), scale=scale, digits=digits)
+class Cell(NamedTuple):
+    """Text, and the classes of its `td`."""
+
+    text: str
+    css: str = ""
+
+
+class Row(NamedTuple):
+    """One row: its heading with a unit, and its cells."""
+
+    label: str
+    unit: str
+    cells: list[Cell]
+
+
+class Table(NamedTuple):
+    """One table: headings of its columns, and its rows; a text among the rows heads those after it."""
+
+    head: Sequence[str]
+    rows: Sequence[Row | str]
+
+
+class SettingsTables(NamedTuple):
+    """A table for each section of the settings, and one of the users."""
+
+    sections: list[Table]
+    users: Table
+
+
+def row(label: str, cells: Iterable[str], unit: str = "", css: str = "") -> Row:
+    """Return a row of cells of one look."""
+    return Row(label, unit, [Cell(text, css) for text in cells])
+
+
+def _at(path: str, scale: float = 1.0, digits: int = 1) -> Show:
+    """Show the number or vector at a path such as `link.rtt_ms.p50`."""
+    return lambda user: vector(dig(user, *path.split(".")), scale=scale, digits=digits)
 
 
 def _energy(key: str) -> Show:
     return lambda user: energy(dig(user, "energy", key))
 
 
-def _both_ways(key: str) -> Show:
-    return lambda user: " / ".join(number(dig(user, "link", direction, key), digits=0) for direction in ("up", "down"))
-
-
-def _delays(which: str) -> Show:
-    return lambda user: " / ".join(number(dig(user, "delay", direction, which)) for direction in ("up_ms", "down_ms"))
-
-
-def _played(key: str, digits: int = 0) -> Show:
-    """Where there are no waves nothing is played out."""
-    return lambda user: " / ".join(
-        number(dig(user, "playout", direction, key), digits=digits) for direction in ("up", "down")
-    )
+def _up_down(path: str, digits: int = 0) -> Show:
+    """Show the numbers of both directions, in whose places `{}` stands."""
+    shown = [_at(path.format(direction), digits=digits) for direction in ("up", "down")]
+    return lambda user: " / ".join(show(user) for show in shown)
 
 
 def _depths(user: dict[str, Any]) -> str:
+    ends = ("least_frames", "most_frames")
     directions = [dig(user, "playout", direction) for direction in ("up", "down")]
     return " / ".join(
-        f"{number(dig(direction, 'least_frames'), digits=0)} to {number(dig(direction, 'most_frames'), digits=0)}"
-        if direction
-        else UNKNOWN
-        for direction in directions
+        " to ".join(number(dig(account, end), digits=0) for end in ends) if account else UNKNOWN
+        for account in directions
     )
 
 
 def _stiffness(key: str, missing: str) -> Show:
-    """A client that was heard and tells none had none to tell."""
+    """Show a stiffness, and `missing` where a client with an account does not tell it."""
     return lambda user: missing if user.get(key) is None and user.get("state") else number(user.get(key), digits=0)
 
 
-def _place(key: str) -> Show:
-    """Where it was at the last tick, by when whoever is not live has let go."""
+def _last_place(key: str) -> Show:
+    """Show a position at the last tick, by when a client that is not live has let go."""
+    where = _at(key, 1e3)
 
     def show(user: dict[str, Any]) -> str:
-        where = _pick(key, scale=1e3)(user)
-        return where if where == UNKNOWN or user.get("state") in (None, "live") else f"{where} (let go)"
+        live = user.get("state") in (None, "live")
+        return text if (text := where(user)) == UNKNOWN or live else f"{text} (let go)"
 
     return show
 
 
-def _yes(key: str) -> Show:
-    return lambda user: {True: "yes", False: "no"}.get(user.get(key), UNKNOWN)  # type: ignore[arg-type]
+def _yes_no(user: dict[str, Any]) -> str:
+    said = user.get("oscillates")
+    return UNKNOWN if not isinstance(said, bool) else "yes" if said else "no"
 
 
 def _text(key: str) -> Show:
     return lambda user: str(user[key])[:300] or "none" if user.get(key) is not None else UNKNOWN
 
 
-def _percentile(which: str, key: str) -> Show:
-    """A loop whose ticks are known but not this has not been timed: virtual time."""
+def _ticks(which: str, key: str) -> Show:
+    """Show a percentile; in virtual time ticks are counted and not timed."""
     return lambda loop: (
         "not measured"
         if dig(loop, "ticks", which, key) is None and dig(loop, "ticks", "due")
@@ -90,165 +118,152 @@ def _percentile(which: str, key: str) -> Show:
     )
 
 
-# (heading of a group, its rows: what, unit, how to show it)
-_ROWS: tuple[tuple[str, tuple[tuple[str, str, Show], ...]], ...] = (
-    (
-        "At the last tick",
-        (
-            ("hand", "mm", _place("position_m")),
-            ("proxy", "mm", _place("proxy_m")),
-            ("force", "N", _pick("force_n", digits=2)),
-            ("state", "", _text("state")),
-            ("reason", "", _text("reason")),
-        ),
-    ),
-    (
-        "Over the run",
-        (
-            ("peak force", "N", _pick("peak_force_n", digits=2)),
-            ("largest force step in a tick", "N", _pick("peak_force_step_n", digits=2)),
-            ("travel", "mm", _pick("travel_m", scale=1e3, digits=0)),
-            ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
-            ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "does not apply")),
-            ("rendered stiffness", "N/m", _pick("rendered_npm", digits=0)),
-        ),
-    ),
-    (
-        "Device port",
-        (
-            ("force oscillated", "", _yes("oscillates")),
-            ("at a limit of the device", "% of ticks", _pick("at_limit", scale=100.0)),
-            ("changed by its passivity controller", "% of ticks", _pick("controlled", scale=100.0)),
-        ),
-    ),
-    (
-        "Energy",
-        (
-            ("least reserve of the line up, after 1 s", "", _energy("up_reserve_j")),
-            ("of the line down", "", _energy("down_reserve_j")),
-            ("of the whole line", "", _energy("line_reserve_j")),
-            ("of the device port", "", _energy("device_reserve_j")),
-            ("least margin of the line up", "", _energy("up_margin_j")),
-            ("least margin of the line down", "", _energy("down_margin_j")),
-            ("least margin of the whole line", "", _energy("line_margin_j")),
-            ("least of the device's work beyond the line", "", _energy("device_leak_j")),
-            ("least margin of the device port", "", _energy("device_margin_j")),
-            ("leak of the device port", "", lambda user: energy(user.get("leak_j"))),
-        ),
-    ),
-    (
-        "Link, up / down",
-        (
-            ("frames sent", "", _both_ways("sent")),
-            ("applied", "", _both_ways("applied")),
-            ("lost", "", _both_ways("lost")),
-            ("late", "", _both_ways("late")),
-            ("duplicate", "", _both_ways("duplicate")),
-            ("pending", "", _both_ways("pending")),
-            ("round trip, median", "ms", _pick("link", "rtt_ms", "p50")),
-            ("round trip, 99 %", "ms", _pick("link", "rtt_ms", "p99")),
-            ("one way, median", "ms", _delays("p50")),
-            ("one way, 99 %", "ms", _delays("p99")),
-            ("server's clock beyond the client's", "ms", _pick("delay", "clock_offset_ms", digits=2)),
-            ("that is right to", "ms", _pick("delay", "uncertainty_ms", digits=2)),
-        ),
-    ),
-    (
-        "Playout, up / down",
-        (
-            ("depth, mean", "frames", _played("depth_frames", 2)),
-            ("least to most", "frames", _depths),
-            ("one frame deeper", "times", _played("repeated")),
-            ("one frame shallower", "times", _played("skipped")),
-            ("frames not there in time", "", _played("concealed")),
-            ("of them in a row, most", "", _played("longest_gap")),
-        ),
-    ),
+def _skipped(loop: dict[str, Any]) -> str:
+    due, run = dig(loop, "ticks", "due"), dig(loop, "ticks", "run")
+    return number(due - run, digits=0) if isinstance(due, int) and isinstance(run, int) else UNKNOWN
+
+
+# (heading, unit, how to show it); a heading alone begins a group
+_Line = tuple[str, str, Show]
+_LOOP: tuple[_Line, ...] = (
+    ("ticks run", "", lambda loop: share(ticks_share(loop.get("ticks")))),
+    ("ticks skipped", "", _skipped),
+    ("lateness, median", "µs", _ticks("late_us", "p50")),
+    ("lateness, 99 %", "µs", _ticks("late_us", "p99")),
+    ("lateness, 99.9 %", "µs", _ticks("late_us", "p999")),
+    ("lateness, most", "µs", _ticks("late_us", "max")),
+    ("work a tick, median", "µs", _ticks("work_us", "p50")),
+    ("work a tick, 99 %", "µs", _ticks("work_us", "p99")),
 )
-_LOOP: tuple[tuple[str, str, Show], ...] = (
-    ("ticks run", "", lambda user: share(ticks_share(user.get("ticks")))),
-    ("ticks skipped", "", lambda user: _skipped(user.get("ticks"))),
-    ("lateness, median", "µs", _percentile("late_us", "p50")),
-    ("lateness, 99 %", "µs", _percentile("late_us", "p99")),
-    ("lateness, 99.9 %", "µs", _percentile("late_us", "p999")),
-    ("lateness, most", "µs", _percentile("late_us", "max")),
-    ("work a tick, median", "µs", _percentile("work_us", "p50")),
-    ("work a tick, 99 %", "µs", _percentile("work_us", "p99")),
+_PERSON: tuple[_Line | str, ...] = (
+    "At the last tick",
+    ("hand", "mm", _last_place("position_m")),
+    ("proxy", "mm", _last_place("proxy_m")),
+    ("force", "N", _at("force_n", digits=2)),
+    ("state", "", _text("state")),
+    ("reason", "", _text("reason")),
+    "Over the run",
+    ("peak force", "N", _at("peak_force_n", digits=2)),
+    ("largest force step in a tick", "N", _at("peak_force_step_n", digits=2)),
+    ("travel", "mm", _at("travel_m", 1e3, 0)),
+    ("felt stiffness", "N/m", _stiffness("felt_stiffness_npm", "not measured")),
+    ("predicted stiffness", "N/m", _stiffness("predicted_stiffness_npm", "does not apply")),
+    ("rendered stiffness", "N/m", _at("rendered_npm", digits=0)),
+    "Device port",
+    ("force oscillated", "", _yes_no),
+    ("at a limit of the device", "% of ticks", _at("at_limit", 100.0)),
+    ("changed by its passivity controller", "% of ticks", _at("controlled", 100.0)),
+    "Energy",
+    ("least reserve of the line up, after 1 s", "", _energy("up_reserve_j")),
+    ("of the line down", "", _energy("down_reserve_j")),
+    ("of the whole line", "", _energy("line_reserve_j")),
+    ("of the device port", "", _energy("device_reserve_j")),
+    ("least margin of the line up", "", _energy("up_margin_j")),
+    ("least margin of the line down", "", _energy("down_margin_j")),
+    ("least margin of the whole line", "", _energy("line_margin_j")),
+    ("least of the device's work beyond the line", "", _energy("device_leak_j")),
+    ("least margin of the device port", "", _energy("device_margin_j")),
+    ("leak of the device port", "", lambda user: energy(user.get("leak_j"))),
+    "Link, up / down",
+    ("frames sent", "", _up_down("link.{}.sent")),
+    ("applied", "", _up_down("link.{}.applied")),
+    ("lost", "", _up_down("link.{}.lost")),
+    ("late", "", _up_down("link.{}.late")),
+    ("duplicate", "", _up_down("link.{}.duplicate")),
+    ("pending", "", _up_down("link.{}.pending")),
+    ("round trip, median", "ms", _at("link.rtt_ms.p50")),
+    ("round trip, 99 %", "ms", _at("link.rtt_ms.p99")),
+    ("one way, median", "ms", _up_down("delay.{}_ms.p50", 1)),
+    ("one way, 99 %", "ms", _up_down("delay.{}_ms.p99", 1)),
+    ("server's clock beyond the client's", "ms", _at("delay.clock_offset_ms", digits=2)),
+    ("that is right to", "ms", _at("delay.uncertainty_ms", digits=2)),
+    "Playout, up / down",
+    ("depth, mean", "frames", _up_down("playout.{}.depth_frames", 2)),
+    ("least to most", "frames", _depths),
+    ("one frame deeper", "times", _up_down("playout.{}.repeated")),
+    ("one frame shallower", "times", _up_down("playout.{}.skipped")),
+    ("frames not there in time", "", _up_down("playout.{}.concealed")),
+    ("of them in a row, most", "", _up_down("playout.{}.longest_gap")),
+    "Loop",
+    *_LOOP,
+)
+_ROOM: tuple[_Line, ...] = (
+    ("object", "mm", _at("object.position_m", 1e3)),
+    ("its velocity", "mm/s", _at("object.velocity_mps", 1e3)),
+    ("its travel", "mm", _at("object.travel_m", 1e3, 0)),
+    ("error of the energy balance", "", lambda summary: energy(dig(summary, "server", "energy_balance_error_j"))),
 )
 
 
-def _skipped(ticks: Any) -> str:
-    due, run = dig(ticks, "due"), dig(ticks, "run")
-    return number(due - run, digits=0) if isinstance(due, int) and isinstance(run, int) else number(None)
+def _rows(lines: Iterable[_Line | str], shown: Sequence[dict[str, Any]]) -> list[Row | str]:
+    return [
+        line if isinstance(line, str) else row(line[0], map(line[2], shown), line[1], _TEXT if line[0] == "reason" else "")
+        for line in lines
+    ]  # fmt: skip
 
 
-def people_table(summary: Summary) -> str:
-    """A column a person."""
-    users = sittings(people(summary))
+def people_table(summary: Summary) -> Table | str:
+    """Return a column for each seat session of each person."""
+    users = people(summary)
     if not users:
-        return "<p>No summary tells of them.</p>"
+        return "No summary tells of them."
     names = [
-        f"{name_of(user)}, sitting {number}" if earlier(user) else name_of(user)
-        for user in people(summary)
+        f"{name_of(user)}, seat session {number}" if earlier(user) else name_of(user)
+        for user in users
         for number in range(1, len(earlier(user)) + 2)
     ]
-    rows = []
-    for heading, lines in (*_ROWS, ("Loop", _LOOP)):
-        rows.append(f"<tr class=group><th>{escape(heading)}</th></tr>")
-        rows += [row(what, unit, [show(user) for user in users]) for what, unit, show in lines]
-    return table(["", *names], rows)
+    return Table(["", *names], _rows(_PERSON, seat_sessions(users)))
 
 
-def room_table(summary: Summary) -> str:
-    """The object at the end, the server's books and its loop."""
-    thing, server = dig(summary, "object"), dig(summary, "server")
-    rows = [
-        row("object", "mm", [vector(dig(thing, "position_m"), scale=1e3)]),
-        row("its velocity", "mm/s", [vector(dig(thing, "velocity_mps"), scale=1e3)]),
-        row("its travel", "mm", [number(dig(thing, "travel_m"), scale=1e3, digits=0)]),
-        row("error of the energy balance", "", [energy(dig(server, "energy_balance_error_j"))]),
-    ]
-    loop = {"ticks": dig(server, "ticks")}
-    rows += [row(what, unit, [show(loop)]) for what, unit, show in _LOOP]
-    return table([], rows)
+def room_table(summary: Summary) -> Table:
+    """Return the object at the end, the energy balance of its steps, and the server's loop."""
+    server = dig(summary, "server")
+    loop = server if isinstance(server, dict) else {}
+    return Table([], [*_rows(_ROOM, [summary]), *_rows(_LOOP, [loop])])
 
 
-def dropped_table(summary: Summary) -> str:
-    """What went no further, or had to be dealt with, by the name of its reason."""
+def dropped_table(summary: Summary) -> Table | str:
+    """Return what was dropped, refused or dealt with, by the name of its reason."""
     dropped = dig(summary, "server", "dropped")
     if not isinstance(dropped, dict):
-        return "<p>What was dropped is not known.</p>"
-    counted = {reason: count for reason, count in dropped.items() if count}
-    if not counted:
-        return "<p>No datagram was dropped.</p>"
-    return table([], [row(str(reason), "", [number(count, digits=0)]) for reason, count in counted.items()])
+        return "What was dropped is not known."
+    rows = [row(str(reason), [number(count, digits=0)]) for reason, count in dropped.items() if count]
+    return Table([], rows) if rows else "No datagram was dropped."
 
 
-def settings_tables(settings: dict[str, Any]) -> str:
-    """A table a section and one of the users; what is not the default is bold."""
+def settings_tables(settings: dict[str, Any]) -> SettingsTables | str:
+    """Return a table for each section and one of the users; what is not the default is marked as changed."""
     if not settings:
-        return "<p>The settings are not known.</p>"
+        return "The settings are not known."
     usual = msgspec.to_builtins(Settings())
-    sections: dict[str, list[tuple[str, Any, Any]]] = {"": []}
+    sections: dict[str, Mapping[str, Any]] = {"": {}}
     for key, value in settings.items():
         if isinstance(value, dict):
-            before = usual.get(key)
-            sections[key] = [(inner, one, dig(before, inner)) for inner, one in value.items()]
+            sections[key] = value
         elif key != "users":
-            sections[""].append((key, value, usual.get(key)))
+            sections[""] = {**sections[""], key: value}
     tables = [
-        table([f"[{name}]" if name else "session", ""], [_setting(*line) for line in lines])
-        for name, lines in sections.items()
-        if lines
+        Table(
+            [f"[{name}]" if name else "session", ""],
+            [Row(str(key), "", [_setting(value, dig(usual, *filter(None, (name, key))))])
+             for key, value in section.items()],
+        )
+        for name, section in sections.items()
+        if section
+    ]  # fmt: skip
+    users = people(settings)
+    defaults = msgspec.to_builtins(User())
+    keys = dict.fromkeys(key for user in users for key in user if key != "name")
+    rows = [
+        Row(str(key), "", [_setting(user.get(key), defaults.get(key), key) for user in users])
+        for key in keys
+        if any(user.get(key) is not None for user in users)
     ]
-    users = settings.get("users")
-    listed = [user for user in users if isinstance(user, dict)] if isinstance(users, list) else []
-    return f"<p>Bold: not the default.</p><div class=columns>{''.join(tables)}</div>{_users(listed)}"
+    return SettingsTables(tables, Table(["users", *map(name_of, users)], rows))
 
 
-def _setting(key: str, value: Any, before: Any) -> str:
-    mark = "" if value == before else " class=changed"
-    return f"<tr><th>{escape(str(key))}</th><td{mark}>{escape(plain(value))}</td></tr>"
+def _setting(value: Any, default: Any, key: str = "") -> Cell:
+    return Cell(plain(value, key), "" if value == default else _CHANGED)
 
 
 _WHOSE = {
@@ -260,22 +275,8 @@ _WHOSE = {
 _SHORT = 8  # letters of a number that stands as it is
 
 
-def _users(users: Sequence[dict[str, Any]]) -> str:
-    usual = msgspec.to_builtins(User())
-    keys = list(dict.fromkeys(key for user in users for key in user if key != "name"))
-    keys = [key for key in keys if any(user.get(key) is not None for user in users)]
-    rows = []
-    for key in keys:
-        cells = "".join(
-            f"<td{'' if user.get(key) == usual.get(key) else ' class=changed'}>{escape(plain(user.get(key), key))}</td>"
-            for user in users
-        )
-        rows.append(f"<tr><th>{escape(str(key))}</th>{cells}</tr>")
-    return table(["users", *(name_of(user) for user in users)], rows) if rows else ""
-
-
 def plain(value: Any, key: str = "") -> str:
-    """A setting as it would be written, long fractions rounded; where a user has no value of their own, whose it is."""
+    """Return a setting as it would be written, long fractions rounded; for what a user does not set, where it stands."""
     if value is None:
         return _WHOSE.get(key, "not set")
     if isinstance(value, bool):
@@ -287,14 +288,3 @@ def plain(value: Any, key: str = "") -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(plain(inner) for inner in value)}]"
     return str(value)
-
-
-def row(what: str, unit: str, cells: Iterable[str]) -> str:
-    label = f"{escape(what)} <span class=unit>[{escape(unit)}]</span>" if unit else escape(what)
-    text = " class=text" if what == "reason" else ""
-    return f"<tr><th>{label}</th>{''.join(f'<td{text}>{escape(cell)}</td>' for cell in cells)}</tr>"
-
-
-def table(head: Sequence[str], rows: Sequence[str]) -> str:
-    top = f"<thead><tr>{''.join(f'<th>{escape(cell)}</th>' for cell in head)}</tr></thead>" if head else ""
-    return f"<div class=wide><table>{top}<tbody>{''.join(rows)}</tbody></table></div>"

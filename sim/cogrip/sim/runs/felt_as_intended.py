@@ -1,0 +1,135 @@
+"""The third judgement of a run: limits, replaced frames and softness that a hand feels in place of what was asked for."""
+
+from collections.abc import Callable, Iterator
+
+from cogrip.sim.runs.judgement import Judgement, Row, Tone, names_of, occupied, some
+from cogrip.sim.runs.summary_values import FORCELESS, Summary, dig, is_number, name_of, number, people
+
+MOST_LIMITED = 0.01
+"""Of the ticks that may give force: a limit of the device held the force, so the hand felt the limit. 10 ms in a second."""
+MOST_CONTROLLED = 0.05
+"""Of the same ticks: the device port changed the force, or rendered less impedance than was asked for."""
+MOST_REPLACED = 0.05
+"""Of one direction's frames: not there in time, and concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
+MOST_REPLACED_AT_REST = 0.001
+"""Of one direction's frames less its longest gap, for the prediction: what a line keeps for gaps makes a steady hand softer."""
+MOST_MOVED = 0.01
+"""Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
+STIFFNESS_JND = 0.23
+"""Share by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
+SOFTER, SOFTER_BRIEF = "Softer than asked for", "softer than asked"
+LEAST_FELT_N = 0.05
+"""Peak force below which a hand has felt nothing: about the smallest that a finger notices."""
+
+
+def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
+    """Judge whether hands felt what the force law and the network's frames made, and nothing that took their place."""
+    held = list(occupied(people(summary)))
+    reasons = list(dict.fromkeys(_worst_reasons(held)))
+    if not stable:
+        reasons.insert(0, "the session was not stable")
+    tone: Tone = "warn"
+    brief = ""
+    if reasons:
+        more = f" (and {len(reasons) - 1} more reasons)" if len(reasons) > 1 else ""
+        text, brief = f"Not felt as intended: {'; '.join(reasons)}.", f"not felt as intended: {reasons[0]}{more}"
+    elif (unknown := names_of(row for row in held if not is_number(row.get("at_limit")))) or not held:
+        text = f"Whether it felt as intended is not known: limits on the force were not told of {some(unknown) or 'anybody'}."
+    elif not any((_value(row, "peak_force_n") or 0.0) >= LEAST_FELT_N for row in held):
+        text = "Nothing was felt: no hand met a force."
+    elif softer := _softer(held):
+        text, brief = f"{SOFTER}: {softer}.", SOFTER_BRIEF
+    else:
+        tone, text = "good", f"Felt as intended{_stiffness(held)}."
+    return Judgement("felt as intended", tone, text, brief)
+
+
+def _softer(held: list[Row]) -> str:
+    """Return whose stiffness at rest, measured or else predicted, a hand tells from the one asked for; the worst of them."""
+    found = []
+    for row in held:
+        measured, predicted = _value(row, "felt_stiffness_npm"), _value(row, "predicted_stiffness_npm")
+        asked, rest = _value(row, "asked_stiffness_npm"), predicted if measured is None else measured
+        if asked and rest is not None and rest < (1.0 - STIFFNESS_JND) * asked:
+            how = "predicted, not measured" if measured is None else "as measured"
+            found.append((rest / asked, f"{rest:.0f} N/m at rest of {asked:.0f} N/m asked for, {how}", name_of(row)))
+    if not found:
+        return ""
+    _, worst, name = min(found)
+    return worst if len({text for _, text, _ in found}) == 1 and len(found) == len(held) else f"{worst} ({name})"
+
+
+def _stiffness(held: list[Row]) -> str:
+    """Return the span of the predicted stiffnesses at rest in words, or why none is predicted."""
+    found = [value for row in held if (value := _value(row, "predicted_stiffness_npm")) is not None]
+    if not found:
+        why = next((f" ({name_of(row)}: {row['not_predicted']})" for row in held if row.get("not_predicted")), "")
+        return f"; how stiff at rest is neither measured nor predicted{why}" if why else ""
+    span = " to ".join(dict.fromkeys(f"{value:.0f}" for value in (min(found), max(found))))
+    measured = all(_value(row, "felt_stiffness_npm") is not None for row in held)
+    return f"; {span} N/m at rest, {'felt as predicted' if measured else 'predicted, not measured'}"
+
+
+def _worst_reasons(held: list[Row]) -> Iterator[str]:
+    """Yield each reason once, with the person whom it is worst of, and how many others there are."""
+    for share_of, bound, words in _SHARES:
+        found = [(share, row) for row in held if (share := share_of(row)) is not None and share > bound]
+        if found:
+            share, row = max(found, key=lambda each: each[0])
+            others = f" (and more than {100.0 * bound:g} % with {len(found) - 1} more)" if len(found) > 1 else ""
+            yield words.format(share=_percent(share), name=name_of(row), direction=_replaced(row)[1]) + others
+    for row in held:
+        if row.get("state") in FORCELESS:
+            yield f"{name_of(row)} ended without force"
+        measured, predicted = _value(row, "felt_stiffness_npm"), _value(row, "predicted_stiffness_npm")
+        if measured is not None and predicted is not None and abs(measured - predicted) > STIFFNESS_JND * predicted:
+            yield f"{name_of(row)} felt {measured:.0f} N/m at rest, where {predicted:.0f} N/m is predicted"
+
+
+def not_predicted(row: Row) -> str:
+    """Return why the stiffness that the linear line predicts does not hold of this person's run; "" where it may."""
+    limited, controlled = _value(row, "at_limit") or 0.0, _value(row, "controlled") or 0.0
+    paths = ("up", "down")
+    moved = max(_share(row, path, "repeated") + _share(row, path, "skipped") for path in paths)
+    # Replaced frames that were not one gap: a delay that grew once leaves one, and the line is as before.
+    scattered = max(_share(row, path, "concealed") - _share(row, path, "longest_gap") for path in paths)
+    if row.get("oscillates") is True:
+        return "the force oscillated"
+    if row.get("state") in FORCELESS:
+        return f"it ended in {row['state']}"
+    if limited > MOST_LIMITED:
+        return f"the force was at a limit in {_percent(limited)} of the ticks"
+    if controlled > MOST_CONTROLLED:
+        return f"the device port changed what is felt in {_percent(controlled)} of the ticks"
+    if scattered > MOST_REPLACED_AT_REST:
+        return f"{_percent(_replaced(row)[0])} of the frames {_replaced(row)[1]} it were replaced"
+    if moved > MOST_MOVED:
+        return f"the playout's depth changed at {_percent(moved)} of the frames"
+    return ""
+
+
+def _value(row: Row, key: str) -> float | None:
+    return float(row[key]) if is_number(row.get(key)) else None
+
+
+def _replaced(row: Row) -> tuple[float, str]:
+    """Return the share of frames that were not there in time, `from` or `to` the person, whichever is larger."""
+    return max((_share(row, "up", "concealed"), "from"), (_share(row, "down", "concealed"), "to"))
+
+
+def _share(row: Row, direction: str, key: str) -> float:
+    """Return a count's share of the frames sent in a direction; 0 where that is not known, or nothing is played out."""
+    count, sent = dig(row, "playout", direction, key), dig(row, "link", direction, "sent")
+    return min(1.0, count / sent) if is_number(count) and is_number(sent) and sent > 0 else 0.0
+
+
+# (share of a person, its bound, the reason that it gives where it is more)
+_SHARES: tuple[tuple[Callable[[Row], float | None], float, str], ...] = (
+    (lambda row: _value(row, "at_limit"), MOST_LIMITED, "a limit of {name}'s device held the force in {share} of the ticks"),
+    (lambda row: _value(row, "controlled"), MOST_CONTROLLED, "{name}'s device port changed what is felt in {share} of ticks"),
+    (lambda row: _replaced(row)[0], MOST_REPLACED, "{share} of the frames {direction} {name} were missing and replaced"),
+)  # fmt: skip
+
+
+def _percent(share: float) -> str:
+    return f"{number(100.0 * share, digits=0 if share >= 0.1 else 1)} %"
