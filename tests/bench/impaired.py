@@ -11,9 +11,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cogrip.cli.session.settings_file import override
-from cogrip.cli.study.analysis_query import Overrides
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings_table import SettingsError

@@ -24,8 +24,8 @@ from cogrip.sim.runs.summary_values import (
     name_of,
     number,
     people,
+    seat_sessions,
     share,
-    sittings,
     ticks_share,
     vector,
     worst_margin,
@@ -145,7 +145,7 @@ def _device_ports(summary: Summary) -> str:
     leak = least_reserve(users, "device_leak_j")  # below 0: a hand got more than was taken from it
 
     def of(least: tuple[float, str]) -> str:
-        return f" ({shown(least[1])})" if len(sittings(users)) > 1 else ""
+        return f" ({shown(least[1])})" if len(seat_sessions(users)) > 1 else ""
 
     parts = [f"least reserve {energy(reserve[0])}{of(reserve)}"] if reserve else []
     if leak:
