@@ -65,12 +65,6 @@ class DurationHistogram:
         """Number of durations added."""
         return sum(self._counts)
 
-    @property
-    def mean_ns(self) -> float:
-        """Exact mean in ns, nan while empty."""
-        count = self.count
-        return self.total_ns / count if count else math.nan
-
     def percentile(self, q: float) -> float:
         """Return the smallest recorded duration in ns that q percent (0 to 100) do not exceed, to 1/32; nan while empty.
 

@@ -80,6 +80,8 @@ class Hello(Message, frozen=True, tag=1):
 
 
 class Welcome(Message, frozen=True, tag=2):
+    """A server's grant of a seat."""
+
     version: Counter
     nonce: Ns
     session: Session
@@ -91,7 +93,7 @@ class Welcome(Message, frozen=True, tag=2):
 
 
 class Refuse(Message, frozen=True, tag=3):
-    """The layout of this message is the same in every protocol version."""
+    """A server's refusal of a hello. Its layout is the same in every protocol version."""
 
     version: Counter
     nonce: Ns
@@ -135,12 +137,16 @@ class Heartbeat(Message, frozen=True, tag=6):
 
 
 class Leave(Message, frozen=True, tag=7):
+    """A client's end of its session, with its account."""
+
     session: Session
     reason: Text
     account: ClientAccount | None = None
 
 
 class Farewell(Message, frozen=True, tag=8):
+    """A server's end of a session, with its accounts of seat and room."""
+
     session: Session
     reason: Text
     seat: SeatAccount | None = None

@@ -52,11 +52,15 @@ ONLY_USER = "anna"  # where a file names no users
 
 
 class RatesSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[rates]: of the device loop, and of network and object."""
+
     device_hz: DeviceHz = 1024
     network_hz: Hz = 128
 
 
 class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[coupling]: scheme, wave impedance, and the spring between proxy and object (theory sections 1 to 5)."""
+
     kind: Kind = "wave"
     impedance_nspm: Impedance = 20.0
     stiffness_npm: Stiffness = 1000.0
@@ -69,6 +73,8 @@ class Coupling(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """[object]: the virtual object."""
+
     kind: ObjectKind = "cube"
     mass_kg: Mass = 0.2
     damping_nspm: Damping = 0.0
@@ -76,7 +82,9 @@ class Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Playout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # as many as the jitter asks for
+    """[playout]: playout delay, redundancy, tank and concealment of both lines (SPEC.md 5)."""
+
+    frames: Annotated[int, msgspec.Meta(ge=0, le=256)] | Literal["auto"] = "auto"  # auto: adapted to the jitter
     redundancy: Annotated[int, msgspec.Meta(ge=1, le=32)] = 8
     tank_mj: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
     concealment: Concealed = "elastic"  # of frames that are missing
@@ -116,6 +124,8 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All settings of a room."""
+
     name: Name = "session"
     seed: Seed = 1
     seconds: Seconds = 10.0

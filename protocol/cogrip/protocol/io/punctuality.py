@@ -103,15 +103,9 @@ def observe(rate_hz: int, names: Sequence[str], seconds: float, spin_ns: int, se
                 break
     finally:
         realtime.release(measures)
-    return Punctuality(
-        rate_hz,
-        setup,
-        pacer.due,
-        pacer.skipped,
-        pacer.lateness.summary_us(),
-        pacer.work.summary_us(),
-        {measure.name: measure.detail for measure in measures if not measure.granted},
-    )
+    refused = {measure.name: measure.detail for measure in measures if not measure.granted}
+    lateness_us, work_us = pacer.lateness.summary_us(), pacer.work.summary_us()
+    return Punctuality(rate_hz, setup, pacer.due, pacer.skipped, lateness_us, work_us, refused)
 
 
 def measure(rate_hz: int, setup: str, seconds: float) -> Punctuality:
