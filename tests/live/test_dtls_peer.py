@@ -1,4 +1,4 @@
-"""An independent DTLS 1.2 peer at a real encrypted server: it takes a seat, holds, resumes; and it attacks, two thousand times."""
+"""An independent DTLS 1.2 peer at a real encrypted server: it takes a seat, holds, resumes; and attacks two thousand times."""
 
 import re
 import signal
