@@ -145,7 +145,7 @@ class Arm(Spoken):
 
 
 def until(good: Callable[[], bool], what: str, every_s: float = 0.02) -> None:
-    """Look fifty times a second: a process that is asked without a pause has no time for its wire, and a processor less for its loop."""
+    """Look fifty times a second: a process that is asked without a pause has no time for its wire and its loop."""
     deadline = time.monotonic() + LIMIT_S
     while not good():
         assert time.monotonic() < deadline, f"never: {what}"
