@@ -30,6 +30,8 @@ from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import RunRecords, open_run
 from cogrip.sim.runs.replay.what_if import what_if
 
+from tests.extent import long
+
 RATE_HZ = 1024
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 K_NPM, B_NSPM, MASS_KG = 300.0, 5.0, 0.1  # of a hand and an ideal device that say nothing else
@@ -222,7 +224,7 @@ def test_at_rest_nothing_is_missing(tmp_path: Path) -> None:
     assert positions(again)[:, 0] == pytest.approx(-3.0 / K_NPM, abs=1e-6)
 
 
-@pytest.fixture(scope="module", params=["sim:ideal", "sim:phantom"])
+@pytest.fixture(scope="module", params=[long("sim:ideal"), "sim:phantom"])
 def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, RunRecords]:
     """The demo's world and hands, ten seconds, on one of the machines."""
     folder = tmp_path_factory.mktemp("demo")

@@ -88,16 +88,25 @@ class Spoken:
             self._heard += found.end()
         return found
 
+    def rewind(self) -> None:
+        """Search all output again, from its beginning."""
+        self._heard = 0
+
+    def read_to_the_end(self) -> None:
+        """Wait until the process, and whoever has its output, prints no more."""
+        self._listener.join(LIMIT_S)
+
     def end(self) -> int:
+        """Return its exit code."""
         try:
             code = self.popen.wait(LIMIT_S)
         except subprocess.TimeoutExpired:
             pytest.fail(f"did not end in {LIMIT_S:g} s, but said:\n{self.said}")
-        self._listener.join(LIMIT_S)
+        self.read_to_the_end()
         return code
 
     def stop(self) -> None:
-        """Whatever it does."""
+        """End it, whatever it does."""
         if self.popen.poll() is None:
             self.popen.terminate()
             try:
@@ -105,7 +114,7 @@ class Spoken:
             except subprocess.TimeoutExpired:
                 self.popen.kill()
                 self.popen.wait()
-        self._listener.join(LIMIT_S)
+        self.read_to_the_end()
         for stream in (self.popen.stdin, self.popen.stdout):
             if stream is not None:
                 stream.close()
@@ -136,7 +145,7 @@ class Arm(Spoken):
 
 
 def until(good: Callable[[], bool], what: str, every_s: float = 0.02) -> None:
-    """Looks fifty times a second: who is asked without a pause has no time for its wire, and a processor less for its loop."""
+    """Look fifty times a second: a process that is asked without a pause has no time for its wire and its loop."""
     deadline = time.monotonic() + LIMIT_S
     while not good():
         assert time.monotonic() < deadline, f"never: {what}"

@@ -1,4 +1,4 @@
-"""An independent DTLS 1.2 peer at a real sealed server: it takes a seat, holds, resumes; and it attacks, two thousand times."""
+"""An independent DTLS 1.2 peer at a real encrypted server: it takes a seat, holds, resumes; and attacks two thousand times."""
 
 import re
 import signal
@@ -27,7 +27,7 @@ MOST_GROWTH_MB = 40.0
 
 
 @pytest.fixture
-def sealed(start, tmp_path) -> tuple[Spoken, JoinLink]:
+def encrypted(start, tmp_path) -> tuple[Spoken, JoinLink]:
     server = start(
         "serve", DEMO, "--seal", "--port", "0", "--state", tmp_path / "state", "--seconds", "600", "--no-report",
         "--set", "link.delay_ms=0", "--runs", tmp_path / "server",
@@ -57,8 +57,8 @@ def account(runs: Path) -> dict:
 
 
 @fairly
-def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, sealed, tmp_path):
-    server, link = sealed
+def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, encrypted, tmp_path):
+    server, link = encrypted
     anna = person(link, "anna", 1)
     held = joined(anna)
     try:
@@ -68,7 +68,7 @@ def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, sealed, tmp_p
         ticket, session = anna.session.welcome.ticket, anna.session.welcome.session
         again = person(link, "anna", 2, ticket)  # from another port, with another handshake and no token
         held_again = joined(again)
-        server.hear("anna goes on from")
+        server.hear("anna resumed from")
         assert again.session.welcome.session == session
         held_again.run(0.5)
         assert held_again.tally().received > 30
@@ -83,8 +83,8 @@ def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, sealed, tmp_p
 
 
 @fairly
-def test_two_thousand_handshakes_without_a_token_take_no_memory_and_no_seat(start, sealed, tmp_path):
-    server, link = sealed
+def test_two_thousand_handshakes_without_a_token_take_no_memory_and_no_seat(start, encrypted, tmp_path):
+    server, link = encrypted
     anna = start("join", link.text, "--name", "anna", "--no-report", "--runs", tmp_path / "anna")
     anna.hear("anna holds cube")
     before_mb = memory_mb(server, "VmRSS")

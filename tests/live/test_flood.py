@@ -1,4 +1,4 @@
-"""A sealed server with two people, under a flood from a thousand addresses: a real server, real people, real sockets.
+"""An encrypted server with two people, under a flood from a thousand addresses: a real server, real people, real sockets.
 
 How punctual it stays is `dev.py bench network --flood`'s to say; here stands what is not a question of time.
 """

@@ -116,15 +116,15 @@ class Server:
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("sealed"), "--seal")
+def encrypted(tmp_path_factory) -> Iterator[Server]:
+    server = Server(tmp_path_factory.mktemp("encrypted"), "--seal")
     yield server
     server.process.stop()
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("plain"))
+def unencrypted(tmp_path_factory) -> Iterator[Server]:
+    server = Server(tmp_path_factory.mktemp("unencrypted"))
     yield server
     server.process.stop()
 
@@ -156,15 +156,15 @@ def largest_step_n(end: End) -> float:
 
 
 @fairly
-def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start, sealed, plain, join):
-    once, _ = sealed.new_link(once=True, role="player", user="anna")
+def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start, encrypted, unencrypted, join):
+    once, _ = encrypted.new_link(once=True, role="player", user="anna")
     anna = join(once, *PULL)
     anna.hear("anna holds cube")
-    revoked, ident = sealed.new_link(role="player")
-    sealed.revoke_in_file(ident)
-    expired, _ = sealed.new_link(100.0, role="player", expires=int(time.time()) - 50)
-    bound, _ = sealed.new_link(role="player", device="hid:woodenhaptics")
-    link = sealed.link("player")
+    revoked, ident = encrypted.new_link(role="player")
+    encrypted.revoke_in_file(ident)
+    expired, _ = encrypted.new_link(100.0, role="player", expires=int(time.time()) - 50)
+    bound, _ = encrypted.new_link(role="player", device="hid:woodenhaptics")
+    link = encrypted.link("player")
     fingerprint = link.fingerprint[::-1]
     token = msgspec.structs.replace(link, token=draw_token())
     other = msgspec.structs.replace(link, fingerprint=fingerprint)
@@ -178,107 +178,107 @@ def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start,
         (join(link, "--name", "zoe"), "no seat is kept for 'zoe'", "name"),
         (join(msgspec.structs.replace(link, room="attic")), "this token is for room 'demo', not 'attic'", "room"),
     ]
-    unencrypted = join(f"{HOST}:{sealed.port}")
+    no_dtls = join(f"{HOST}:{encrypted.port}")
     wrong_server = join(other)
-    to_plain = join(msgspec.structs.replace(link, port=plain.port))
+    to_unencrypted = join(msgspec.structs.replace(link, port=unencrypted.port))
     for person, words, code in cases:
         assert person.end() == 1, person.said
         assert words in person.said
         assert f"[{code}]" in person.said
         assert "Traceback" not in person.said
         assert not person.runs.exists(), "nothing was run, nothing is left"
-        sealed.process.hear("refused")  # one of them
-        assert words in sealed.said
-        assert f"[{code}]" in sealed.said
-    assert unencrypted.end() == 1
-    assert "this server is encrypted (DTLS): join by a link" in unencrypted.said
-    assert "its hello was not encrypted" in sealed.said
+        encrypted.process.hear("refused")  # one of them
+        assert words in encrypted.said
+        assert f"[{code}]" in encrypted.said
+    assert no_dtls.end() == 1
+    assert "this server is encrypted (DTLS): join by a link" in no_dtls.said
+    assert "its hello was not encrypted" in encrypted.said
     assert wrong_server.end() == 1
     assert f"fingerprint {link.fingerprint[:16]}…, the link names {fingerprint[:16]}…" in wrong_server.said
-    assert "the other end does not trust this certificate" in sealed.said
-    assert to_plain.end() == 1
-    assert "no encrypted server answered" in to_plain.said
+    assert "the other end does not trust this certificate" in encrypted.said
+    assert to_unencrypted.end() == 1
+    assert "no encrypted server answered" in to_unencrypted.said
     assert anna.popen.poll() is None, "she holds on through all of it"
     anna.popen.send_signal(signal.SIGINT)
     assert anna.end() == 0, anna.said
     for secret in (token.token, once.token, revoked.token, expired.token, bound.token, link.token):
-        assert secret not in sealed.said.replace(link.text, "")
+        assert secret not in encrypted.said.replace(link.text, "")
 
 
 @fairly
-def test_people_are_kicked_and_an_observer_who_pushes_is_too(start, sealed, join):
-    token, ident = sealed.new_link(role="player", user="ben")
-    watch, watch_ident = sealed.new_link(role="observer")
-    anna = join(sealed.link("player"), "--name", "anna", *PULL)
+def test_people_are_kicked_and_an_observer_who_pushes_is_too(start, encrypted, join):
+    token, ident = encrypted.new_link(role="player", user="ben")
+    watch, watch_ident = encrypted.new_link(role="observer")
+    anna = join(encrypted.link("player"), "--name", "anna", *PULL)
     ben = join(token, *PULL)
     watcher = join(watch, "--observe")
-    hostile = join(sealed.link("observer"), "--observe", code=HOSTILE_OBSERVER)
+    hostile = join(encrypted.link("observer"), "--observe", code=HOSTILE_OBSERVER)
     anna.hear("anna holds cube")
     ben.hear("ben holds cube")
     watcher.hear("object at")
 
     assert hostile.end() == 1, hostile.said
     assert "an observer may not send waves: they were not applied" in hostile.said
-    sealed.process.hear("was kicked: an observer may not send waves")
+    encrypted.process.hear("was kicked: an observer may not send waves")
 
-    kick = start("kick", "anna", "--state", str(sealed.state), "--reason", "enough")
+    kick = start("kick", "anna", "--state", str(encrypted.state), "--reason", "enough")
     assert kick.end() == 0, kick.said
     assert anna.end() == 1
     assert "kicked by the administrator: enough" in anna.said
-    sealed.process.hear("demo: anna was kicked by the administrator: enough")
+    encrypted.process.hear("demo: anna was kicked by the administrator: enough")
 
-    revoke = start("token", "revoke", ident, "--state", str(sealed.state))
+    revoke = start("token", "revoke", ident, "--state", str(encrypted.state))
     assert revoke.end() == 0, revoke.said
     assert ben.end() == 1
     assert "kicked: the token was revoked" in ben.said
-    sealed.process.hear("demo: ben was kicked: the token was revoked")
+    encrypted.process.hear("demo: ben was kicked: the token was revoked")
 
-    sealed.revoke_in_file(watch_ident)
-    sealed.process.popen.send_signal(signal.SIGHUP)
+    encrypted.revoke_in_file(watch_ident)
+    encrypted.process.popen.send_signal(signal.SIGHUP)
     assert watcher.end() == 1
     assert "kicked: the token was revoked" in watcher.said
-    sealed.process.hear("was kicked: the token was revoked")
+    encrypted.process.hear("was kicked: the token was revoked")
     for person in (anna, ben):
         assert largest_step_n(recording_of(person)) < MOST_STEP_N
 
 
 @fairly
-def test_an_observers_link_is_all_that_an_observer_types(start, sealed, join):
-    watcher = join(sealed.link("observer"))
+def test_an_observers_link_is_all_that_an_observer_types(start, encrypted, join):
+    watcher = join(encrypted.link("observer"))
     watcher.hear("object at")
     watcher.popen.send_signal(signal.SIGINT)
     assert watcher.end() == 0, watcher.said
-    sealed.process.hear("observes from")
+    encrypted.process.hear("observes from")
 
 
 @fairly
-def test_after_a_kill_under_load_all_resume_and_nothing_jumps(start, sealed, join):
-    link = sealed.link("player")
+def test_after_a_kill_under_load_all_resume_and_nothing_jumps(start, encrypted, join):
+    link = encrypted.link("player")
     people = [join(link, "--name", name, *PULL) for name in ("anna", "ben")]
     for person, name in zip(people, ("anna", "ben"), strict=True):
         person.hear(f"{name} holds cube")
-    path = sealed.state / "checkpoint-demo.json"
+    path = encrypted.state / "checkpoint-demo.json"
     until(lambda: path.exists() and all(seat.ticket for seat in checkpoint(path).seats), "both seats are kept")
     travel_m = checkpoint(path).travel_m
     until(lambda: checkpoint(path).travel_m > travel_m + 0.005, "the object moves, and is kept")
-    next_process = sealed.standby()
-    sealed.process.popen.kill()
-    sealed.process.popen.wait()
+    next_process = encrypted.standby()
+    encrypted.process.popen.kill()
+    encrypted.process.popen.wait()
     kept = checkpoint(path)
-    sealed.process.stop()
-    sealed.start(next_process)
-    assert sealed.link("player") == link, "a restart prints the same links"
-    assert "demo: restored: the object is at" in sealed.said
+    encrypted.process.stop()
+    encrypted.start(next_process)
+    assert encrypted.link("player") == link, "a restart prints the same links"
+    assert "demo: restored: the object is at" in encrypted.said
     for person in people:
         person.hear(r"resumed after ([\d.]+) s")
     for name in ("anna", "ben"):
-        assert f"demo: {name} resumed from" in sealed.said or sealed.process.hear(f"demo: {name} resumed from")
+        assert f"demo: {name} resumed from" in encrypted.said or encrypted.process.hear(f"demo: {name} resumed from")
     for person in people:
         person.hear("force ramps in")
         person.popen.send_signal(signal.SIGINT)
     for person in people:
         assert person.end() == 0, person.said
-    first = first_step(sealed)
+    first = first_step(encrypted)
     assert np.linalg.norm(np.subtract(first.object_m, kept.position_m)) < MOST_STEP_M * first.frames
     for person in people:
         end = recording_of(person)
@@ -352,29 +352,29 @@ class Relay:
 
 
 @fairly
-def test_another_port_resumes_the_seat_and_a_stop_is_told(start, sealed, join):
-    relay = Relay(sealed.port)
+def test_another_port_resumes_the_seat_and_a_stop_is_told(start, encrypted, join):
+    relay = Relay(encrypted.port)
     try:
-        link = msgspec.structs.replace(sealed.link("player"), port=relay.port)
+        link = msgspec.structs.replace(encrypted.link("player"), port=relay.port)
         anna = join(link, "--name", "anna", *PULL)
         anna.hear("anna holds cube")
         relay.rebind()
         anna.hear("the server is silent: trying to resume")
         anna.hear(r"resumed after ([\d.]+) s")
-        sealed.process.hear("demo: anna resumed from")
+        encrypted.process.hear("demo: anna resumed from")
         anna.hear("force ramps in")
-        sealed.process.popen.send_signal(signal.SIGTERM)
-        assert sealed.process.end() == 0, sealed.said
+        encrypted.process.popen.send_signal(signal.SIGTERM)
+        assert encrypted.process.end() == 0, encrypted.said
         assert anna.end() == 1
     finally:
         relay.close()
-    assert "anna has been silent for too long" not in sealed.said, "it was the same seat"
+    assert "anna has been silent for too long" not in encrypted.said, "it was the same seat"
     assert "resumed 1" in anna.said
     assert "line begun anew" not in anna.said
     assert "the session is over, no force is left: the server was stopped (SIGTERM)" in anna.said
     end = recording_of(anna)
     assert largest_step_n(end) < MOST_STEP_N
     assert verify(end.recording).exact
-    dropped = sealed.account()["server"]["dropped"]
+    dropped = encrypted.account()["server"]["dropped"]
     assert dropped["stranger"] > 10, "what still came by the new port of the old association"
-    assert not (sealed.state / "checkpoint-demo.json").exists(), "a stop is no crash: nobody resumes it"
+    assert not (encrypted.state / "checkpoint-demo.json").exists(), "a stop is no crash: nobody resumes it"

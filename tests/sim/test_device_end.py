@@ -239,6 +239,7 @@ def test_virtual_coupling_keeps_its_spring_whatever_its_damping(damping: float) 
     assert not one.core.coupling.reduced
 
 
+@pytest.mark.long
 def test_warm_motors_are_no_oscillation() -> None:
     """`configs/lan.toml` as it is, 60 s: hands pull with more than motors give for long. It ended as a fault at the peak."""
     people = felt(resolve(tomllib.loads((CONFIGS / "lan.toml").read_text())))

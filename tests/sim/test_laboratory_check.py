@@ -198,6 +198,7 @@ def test_a_stiffest_that_sessions_do_not_bear_out_comes_down(monkeypatch: pytest
     assert checked_stiffest(settings_of({"coupling.kind": "coupling"})) is not None  # that is not passive by nature
 
 
+@pytest.mark.long
 def test_over_a_satellite_the_stiffest_is_one_that_a_session_bears_out() -> None:
     """The device carries b = 25.6 by its own bound; over a loop of 0.6 s its motors then give energy."""
     answer = checked_stiffest(settings_of({"link.profile": "satellite", "seconds": 6.0}))
