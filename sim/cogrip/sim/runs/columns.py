@@ -6,7 +6,7 @@ which are JSON arrays in the order of the fields of `cogrip.protocol.accounts`, 
 """
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter, itemgetter
 from types import NoneType
 from typing import Annotated, Any, NamedTuple, get_args, get_origin
@@ -57,36 +57,34 @@ def _array(kind: str, values: Sequence[Any]) -> Array:
     return numbers
 
 
+Times = Sequence[float]
+Rows = tuple[Times, Sequence[Any]]  # time of each row, and what its fields are read from
+
+
 class Layout(NamedTuple):
-    """The fields of one topic's records; sources: a record to what each of its rows, mostly one, is read from."""
+    """The fields of one topic's records; rows: times and records to rows, mostly the same."""
 
     fields: list[Field]
-    sources: Callable[[Any], Iterable[Any]] = lambda record: (record,)
+    rows: Callable[[Times, Sequence[Any]], Rows] = lambda times, records: (times, records)
 
     @property
     def columns(self) -> list[Column]:
         """All columns in their order, `time_s` first."""
         return [Column("time_s", NUMBER, "s"), *(column for field in self.fields for column in field.columns)]
 
-    def table(self, times: Sequence[float], records: Sequence[Record]) -> list[Sequence[Any]]:
+    def table(self, times: Times, records: Sequence[Record]) -> list[Sequence[Any]]:
         """Return the values of each of `columns`. Raises ValueError, LookupError or TypeError for other records."""
-        times, sources = self._rows(times, records)
+        times, sources = self.rows(times, records)
         return [times, *(values for field in self.fields for values in field.read(sources))]
 
-    def arrays(self, times: Sequence[float], records: Sequence[Record], names: Sequence[str] = ()) -> dict[str, Array]:
+    def arrays(self, times: Times, records: Sequence[Record], names: Sequence[str] = ()) -> dict[str, Array]:
         """Return fields as arrays with `time_s`; all fields if none is named. Raises KeyError for an unknown name."""
-        times, sources = self._rows(times, records)
+        times, sources = self.rows(times, records)
         known = {field.name: field for field in self.fields}
         for name in names:
             if name not in known:
                 raise KeyError(f"there is no field {name!r}; there is: {', '.join(known)}")
         return {"time_s": np.array(times), **{name: known[name].array(sources) for name in names or known}}
-
-    def _rows(self, times: Sequence[float], records: Sequence[Record]) -> tuple[Sequence[float], Sequence[Any]]:
-        rows = [
-            (time_s, source) for time_s, record in zip(times, records, strict=True) for source in self.sources(record)
-        ]
-        return [time_s for time_s, _ in rows], [source for _, source in rows]
 
 
 def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> Layout:
@@ -95,7 +93,7 @@ def layout_of(first: Record, start: str = "{}", *, numbered: bool = False) -> La
     start: that of the recording's header. numbered: seats stand under their number, not their person.
     """
     if isinstance(first, Tick):
-        return Layout(_fields(Tick, len(first.force_n)), lambda tick: (_as_read(tick) if tick.unfit else tick,))
+        return Layout(_fields(Tick, len(first.force_n)), lambda times, ticks: (times, list(map(_as_read, ticks))))
     if isinstance(first, Step):
         return _step_layout(first, numbered)
     if isinstance(first, Ledger):
@@ -170,17 +168,18 @@ def _step_layout(first: Step, numbered: bool) -> Layout:
         of_seat = _fields(SeatStep, axes, prefix, _chain(attrgetter("seats"), itemgetter(number)))
         fields += [field for field in of_seat if field.name != f"{prefix}user"]
 
-    def sources(step: Step) -> tuple[Step]:
-        if len(step.seats) != seats:
+    def rows(times: Times, steps: Sequence[Step]) -> Rows:
+        if any(len(step.seats) != seats for step in steps):
             raise ValueError(_UNEVEN)
-        return (step,)
+        return times, steps
 
-    return Layout(fields, sources)
+    return Layout(fields, rows)
 
 
 def _as_read(tick: Tick) -> Tick:
     """Return a tick with the sample's numbers that are not finite, which JSON keeps as text, in their places."""
-    assert tick.unfit is not None
+    if tick.unfit is None:
+        return tick
     position, velocity = tick.unfit
     return msgspec.structs.replace(
         tick, position_m=tuple(map(float, position)), given_mps=tuple(map(float, velocity)) if velocity else None
@@ -228,7 +227,7 @@ def _account_layout(account: str, start: str) -> Layout:
     if isinstance(table, dict):
         return _server_layout(start)
     client = _account_fields(ClientAccount, len(table[0]), lambda account: account)
-    return Layout(client, lambda ledger: (json.loads(ledger.account),))
+    return Layout(client, lambda times, ledgers: (times, [json.loads(ledger.account) for ledger in ledgers]))
 
 
 def _server_layout(start: str) -> Layout:
@@ -244,16 +243,18 @@ def _server_layout(start: str) -> Layout:
         fields.append(_scalar(f"{name}_reasons", str, _chain(itemgetter(name), _reasons)))
     fields += _account_fields(RoomAccount, axes, itemgetter("account"), "room_")
 
-    def sources(ledger: Ledger) -> list[dict[str, Any]]:
-        table = json.loads(ledger.account)
-        users = [user.name for user in rooms[table["room"]].users] if table["room"] in rooms else []
-        return [
-            {"room": table["room"], "user": users[place] if place < len(users) else str(place), "seat": seat,
-             "limited": table["limited"][place], "room_dropped": table.get("dropped", {}), "account": table["account"]}
-            for place, seat in enumerate(table["seats"])
-        ]  # fmt: skip
+    def rows(times: Times, ledgers: Sequence[Ledger]) -> Rows:
+        found = []
+        for time_s, ledger in zip(times, ledgers, strict=True):
+            table = json.loads(ledger.account)
+            users = [user.name for user in rooms[table["room"]].users] if table["room"] in rooms else []
+            for place, seat in enumerate(table["seats"]):
+                user = users[place] if place < len(users) else str(place)
+                row = {"room": table["room"], "user": user, "seat": seat, "limited": table["limited"][place]}
+                found.append((time_s, {**row, "room_dropped": table.get("dropped", {}), "account": table["account"]}))
+        return [time_s for time_s, _ in found], [row for _, row in found]
 
-    return Layout(fields, sources)
+    return Layout(fields, rows)
 
 
 def _reasons(counts: Mapping[str, int]) -> str:
