@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 
 from tests.bench import bench_concealment, bench_playout, bench_storms
@@ -113,7 +113,7 @@ def test_a_storm_of_which_nothing_is_finite_is_wrong_and_told(cogrip: Cogrip, mo
     assert (told[0].wrong, cubes[0].wrong) == (1, 1)
     ended = {job.cell: unknown, cube.cell: loose}
 
-    def run(self: LocalWorkers, jobs: Any) -> Any:
+    def run(self: LocalWorkers, measure: Any, jobs: Any, batch: int) -> Any:
         return iter([ended[0], *(Result(each.cell, loose.measures) for each in jobs if each.scheme)])
 
     monkeypatch.setattr(bench_storms.LocalWorkers, "run", run)

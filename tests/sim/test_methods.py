@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import coupling_of, rates_of, resolve
-from cogrip.sim.experiments.methods import case as cells_module
+from cogrip.sim.experiments.experiment import Result, run_case
+from cogrip.sim.experiments.methods import case
 from cogrip.sim.experiments.methods import query as query
-from cogrip.sim.experiments.methods.case import run_case, run_session
+from cogrip.sim.experiments.methods.case import measure_case, run_session
 from cogrip.sim.experiments.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
 from cogrip.sim.experiments.methods.hand import FADE_S, RestingHand, let_rest
 from cogrip.sim.experiments.methods.measures import (
@@ -48,7 +49,6 @@ from cogrip.sim.experiments.methods.method import (
 from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.table import gather, verdict
 from cogrip.sim.experiments.methods.trace import Trace, sketch
-from cogrip.sim.experiments.sweep.case import Result
 
 from tests.sim.compared_methods import FRAME_MS, FREE, TWO, small
 
@@ -319,7 +319,7 @@ def test_every_cell_is_named_once_and_clean_comes_first() -> None:
     assert {each["seed"] for each in values} == {7, 8, 9}
     jobs = asked.jobs({0: Result(0, {})})
     assert [job.case for job in jobs] == list(range(1, asked.cases))
-    chunks = [values[start : start + asked.at_once(jobs)] for start in range(0, asked.cases, asked.at_once(jobs))]
+    chunks = [values[start : start + asked.batch] for start in range(0, asked.cases, asked.batch)]
     for chunk in chunks:
         assert chunk[0]["network"] == CLEAN
         assert len({(each["method"], each["seed"]) for each in chunk}) == 1
@@ -441,7 +441,7 @@ def test_methods_fail_where_theory_says_and_nowhere_else(
 
 def test_a_clean_link_has_no_error_to_itself_and_one_view() -> None:
     asked = small(networks=["wan"], seeds=1)
-    by = {(job.method, job.network): run_case(job).measures for job in asked.jobs({})}
+    by = {(job.method, job.network): run_case(measure_case, job).measures for job in asked.jobs({})}
     for method in asked.methods:
         clean, wan = by[method, CLEAN], by[method, "wan"]
         assert clean["error_clean_n"] == 0.0
@@ -484,10 +484,10 @@ def test_an_error_inside_a_session_is_its_result(monkeypatch: pytest.MonkeyPatch
     def broken(settings: Any, rest_s: float) -> Any:
         raise ArithmeticError("broken")
 
-    monkeypatch.setattr(cells_module, "run_session", broken)
-    cells_module._clean.cache_clear()
-    cells_module._ideal.cache_clear()
-    results = {job.case: run_case(job) for job in asked.jobs({})}
+    monkeypatch.setattr(case, "run_session", broken)
+    case.clean_session.cache_clear()
+    case.ideal_forces.cache_clear()
+    results = {job.case: run_case(measure_case, job) for job in asked.jobs({})}
     assert all(result.error == "ArithmeticError: broken" for result in results.values())
     row = gather(asked, results)["rows"][0]
     assert (row["runs"], row["failed"], row["errors"]) == (0, 1, {"ArithmeticError: broken": 1})

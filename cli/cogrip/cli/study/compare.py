@@ -20,12 +20,12 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import has_width
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
-from cogrip.sim.experiments.methods.case import run_cases
+from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
 from cogrip.sim.experiments.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose, session_settings
-from cogrip.sim.experiments.methods.query import COMPARISON, Comparison, prepare, run_comparison
+from cogrip.sim.experiments.methods.query import Comparison, prepare
 from cogrip.sim.experiments.methods.table import ours_failed
-from cogrip.sim.experiments.sweep.folder import FolderError, SweepFolder
-from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.experiments.runner import run_experiment
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import finite
 
 SEEDS = 20
@@ -85,9 +85,8 @@ def compare_methods(
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.cases} sessions are finished already, in {folder.path}")
     stop = Stop()
-    these = LocalWorkers(workers or processors(), stop, run_cases, asked.at_once)
-    with on_signals(stop), _Shown(console, asked.cases) as progress, these:
-        run_comparison(asked, folder, these, progress)
+    with on_signals(stop), _Shown(console, asked.cases) as progress, LocalWorkers(workers, stop) as these:
+        run_experiment(asked, folder, these, progress)
     return _tell(asked, folder, stop, json, console)
 
 
@@ -124,9 +123,9 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _folder(path: Path, asked: Comparison) -> SweepFolder:
+def _folder(path: Path, asked: Comparison) -> ExperimentFolder:
     try:
-        return SweepFolder(path, asked.asked, COMPARISON)
+        return ExperimentFolder(path, asked)
     except FolderError as error:
         raise BadInput(f"--out: {error}") from None
     except OSError as error:
@@ -159,7 +158,7 @@ class _Shown:
             self._console.print(f"{finished} of {self._total} sessions")
 
 
-def _tell(asked: Comparison, folder: SweepFolder, stop: Stop, json: str | None, console: Console) -> int:
+def _tell(asked: Comparison, folder: ExperimentFolder, stop: Stop, json: str | None, console: Console) -> int:
     if folder.finished:
         failed = _write(asked, folder, json, console)
     else:
@@ -171,7 +170,7 @@ def _tell(asked: Comparison, folder: SweepFolder, stop: Stop, json: str | None, 
     return 1 if failed else 0
 
 
-def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Console) -> bool:
+def _write(asked: Comparison, folder: ExperimentFolder, json: str | None, console: Console) -> bool:
     """Files, table, answer. Whether a session could not be run, or ours did not hold."""
     with console.status("writing the report"):
         from cogrip.sim.experiments.methods.report import REPORT, write_outcome

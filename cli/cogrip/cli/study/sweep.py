@@ -16,13 +16,15 @@ from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.sim.experiments.experiment import Workers
+from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
 from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
-from cogrip.sim.experiments.sweep.folder import FolderError, SweepFolder
+from cogrip.sim.experiments.runner import Outcome, run_experiment
 from cogrip.sim.experiments.sweep.grid import GridError, parse_axis
 from cogrip.sim.experiments.sweep.measures import DEFAULT, MeasureError, needs_session
 from cogrip.sim.experiments.sweep.picture import draw_measure
-from cogrip.sim.experiments.sweep.run import Report, Sweep, Workers, prepare, run_sweep
-from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.experiments.sweep.query import Sweep, prepare
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.plots.style import NotDrawnError, png
 
 MOST_PICTURES = 12
@@ -101,12 +103,12 @@ def _workers(cluster: str | None, address: str, jobs: int | None, stop: Stop) ->
         return RayWorkers(address, stop)
     if address:
         raise BadInput(f"--address {address}: is a cluster's; give --cluster ray with it")
-    return LocalWorkers(jobs or processors(), stop)
+    return LocalWorkers(jobs, stop)
 
 
-def _folder(path: Path, asked: Sweep) -> SweepFolder:
+def _folder(path: Path, asked: Sweep) -> ExperimentFolder:
     try:
-        return SweepFolder(path, asked.asked)
+        return ExperimentFolder(path, asked)
     except FolderError as error:
         raise BadInput(f"--out: {error}") from None
     except OSError as error:
@@ -114,16 +116,16 @@ def _folder(path: Path, asked: Sweep) -> SweepFolder:
 
 
 def _run(
-    asked: Sweep, folder: SweepFolder, workers: AbstractContextManager[Workers], progress: Callable[[int], None]
-) -> Report:
+    asked: Sweep, folder: ExperimentFolder, workers: AbstractContextManager[Workers], progress: Callable[[int], None]
+) -> Outcome:
     try:
         with workers as these:
-            return run_sweep(asked, folder, these, progress)
+            return run_experiment(asked, folder, these, progress)
     except ClusterError as error:
         raise Problem(str(error)) from None
 
 
-def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
+def _draw(asked: Sweep, folder: ExperimentFolder, console: Console) -> list[Path]:
     from cogrip.sim.analysis.figures.page import svg
 
     paths: list[Path] = []
@@ -140,7 +142,7 @@ def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
     return paths
 
 
-def _tell(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
+def _tell(report: Outcome, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
     failed = sum(report.failed.values())
     if json:
         answer = {

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.settings import Settings, User, coupling_of
-from cogrip.sim.experiments.methods.trace import Watch
+from cogrip.sim.experiments.methods.trace import TraceRecorder
 from cogrip.sim.session.laboratory import Laboratory
 
 LOAD_N = 1.0
@@ -56,7 +56,7 @@ def measure_felt(settings: Settings) -> tuple[Felt, ...]:
         return ()
     probe = probe_settings(settings, loads)
     laboratory = Laboratory(probe)
-    watch = Watch(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
+    watch = TraceRecorder(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
     laboratory.run(watch.each_tick, watch.each_frame)
     trace = watch.trace()
     frames = round(LAST_S * probe.rates.network_hz)

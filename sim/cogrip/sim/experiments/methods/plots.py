@@ -11,12 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.measures import MEASURES
 from cogrip.sim.experiments.methods.method import METHODS
 from cogrip.sim.experiments.methods.query import Comparison
 from cogrip.sim.experiments.methods.table import feels, first_seeds
 from cogrip.sim.experiments.methods.table import unstable as unstable_row
-from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.runs.plots.style import (
     ALARM,
     COLOURS,

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cogrip.protocol.version import VERSION
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.experiments.methods.method import OURS
 from cogrip.sim.experiments.methods.query import FELT_SEEDS, Comparison
-from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.runs.summary_values import is_number
 
 FELT = "felt_error_percent"
@@ -57,7 +57,7 @@ def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
         "run": len(results),
         "version": VERSION,
         "measures": {name: {"unit": measure.unit, "what": measure.what} for name, measure in MEASURES.items()},
-        "asked": asked.asked,
+        "asked": asked.query,
         "rows": rows,
     }
 

@@ -53,7 +53,7 @@ def sketch(force_n: Array) -> list[list[float]]:
     return rows
 
 
-class Watch:
+class TraceRecorder:
     """`each_tick` and `each_frame` are the laboratory's; `trace` once it has run."""
 
     def __init__(self, laboratory: Laboratory, starts_m: Sequence[Sequence[float]]) -> None:

@@ -16,7 +16,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from cogrip.sim.analysis.state_space import Array
-from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.sweep.grid import Axis, Grid
 from cogrip.sim.experiments.sweep.measures import PREFIX
 from cogrip.sim.runs.plots.style import FAINT, INK, Legend, NotDrawnError, Sheet, Style, label, title
