@@ -118,7 +118,7 @@ def as_text(value: Any) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Replace the file as a whole or not at all."""
+    """Write the file as a whole or not at all."""
     partial = path.with_name(path.name + ".part")
     partial.write_text(text, encoding="utf-8")
     partial.replace(path)

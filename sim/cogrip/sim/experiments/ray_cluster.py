@@ -1,4 +1,4 @@
-"""Cases on a Ray cluster (extra `cluster`). Tasks of a node that dies are run again on another node."""
+"""Execution of cases on a Ray cluster (extra `cluster`). Tasks of a node that dies are run again on another node."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _RETRIES = 20  # of a task whose node or worker died
 
 
 class ClusterError(Exception):
-    """Ray is not installed, or there is no such cluster."""
+    """An error of the cluster: no Ray, or no such address."""
 
 
 class RayWorkers:
-    """Workers of the cluster at `address`, or $RAY_ADDRESS, else of a new one on this machine; used as a context manager."""
+    """The workers of the cluster at `address`, or $RAY_ADDRESS, else of a new one on this machine; a context manager."""
 
     def __init__(self, address: str = "", stop: Stop | None = None) -> None:
         self._address = address or os.environ.get("RAY_ADDRESS", "")

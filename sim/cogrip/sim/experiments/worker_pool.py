@@ -1,4 +1,4 @@
-"""Cases on the processors of this machine: a loky pool of spawned workers with one BLAS thread each."""
+"""Execution of cases on this machine: a loky pool of spawned workers with one BLAS thread each."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LocalWorkers:
     """A pool of `workers` processes, used as a context manager. `deaths` counts how often a worker ended unasked."""
 
     def __init__(self, workers: int | None = None, stop: Stop | None = None) -> None:
-        """workers: one for each processor if None. stop: ends a run early."""
+        """Prepare `workers` processes, one for each processor if None. stop: ends a run early."""
         self._workers = workers or processors()
         self._stop = stop or Stop()
         self._pool: ProcessPoolExecutor | None = None

@@ -96,7 +96,7 @@ class Comparison:
 
     @property
     def batch(self) -> int:
-        """All networks of one method and seed: one process, which runs their clean link once."""
+        """The jobs of one method and seed, all networks: one process runs their clean link once."""
         return len(self.networks)
 
 

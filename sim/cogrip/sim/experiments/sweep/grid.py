@@ -81,6 +81,7 @@ def _span(key: str, spec: str, text: str) -> Axis:
 
 
 def _value(text: str) -> Any:
+    """Return a TOML value, or the text itself as a bare word."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
