@@ -24,7 +24,7 @@ from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.sim.analysis import client_blocks
 from cogrip.sim.analysis.client_blocks import coupled_frame, wave_frame
 from cogrip.sim.analysis.delay_budget import budget, total_s
-from cogrip.sim.analysis.feel import _mirror, conditions, on_wall, slow_feel
+from cogrip.sim.analysis.feel import conditions, on_wall, reflected, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, Person, linear_session, seat_session
 from cogrip.sim.analysis.rigid_motion import Rigid
@@ -255,7 +255,7 @@ def test_what_a_device_that_is_held_still_sends_back(decimator: str, encoder: st
     found = late_session(latency, decimator=decimator, encoder=encoder)
     z = np.exp(1j * np.array([angle]))
     still = wave_frame(replace(found.people[0], device_mass_kg=1e15), found.people[0].rates)
-    np.testing.assert_allclose(_mirror(found.people[0], found.people[0].rates, z), still.response(z), atol=1e-9)
+    np.testing.assert_allclose(reflected(found.people[0], found.people[0].rates, z), still.response(z), atol=1e-9)
 
 
 @pytest.mark.parametrize("scheme", ["wave", "coupling"])

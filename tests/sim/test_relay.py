@@ -181,10 +181,10 @@ def test_outages_hit_every_flow_and_way_at_once() -> None:
     assert (relay.totals("up")["outage"], relay.totals("down")["outage"]) == (1, 1)
 
 
-def test_strangers_beyond_the_bound_are_counted_and_get_nothing() -> None:
+def test_clients_beyond_the_limit_are_counted_and_get_nothing() -> None:
     relay = relay_of(link_of(), most_flows=2)
     assert [relay.from_client(b"x", address, 0) is not None for address in "abca"] == [True, True, False, True]
-    assert (relay.strangers, relay.begun, len(relay.flows)) == (1, 2, 2)
+    assert (relay.beyond_limit, relay.begun, len(relay.flows)) == (1, 2, 2)
 
 
 def test_an_idle_flow_expires_once_nothing_is_under_way_and_its_counts_stay() -> None:

@@ -12,7 +12,7 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.sim.analysis.rigid_motion import Rigid
-from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, hoped_stable, largest_stable, modes, radius, verdict
+from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, largest_stable, modes, optimistic_limit, radius, verdict
 
 
 def session(
@@ -124,8 +124,8 @@ def test_a_few_looks_say_what_the_limit_is_at_most() -> None:
     model = LiftedModel(session("coupling", 2))
     limit = largest_stable(model).stiffness_npm
     assert limit is not None
-    assert hoped_stable(model, [0.5 * limit, 1.1 * limit, 2.0 * limit]).stiffness_npm == 1.1 * limit
-    assert hoped_stable(model, [0.5 * limit, 0.99 * limit]).stiffness_npm is None
+    assert optimistic_limit(model, [0.5 * limit, 1.1 * limit, 2.0 * limit]).stiffness_npm == 1.1 * limit
+    assert optimistic_limit(model, [0.5 * limit, 0.99 * limit]).stiffness_npm is None
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0), (1.0, -1.0), (float("nan"), 1.0)])

@@ -282,7 +282,7 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
         },
         "flows_begun": core.begun,
         "flows_expired": core.expired,
-        "strangers": core.strangers,
+        "strangers": core.beyond_limit,
         "trouble": live.counts,
     }
 
@@ -337,7 +337,7 @@ def _print_rest(live: LiveRelay, console: Console) -> None:
                 f"{direction}: left {us['p50']:.0f} us after its time (p50), {us['p99']:.0f} us (p99), "
                 f"at most {us['max']:.0f} us",
             )
-    counts = {"of strangers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
+    counts = {"of strangers beyond --flows": core.beyond_limit, "flows that expired": core.expired, **live.counts}
     if words := ", ".join(f"{name} {count}" for name, count in counts.items() if count):
         say_lines(console, f"dealt with: {words}")
     refused = [measure for measure in live.measures if not measure.granted]
