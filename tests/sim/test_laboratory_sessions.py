@@ -1,4 +1,4 @@
-"""Whole sessions in virtual time against the numbers people were promised (theory sections 3 to 6)."""
+"""Tests of whole sessions in virtual time against the numbers of theory sections 3 to 6."""
 
 import csv
 import json
@@ -69,7 +69,7 @@ def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
     ],
 )
 def test_what_a_hand_feels_of_a_wall(decimator: str, step: str, frames: int, expected_npm: float, encoder: str) -> None:
-    """K = 1000, b = 20 (theory section 4); the prediction beside it comes from the measured loop alone."""
+    """K = 1000, b = 20 (theory section 4); the prediction comes from the measured loop alone."""
     user = wall(frames, decimator, step, encoder=encoder)
     assert user["felt_stiffness_npm"] == pytest.approx(expected_npm, rel=0.005)
     assert user["predicted_stiffness_npm"] == pytest.approx(expected_npm, rel=0.005)
@@ -117,7 +117,7 @@ def test_the_papers_step_diverges_there() -> None:
 def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
     stiffness: float, frames: int, diverges: bool
 ) -> None:
-    """Both sides of theory section 6's rows for 0 and 1 frames, free devices pushed off by a short force."""
+    """Both sides of theory section 6's rows for 0 and 1 frames, with free devices pushed by a short force."""
     loose = "hand_stiffness_npm=1&hand_damping_nspm=0"
     summary = session(
         seconds=8,
@@ -135,7 +135,7 @@ def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
 
 
 def bad_link(kind: str, seed: int, **link: float) -> Table:
-    """Two hands on an object, three strokes together, then 3 s at rest."""
+    """Run two hands on an object: three strokes together, then 3 s at rest."""
     hand = "reach&stop_s=2.4&direction=1,0.5,0.25"
     return session(
         seconds=5.4,
@@ -151,7 +151,7 @@ def bad_link(kind: str, seed: int, **link: float) -> Table:
 
 
 def gaps(summary: Table) -> np.ndarray[Any, Any]:
-    """Device less proxy [m], (users, axes)."""
+    """Return device less proxy [m], (users, axes)."""
     return np.array([np.subtract(user["position_m"], user["proxy_m"]) for user in summary["users"]])
 
 
@@ -183,7 +183,7 @@ def test_a_clean_link_loses_nothing(kind: str) -> None:
 @pytest.mark.parametrize("seed", range(1, 21))
 @pytest.mark.parametrize("kind", ["cube", "faces"])
 def test_the_worst_link(kind: str, seed: int) -> None:
-    """No energy is made, every frame has a fate, hand and proxy part no further than on the clean link, nobody is hit."""
+    """No energy is created, every frame is accounted for, hand and proxy stay as close as on a clean link."""
     summary = bad_link(kind, seed, jitter_ms=20, loss=0.3, burst_frames=4, duplicate=0.05, reorder=0.05)
     assert least_margin(summary) >= -1e-12
     assert summary["passive"]
@@ -319,7 +319,7 @@ def touch() -> tuple[str, float]:
 
 
 def panda(folder: Path) -> tuple[str, float]:
-    """Recording 0 with its time in seconds: the step in moving stretches is round(dp.v / |v|^2 / 1 ms)."""
+    """Return recording 0 with its time in seconds: the step in moving stretches is round(dp.v / |v|^2 / 1 ms)."""
     with recording("panda_handguided_symbol17_rec0_2_4.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["rec"] == "0"]
     place = np.array([[float(row[f"p{axis}_m"]) for axis in "xyz"] for row in rows])

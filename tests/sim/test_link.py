@@ -39,7 +39,7 @@ PINNED = [
 
 
 def lost_runs(profile: Profile, count: int, seed: str = "runs") -> tuple[float, float]:
-    """Rate of loss and mean length of a run of losses."""
+    """Return the rate of loss and the mean length of a run of losses."""
     lost = [fate.lost for fate in islice(fates(profile, seed), count)]
     runs = [sum(1 for _ in run) for value, run in groupby(lost) if value]
     return sum(lost) / count, sum(runs) / max(1, len(runs))

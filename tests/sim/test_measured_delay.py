@@ -1,5 +1,6 @@
-"""Whole sessions in virtual time: clocks that differ, ways that differ, and a stiffness that is felt as asked whatever the
-delay becomes (docs/decisions/0012-measured-delay.md)."""
+"""Tests of whole sessions with unlike clocks and path delays, and of a felt stiffness that stays as asked whatever the delay
+becomes (docs/decisions/0012-measured-delay.md).
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +24,7 @@ Table = dict[str, Any]
 
 
 def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
-    """This client's clock shows `clock(now_ns)` from now on, in all that it is called with."""
+    """Make this client's clock show `clock(now_ns)` from now on."""
     for name in ("receive", "sense", "act", "poll", "keep_seat", "leave"):
         called = getattr(core, name)
         setattr(core, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
@@ -40,7 +41,7 @@ def least_margin(summary: Table) -> float:
     ("ahead_s", "ppm", "up_frames", "down_ticks"),
     [(0.0, 0.0, 1, 8), (1000.0, 0.0, 2, 20), (-0.001, 300.0, 3, 4), (123.456, -300.0, 1, 40), (5e8, 100.0, 0, 12)],
 )
-def test_both_ends_find_the_others_clock_but_for_half_of_what_the_ways_differ_by(
+def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delays(
     ahead_s: float, ppm: float, up_frames: int, down_ticks: int
 ) -> None:
     link = {"up": {"delay_ms": up_frames * FRAME_MS}, "down": {"delay_ms": down_ticks * TICK_MS}}
@@ -158,7 +159,7 @@ class Felt:
 
 
 def reroute(person: Person, delay_ms: float, seconds: float) -> None:
-    """Another way through the network: what was under way on the old one is gone."""
+    """Change the network path: datagrams under way on the old one are lost."""
     person.up = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/up/{seconds}")
     person.down = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/down/{seconds}")
 

@@ -1,4 +1,4 @@
-"""A whole comparison: the same numbers whoever computes them, what it leaves, its table."""
+"""Tests of a whole comparison: equal numbers from any executor, its files, its table."""
 
 import csv
 import json
@@ -51,7 +51,7 @@ def _felt_once() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two methods, a clean link and another, two seeds, in this process."""
+    """Compare two methods on a clean link and another, with two seeds, in this process."""
     path = tmp_path_factory.mktemp("whole") / "out"
     asked = small()
     folder = ExperimentFolder(path, asked)
@@ -85,7 +85,7 @@ def test_ours_creates_no_more_than_its_devices_leak(whole: Path) -> None:
         assert float(row["created_mj"]) <= float(row["leak_mj"]) + 1e-9
 
 
-def test_what_it_leaves(whole: Path) -> None:
+def test_the_files_of_a_comparison(whole: Path) -> None:
     assert {path.name for path in whole.iterdir()} == {
         "comparison.json", CELLS, TABLE, SUMMARY, MARKDOWN, LATEX, REPORT, PLOTS, PEOPLE,
     }  # fmt: skip
@@ -104,7 +104,7 @@ def test_what_it_leaves(whole: Path) -> None:
 
 
 def test_everybodys_felt_stiffness_is_a_line(whole: Path) -> None:
-    """Of the first seed, which is the only one here that it is measured with."""
+    """The first seed is the only one here with a felt stiffness."""
     with (whole / PEOPLE).open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["seed"], row["method"], row["network"], row["person"]) for row in rows] == [
@@ -274,7 +274,7 @@ def test_nobody_feels_what_is_unstable() -> None:
 
 
 def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
-    """And has no worst: what is furthest from 0 would be the best."""
+    """It has no worst: the value furthest from 0 would be the best."""
     asked = small(seeds=3)
     people = [
         [{"person": "a", "asked_npm": 1e3, "felt_npm": felt, "error_percent": error, "added_mm_per_n": 1.0}]

@@ -1,4 +1,4 @@
-"""Pictures of a comparison, of results that were made up: who is named, how high rows are, where axes begin."""
+"""Tests of the plots of a comparison, of made-up results: names, heights of rows, beginnings of axes."""
 
 from typing import Any
 

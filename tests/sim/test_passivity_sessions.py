@@ -1,4 +1,4 @@
-"""Whole sessions under time-domain passivity control: what it promises, what it does not, and beside virtual coupling."""
+"""Tests of whole sessions under time-domain passivity control: what it guarantees, and what not."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def control(laboratory: Laboratory, number: int) -> PassivityControl:
 
 @pytest.mark.parametrize(("frames", "stiffness"), [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
 def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float) -> None:
-    """Rows of the table of theory section 6 in which virtual coupling has an eigenvalue outside the unit circle."""
+    """Run rows of theory section 6's table in which virtual coupling has an eigenvalue outside the unit circle."""
     bad: dict[str, Any] = {"coupling__stiffness_npm": stiffness, "link__delay_ms": frames * FRAME_MS}
     held, loose = session(1.5, **bad), session(1.5, **bad, coupling__kind="coupling", bare=True)
     ours, theirs = of_laboratory(held), of_laboratory(loose)
@@ -94,7 +94,7 @@ def test_in_any_weather_no_object_gets_more_than_was_sent(
 
 
 def test_what_passivity_does_not_promise_is_seen() -> None:
-    """Drift while the controller holds, and a force that comes and goes: both grow with the delay; neither grows on."""
+    """Position drift and intermittent forces grow with the delay; neither grows on."""
     near, far = session(4.0, link__delay_ms=FRAME_MS), session(4.0, link__delay_ms=8 * FRAME_MS)
     for laboratory in (near, far):
         assert isinstance(laboratory.room.world, PowerWorld)
@@ -106,7 +106,7 @@ def test_what_passivity_does_not_promise_is_seen() -> None:
 
 
 def test_hands_at_rest_find_their_proxies_again() -> None:
-    """After a second of the worst weather: drift compensation, as far as the energy goes."""
+    """Drift compensation brings them together after a second of the worst network conditions."""
     users = [{"name": name, "hand": "reach&amplitude_m=0.03&stroke_s=1.0&rest_s=3"} for name in "ab"]
     laboratory = session(3.5, users, link__delay_ms=20.0, link__jitter_ms=20.0, link__loss=0.3, link__burst_frames=4.0)
     for user in of_laboratory(laboratory)["users"]:

@@ -26,7 +26,7 @@ def base(scheme: Any, frames: int, kind: str, names: str = "a", **coupling: Any)
 
 
 def case(condition: str, scheme: str, frames: int) -> tuple[Settings, float, LinearSession]:
-    """Settings to measure, where the hand swings about, and the same condition of the lifted model."""
+    """Return settings to measure, the hand's offset, and the same condition of the lifted model."""
     if condition == "no contact":
         settings = base(scheme, frames, "wall")
         return settings, -2.0 * AMPLITUDE_M, no_contact(linear_session(settings, estimated=False), 0)

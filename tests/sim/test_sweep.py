@@ -1,4 +1,4 @@
-"""Sweeps: what a grid is, what is kept, and what a kill, an interrupt or a dead worker costs."""
+"""Tests of sweeps: grids, measures, folders, and what a kill, an interrupt or a dead worker costs."""
 
 import csv
 import json
@@ -84,13 +84,13 @@ def test_values_as_they_are_written(text: str, values: tuple[Any, ...]) -> None:
         ("k=1,2,1", "stands twice"),
     ],
 )
-def test_what_cannot_be_varied(text: str, words: str) -> None:
+def test_axes_that_cannot_be_varied(text: str, words: str) -> None:
     with pytest.raises(GridError, match=words):
         parse_axis(text)
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=4))
-def test_every_combination_is_one_cell(sizes: list[int]) -> None:
+def test_every_combination_is_one_case(sizes: list[int]) -> None:
     grid = Grid({}, [Axis(f"k{number}", tuple(range(size))) for number, size in enumerate(sizes)])
     seen = {tuple(grid.values(case).values()) for case in grid}
     assert len(seen) == grid.cases
@@ -105,7 +105,7 @@ def test_every_combination_is_one_cell(sizes: list[int]) -> None:
         ([Axis("seed", tuple(range(1000))), Axis("seconds", tuple(range(1, 102)))], "more than 100000"),
     ],
 )
-def test_what_is_no_grid(axes: list[Axis], words: str) -> None:
+def test_impossible_grids(axes: list[Axis], words: str) -> None:
     with pytest.raises(GridError, match=words):
         Grid(TWO, axes)
 
@@ -119,7 +119,7 @@ def test_what_is_no_grid(axes: list[Axis], words: str) -> None:
         ("coupling.kind=wave,waves", "cell 1 .*coupling.kind"),
     ],
 )
-def test_every_cell_is_checked_before_any_is_run(vary: str, words: str) -> None:
+def test_every_case_is_checked_before_any_is_run(vary: str, words: str) -> None:
     with pytest.raises(GridError, match=words):
         prepare(resolve(TWO), [parse_axis(vary)], [RADIUS])
 
@@ -142,7 +142,7 @@ def test_measures_by_path_by_star_and_by_name() -> None:
         ("lifted.spectral", "did you mean lifted.spectral_radius"),
     ],
 )
-def test_a_measure_there_is_not(measure: str, words: str) -> None:
+def test_unknown_measures(measure: str, words: str) -> None:
     example = run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
     with pytest.raises(MeasureError, match=words):
         expanded([measure], example)
@@ -160,7 +160,7 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_cell_is_the_session_it_says(tmp_path: Path) -> None:
+def test_a_case_is_its_session(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "coupling.stiffness_npm=100:1000:2log", "link.loss=0,0.2")
     report = run_experiment(sweep, folder, InProcess())
     assert (report.cases, report.computed, report.kept, report.failed) == (4, 4, 0, {})
@@ -192,7 +192,7 @@ def test_workers_give_what_one_process_gives_in_the_grids_order(tmp_path: Path) 
     assert (tmp_path / "here" / TABLE).read_bytes() == (tmp_path / "there" / TABLE).read_bytes()
 
 
-def test_a_cell_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
+def test_a_case_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
     class Failing(InProcess):
         def run(self, measure: Measure, jobs: Sequence[Job], batch: int = 1) -> Iterator[Result]:
             for job in jobs:
@@ -206,12 +206,12 @@ def test_a_cell_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> No
     assert (report.kept, report.computed, report.failed) == (2, 1, {})
 
 
-def test_an_error_inside_a_cell_is_its_result() -> None:
+def test_an_error_inside_a_case_is_its_result() -> None:
     result = run_case(measure_case, Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
     assert result.error.startswith("DeviceError")
 
 
-def test_a_torn_last_line_is_no_cell(tmp_path: Path) -> None:
+def test_a_torn_last_line_is_no_case(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
     run_experiment(sweep, folder, InProcess())
     path = tmp_path / CELLS
@@ -224,7 +224,7 @@ def test_a_torn_last_line_is_no_cell(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["other", "foreign", "file"])
-def test_nothing_of_anybody_else_is_touched(tmp_path: Path, what: str) -> None:
+def test_a_foreign_folder_is_not_touched(tmp_path: Path, what: str) -> None:
     path = tmp_path / "folder"
     if what == "other":
         sweep, folder = sweep_of(resolve(TWO), path, "seed=1:2:2", measures=[RADIUS])
@@ -241,8 +241,8 @@ def test_nothing_of_anybody_else_is_touched(tmp_path: Path, what: str) -> None:
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
 
 
-def test_dead_workers_cost_their_cells_a_second_run(tmp_path: Path) -> None:
-    """Both at once, while there are cells that nobody has been given yet: however slow we are, their death is noticed."""
+def test_dead_workers_cost_their_cases_a_second_run(tmp_path: Path) -> None:
+    """Kill both workers at once, while cases are left that no worker has: their death is noticed however slow this is."""
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")
     with LocalWorkers(2) as workers:
 
@@ -324,14 +324,14 @@ def test_a_picture_of_one_two_or_three_settings(tmp_path: Path, vary: list[str],
     assert len(shown) == panels
 
 
-def test_what_is_no_number_is_not_drawn(tmp_path: Path) -> None:
+def test_a_measure_without_numbers_is_not_drawn(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:2:2", measures=["users.0.state"])
     run_experiment(sweep, folder, InProcess())
     with pytest.raises(NotDrawnError, match="no number"):
         draw_measure(sweep.grid, folder.finished, "users.0.state")
 
 
-def test_what_stands_in_a_file_that_cells_read_is_part_of_the_question(tmp_path: Path) -> None:
+def test_the_content_of_files_is_part_of_the_query(tmp_path: Path) -> None:
     first, second = (tmp_path / f"{name}.csv" for name in ("first", "second"))
     for path in (first, second):
         path.write_text("t_s,delay_ms\n0,5\n1,7\n")

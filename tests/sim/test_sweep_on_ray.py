@@ -1,4 +1,4 @@
-"""A sweep on a Ray cluster of two nodes, one of which is killed half-way: every cell once, and as one process gives it."""
+"""Test of a sweep on a Ray cluster of two nodes, one of which is killed half-way: every case once, with the same result."""
 
 import json
 import warnings
@@ -35,7 +35,7 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     both.shutdown()
 
 
-def test_a_node_that_is_killed_costs_no_cell(cluster: Any, tmp_path: Path) -> None:
+def test_a_killed_node_costs_no_case(cluster: Any, tmp_path: Path) -> None:
     doomed = cluster.add_node(num_cpus=1, object_store_memory=100 * 1024 * 1024)
     settings = resolve({"seconds": 1.0, "users": [{"name": "a"}, {"name": "b"}]})
     sweep = prepare(settings, [parse_axis("seed=1:24:24")], ["passive", "users.0.peak_force_n"])
@@ -61,6 +61,6 @@ def test_a_node_that_is_killed_costs_no_cell(cluster: Any, tmp_path: Path) -> No
         assert folder.finished[case].measures == here.measures
 
 
-def test_a_cluster_there_is_not() -> None:
+def test_an_unknown_cluster() -> None:
     with pytest.raises(ClusterError, match=r"no Ray cluster at 127\.0\.0\.1:1"), RayWorkers("127.0.0.1:1"):
         pass
