@@ -17,7 +17,6 @@ TWO: dict[str, Any] = {
     ],
 }
 FREE = "push&force_n={}&start_s={}"  # a force, and a device that nobody damps: theory section 6 has free devices
-FRAME_MS = 1e3 / 128
 
 
 class InProcess:

@@ -190,10 +190,10 @@ def test_who_looks_at_the_most_hopeful_first_finds_what_who_looks_at_all_finds(o
     now = advise(settings)
     asked = [user.asked_npm for user in now.users]
     table = msgspec.to_builtins(settings)
-    best, found = advice_change._score(now, asked).key(), None
-    for key, value in advice_change._candidates(settings, now):
+    best, found = advice_change.score_of(now, asked).key(), None
+    for key, value in advice_change.candidates_of(settings, now):
         try:
-            after = advice_change._score(advise(resolve(table, {key: value})), asked).key()
+            after = advice_change.score_of(advise(resolve(table, {key: value})), asked).key()
         except (SettingsError, ModelError):
             continue
         if after < best:

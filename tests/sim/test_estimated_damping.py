@@ -33,9 +33,9 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.bench.velocity.session import LOOSE, EstimatingPlant
+from tests.sim.session_measures import FRAME_MS
 
 T_C = 1.0 / 1024
-FRAME_MS = 1000.0 / 128
 PHANTOM = make("sim:phantom").capability
 EXACT = "sim:phantom?friction_n=0&resolution_m=0"
 
@@ -195,12 +195,7 @@ def late_session(
 @pytest.mark.parametrize("estimated", [False, True])
 @pytest.mark.parametrize(
     ("scheme", "keys"),
-    [
-        ("wave", {}),
-        ("wave", {"decimator": "lowpass"}),
-        ("coupling", {}),
-        ("coupling", {"stiffness_npm": 0.0}),
-    ],
+    [("wave", {}), ("wave", {"decimator": "lowpass"}), ("coupling", {}), ("coupling", {"stiffness_npm": 0.0})],
 )
 def test_what_the_structure_puts_at_1_is_known_with_old_samples_too(
     latency: int, estimated: bool, scheme: str, keys: dict[str, object]

@@ -104,12 +104,7 @@ def test_a_second_persons_hand_is_felt_as_springs_in_a_row() -> None:
     assert slow_feel(which, 0).stiffness_npm == pytest.approx(1.0 / (2.0 / one + 1.0 / 300.0), rel=1e-6)
 
 
-@given(
-    st.integers(0, 6),
-    st.floats(10.0, 1e6),
-    st.floats(0.0, 50.0),
-    st.floats(1.0, 40.0),
-)
+@given(st.integers(0, 6), st.floats(10.0, 1e6), st.floats(0.0, 50.0), st.floats(1.0, 40.0))
 @settings(deadline=None)
 def test_the_passive_scheme_gives_no_energy_at_any_frequency(frames: int, K: float, B: float, b: float) -> None:
     """The work F w of a tick, w = s y its mean velocity, is at least the sampled damper's own b (y - w) w (theory 3.6)."""

@@ -18,28 +18,15 @@ from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
-FRAME_MS = 7.8125
+from tests.sim.session_measures import FRAME_MS, Table, least_margin, summary_of
+
 DATA = Path(__file__).parents[3] / "shared" / "data"
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
-
-Table = dict[str, Any]
-
-
-def session(bare: bool = False, **tables: object) -> Table:
-    laboratory = Laboratory(resolve(tables), bare=bare)
-    laboratory.run()
-    return of_laboratory(laboratory)
-
-
-def least_margin(summary: Table) -> float:
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
-
 
 # The wall ------------------------------------------------------------------------------------------------------------
 
 
 def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
-    summary = session(
+    summary = summary_of(
         # a hand without impedance and no damping: with the velocity encoder the first second rings at the network rate
         bare=coupling.get("encoder") == "velocity",
         seconds=8,
@@ -85,7 +72,7 @@ def test_a_compensated_wall_feels_as_stiff_as_asked() -> None:
 
 def stiff(step: str) -> Table:
     hand = "reach&stop_s=3"
-    return session(
+    return summary_of(
         seconds=6,
         coupling={"stiffness_npm": 1e5, "server_step": step},
         link={"delay_ms": 4 * FRAME_MS},
@@ -119,7 +106,7 @@ def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
 ) -> None:
     """Both sides of theory section 6's rows for 0 and 1 frames, with free devices pushed by a short force."""
     loose = "hand_stiffness_npm=1&hand_damping_nspm=0"
-    summary = session(
+    summary = summary_of(
         seconds=8,
         coupling={"kind": "coupling", "stiffness_npm": stiffness},
         link={"delay_ms": frames * FRAME_MS},
@@ -137,7 +124,7 @@ def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
 def bad_link(kind: str, seed: int, **link: float) -> Table:
     """Run two hands on an object: three strokes together, then 3 s at rest."""
     hand = "reach&stop_s=2.4&direction=1,0.5,0.25"
-    return session(
+    return summary_of(
         seconds=5.4,
         seed=seed,
         object={"kind": kind, "axes": 3},
@@ -205,7 +192,7 @@ def text(seed: int) -> str:
         "seconds": 2, "seed": seed, "object": {"axes": 2}, "playout": {"frames": 4}, "link": ROUGH,
         "users": [{"name": "a", "hand": "tremor"}, {"name": "b", "hand": "reach"}, {"name": "c", "device": "sim:ideal"}],
     }  # fmt: skip
-    summary = session(**tables)
+    summary = summary_of(**tables)
     for ticks in (summary["server"]["ticks"], *(user["ticks"] for user in summary["users"])):
         assert ticks["due"] == ticks["run"]
         del ticks["late_us"], ticks["work_us"]
@@ -216,8 +203,9 @@ def test_one_seed_gives_one_summary_to_the_byte() -> None:
     once = text(11)
     assert once == text(11)
     environment = {**os.environ, "PYTHONHASHSEED": "4242"}
-    command = [sys.executable, __file__, "11"]
-    elsewhere = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    command = [sys.executable, "-m", "tests.sim.test_laboratory_sessions", "11"]
+    root = Path(__file__).parents[2]
+    elsewhere = subprocess.run(command, cwd=root, env=environment, check=True, capture_output=True, text=True)
     assert elsewhere.stdout == once, "in another process too, with another hash seed"
     assert once != text(12)
     assert json.loads(once)["seed"] == 11
@@ -344,7 +332,7 @@ def test_a_cube_follows_a_real_hand_in_space(which: str, tmp_path: Path) -> None
 
 
 def test_two_real_people_hold_one_cube() -> None:
-    summary = session(
+    summary = summary_of(
         seconds=4,
         link={"delay_ms": 20, "jitter_ms": 5, "loss": 0.05},
         playout={"frames": 3},

@@ -35,6 +35,8 @@ from cogrip.sim.analysis.linear_session import (
 )
 from cogrip.sim.analysis.stability import verdict
 
+from tests.sim.session_measures import FRAME_MS
+
 Array = NDArray[np.float64]
 STIFFNESSES = (100, 500, 1000, 2000, 5000, 10000, 20000)
 PAPER = {
@@ -51,7 +53,6 @@ COUPLED = {
 }
 TOUCH_M = 10.0  # how deep inside a one-sided contact its map is taken
 NUDGE = 1e-3
-FRAME_MS = 1000.0 / 128
 
 
 class CoresFrame:
@@ -313,7 +314,7 @@ def test_characteristic_is_the_closed_loops_over_the_open_ones(
     z = np.array([size * np.exp(1j * angle)])
     K = np.array(model.session.stiffness_npm)
     layout = model.layout
-    opened = [model._client(number, K).A for number in range(model.users)]
+    opened = [model.client(number, K).A for number in range(model.users)]
     opened.append(model.kind.server(model.session, K).A)
     lines = sum(cut.stop - cut.start for cut in (*layout.ups, *layout.downs))
     sign, log = zip(*(np.linalg.slogdet(z[0] * np.eye(len(A)) - A) for A in opened), strict=True)

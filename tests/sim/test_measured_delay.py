@@ -3,7 +3,6 @@ becomes (docs/decisions/0012-measured-delay.md).
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
@@ -16,11 +15,9 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Person
 from cogrip.sim.session.link import LinkEmulator
 
-FRAME_MS = 7.8125
-TICK_MS = 1000.0 / 1024.0
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
+from tests.sim.session_measures import FRAME_MS, Table, least_margin
 
-Table = dict[str, Any]
+TICK_MS = 1000.0 / 1024.0
 
 
 def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
@@ -28,10 +25,6 @@ def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
     for name in ("receive", "sense", "act", "poll", "keep_seat", "leave"):
         called = getattr(core, name)
         setattr(core, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
-
-
-def least_margin(summary: Table) -> float:
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
 
 
 # Clocks ------------------------------------------------------------------------------------------------------------------

@@ -50,7 +50,8 @@ from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.table import gather, verdict
 from cogrip.sim.experiments.methods.trace import Trace, sketch
 
-from tests.sim.compared_methods import FRAME_MS, FREE, TWO, small
+from tests.sim.compared_methods import FREE, TWO, small
+from tests.sim.session_measures import FRAME_MS
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -14,7 +14,8 @@ from cogrip.sim.analysis.linear_session import ModelError, linear_session
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
-FRAME_MS = 1000.0 / 128.0
+from tests.sim.session_measures import FRAME_MS, run_frames
+
 TWO = [
     {"name": "anna", "hand": "reach&amplitude_m=0.04"},
     {"name": "ben", "hand": "reach&amplitude_m=0.03&delay_s=0.25"},
@@ -70,7 +71,7 @@ def test_without_delay_it_is_a_virtual_coupling_and_follows_the_hand() -> None:
     st.floats(0.0, 50.0), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(100.0, 1e5),
     st.integers(0, 2**53),
 )  # fmt: skip
-def test_in_any_weather_no_object_gets_more_than_was_sent(
+def test_under_any_network_conditions_no_object_gets_more_than_was_sent(
     thing: str, axes: int, people: int, delay_ms: float, jitter_ms: float, loss: float, duplicate: float, reorder: float,
     stiffness: float, seed: int,
 ) -> None:  # fmt: skip
@@ -113,22 +114,19 @@ def test_hands_at_rest_find_their_proxies_again() -> None:
         assert user["proxy_m"] == pytest.approx(user["position_m"], abs=4e-3)
 
 
-def test_who_leaves_and_comes_again_begins_with_nothing_owed() -> None:
+def test_a_person_who_returns_begins_without_deficit() -> None:
     laboratory = Laboratory(
         resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}, {"link.delay_ms": 15.625})
     )
-    for _ in range(128):
-        laboratory.frame()
+    run_frames(laboratory, 128)
     laboratory.leave(0)
     while not laboratory.people[0].gone:
         laboratory.frame()
-    for _ in range(40):
-        laboratory.frame()
+    run_frames(laboratory, 40)
     assert laboratory.room.seats[0].state == "free"
     assert abs(laboratory.people[1].core.force_n[0]) < 3.0
     laboratory.come(0)
-    for _ in range(128):
-        laboratory.frame()
+    run_frames(laboratory, 128)
     seat = laboratory.room.seats[0]
     assert seat.on_object
     assert seat.port is not None
@@ -140,20 +138,16 @@ def test_who_leaves_and_comes_again_begins_with_nothing_owed() -> None:
 
 def test_a_lost_address_and_a_new_server_are_survived() -> None:
     laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}))
-    for _ in range(100):
-        laboratory.frame()
+    run_frames(laboratory, 100)
     laboratory.lose_address(0)
-    for _ in range(200):
-        laboratory.frame()
+    run_frames(laboratory, 200)
     assert laboratory.people[0].core.session.resumed == 1
     assert laboratory.room.seats[0].port is not None
     checkpoints = laboratory.kill()
-    for _ in range(60):
-        laboratory.frame()
+    run_frames(laboratory, 60)
     assert laboratory.people[0].core.force_n == (0.0,), "stale: no force"
     laboratory.restart(checkpoints)
-    for _ in range(400):
-        laboratory.frame()
+    run_frames(laboratory, 400)
     for person in laboratory.people:
         assert person.core.session.renewed == 1
         assert person.core.safety.state == "live"

@@ -15,7 +15,8 @@ from cogrip.sim.analysis.linear_session import linear_session, scheme_overrides
 from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.session.laboratory import Laboratory
 
-FRAME_MS = 1000.0 / 128
+from tests.sim.session_measures import FRAME_MS
+
 SKIPPED = 128  # frames
 WINDOW = 64  # frames: longer than a period of what is watched
 KICKS_MPS = (1e-8, -4e-9)

@@ -11,7 +11,8 @@ from cogrip.sim.analysis.feel import alone, held, impedance, no_contact, on_wall
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.sim.analysis.session_impedance import MeasurementError, measure, static_stiffness
 
-FRAME_MS = 1000.0 / 128
+from tests.sim.session_measures import FRAME_MS
+
 AMPLITUDE_M = 2e-4
 
 

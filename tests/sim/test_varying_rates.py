@@ -27,8 +27,9 @@ from cogrip.sim.runs.replay.what_if import what_if
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, moments_of
 
+from tests.sim.session_measures import least_margin, summary_of
+
 NOTHING_J = -1e-12
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
 DEVICE_HZ = (1024, 2048, 3072, 4096, 8192)
 
 
@@ -38,10 +39,6 @@ def world(network_hz: int, device_hz: list[int], **more: Any) -> dict[str, Any]:
         for number, hz in enumerate(device_hz)
     ]
     return {"rates": {"device_hz": max(1024, network_hz), "network_hz": network_hz}, "users": people, **more}
-
-
-def least_margin(summary: dict[str, Any]) -> float:
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
 
 
 # The grids -----------------------------------------------------------------------------------------------------------
@@ -125,10 +122,9 @@ def test_every_line_is_passive_at_every_rate(data: st.DataObject) -> None:
         user["decimator"] = data.draw(
             st.sampled_from(["boxcar"] if ticks > 1 else ["boxcar", "lowpass", "none"]), "filter"
         )
-    laboratory = Laboratory(resolve(table))
-    laboratory.run()
-    assert laboratory.diverged == ""
-    assert least_margin(of_laboratory(laboratory)) >= NOTHING_J
+    summary = summary_of(**table)
+    assert not summary["diverged"]
+    assert least_margin(summary) >= NOTHING_J
 
 
 def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
@@ -138,9 +134,7 @@ def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
         table = world(network_hz, [1024, 1024], seconds=1.0, coupling={"decimator": "none"})
         for user in table["users"]:
             user["hand"] = "sine&frequency_hz=120&amplitude_m=0.001"
-        laboratory = Laboratory(resolve(table))
-        laboratory.run()
-        margins.append(least_margin(of_laboratory(laboratory)))
+        margins.append(least_margin(summary_of(**table)))
     assert margins[0] >= NOTHING_J
     assert margins[1] < -1e-6
 

@@ -81,8 +81,8 @@ def change_to(settings: Settings, now: Advice, key: str, value: Any) -> Change:
     return Change(
         key,
         value,
-        _score(now, asked),
-        _score(advise(resolve(msgspec.to_builtins(settings), {key: value}), ample), asked),
+        score_of(now, asked),
+        score_of(advise(resolve(msgspec.to_builtins(settings), {key: value}), ample), asked),
     )
 
 
@@ -96,13 +96,13 @@ def ranked_changes(
     progress: how many candidates were scored, of how many.
     """
     asked = [user.asked_npm for user in now.users]
-    before = _score(now, asked)
-    candidates = list(_candidates(settings, now))
+    before = score_of(now, asked)
+    candidates = list(candidates_of(settings, now))
     table = msgspec.to_builtins(settings)
 
     def score(number: int, search: Callable[[LiftedModel], Limit]) -> Score:
         key, value = candidates[number]
-        return _score(advise(resolve(table, {key: value}), search), asked)
+        return score_of(advise(resolve(table, {key: value}), search), asked)
 
     queue: list[tuple[tuple[float, ...], int, Score | None]] = []  # with a score where it was looked at closely
     for number in range(len(candidates)):
@@ -119,7 +119,7 @@ def ranked_changes(
             yield Change(*candidates[number], before, after)
 
 
-def _score(advice: Advice, asked_npm: Sequence[float]) -> Score:
+def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
     limit, most = advice.limit.stiffness_npm, advice.stiffness_npm
     reach = inf if limit is None else log(limit / most) if limit else -inf
     pairs = zip(advice.users, asked_npm, strict=True)
@@ -128,7 +128,7 @@ def _score(advice: Advice, asked_npm: Sequence[float]) -> Score:
     return Score(warnings, min(reach, log(AMPLE)), missed)
 
 
-def _candidates(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
+def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
     """Yield changes worth trying, those that cost least first."""
     coupling = settings.coupling
     if coupling.kind == "coupling":

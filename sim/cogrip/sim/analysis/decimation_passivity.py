@@ -66,11 +66,8 @@ def filter_of(kind: str, rates: Rates, lowpass_rad_s: float) -> Filter:
     """Return the filter of a decimator's `kind`. Raises KeyError for an unknown one."""
     pole = lowpass_pole(lowpass_rad_s, rates)
     M = rates.ticks_per_frame
-    return {
-        "boxcar": Filter((1.0 / M,) * M),
-        "lowpass": Filter((1.0 - pole,), (1.0, -pole)),
-        "none": Filter((1.0,)),
-    }[kind]
+    filters = {"boxcar": Filter((1.0 / M,) * M), "lowpass": Filter((1.0 - pole,), (1.0, -pole)), "none": Filter((1.0,))}
+    return filters[kind]
 
 
 def aliased_gain(which: Filter, ticks_per_frame: int, angle: Array) -> Array:

@@ -81,7 +81,7 @@ class LiftedModel:
         self._ups = [delay(kind.width, person.up.frames) for person in session.people]
         self._downs = [delay(kind.width, person.down.frames + kind.server_delay) for person in session.people]
         here = np.array(session.stiffness_npm)
-        clients = [self._client(number, here) for number in range(self.users)]
+        clients = [self.client(number, here) for number in range(self.users)]
         self._clients_always = None if kind.stiff_client else clients
         self._chains_always = None if kind.stiff_client else self._chains(here)
         self.layout = self._lay_out(clients, kind.server(session, here).states)
@@ -110,13 +110,14 @@ class LiftedModel:
         loop = np.empty((*z.shape, width * N, width * N), dtype=np.complex128)
         for number, person in enumerate(self.session.people):
             frames = person.up.frames + person.down.frames + self.kind.server_delay
-            client = self._clients_always[number] if self._clients_always else self._client(number, stiffness_npm)
+            client = self._clients_always[number] if self._clients_always else self.client(number, stiffness_npm)
             mine = slice(number * width, (number + 1) * width)
             loop[..., mine, :] = (client.response(z) * z[..., None, None] ** -frames) @ server[..., mine, :]
         determinant: Complex = np.linalg.det(np.eye(width * N) - loop)
         return determinant
 
-    def _client(self, number: int, stiffness: Array) -> StateSpace:
+    def client(self, number: int, stiffness: Array) -> StateSpace:
+        """Return one user's client for stiffnesses K [N/m], (..., N)."""
         person = self.session.people[number]
         return self.kind.client(person, stiffness[..., number], person.rates)
 
@@ -124,7 +125,7 @@ class LiftedModel:
         """Return everything but the server, from its answers to its inputs."""
         return diagonal(
             [
-                series(series(down, self._client(number, stiffness)), up)
+                series(series(down, self.client(number, stiffness)), up)
                 for number, (down, up) in enumerate(zip(self._downs, self._ups, strict=True))
             ]
         )

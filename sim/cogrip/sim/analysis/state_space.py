@@ -90,10 +90,7 @@ def series(first: StateSpace, second: StateSpace) -> StateSpace:
     A[..., first.states :, : first.states] = second.B @ first.C
     batch = A.shape[:-2]
     return StateSpace(
-        A,
-        _rows(batch, first.B, second.B @ first.D),
-        _columns(batch, second.D @ first.C, second.C),
-        second.D @ first.D,
+        A, _rows(batch, first.B, second.B @ first.D), _columns(batch, second.D @ first.C, second.C), second.D @ first.D
     )
 
 

@@ -194,10 +194,7 @@ def _stand_in(settings: Settings, user: User) -> User:
 
 
 def checked_change(
-    settings: Settings,
-    now: Advice,
-    checked: Check,
-    progress: Callable[[int, int], None] = lambda tried, total: None,
+    settings: Settings, now: Advice, checked: Check, progress: Callable[[int, int], None] = lambda tried, total: None
 ) -> Change | None:
     """Return the change that helps most by the model among those that sessions confirm; None for none.
 

@@ -62,11 +62,7 @@ def save_page(folder: Path, page: Page, record: Mapping[str, Any] | None = None)
     where the folder holds the answer to another query, or another file of that name.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    files: dict[str, bytes] = {
-        "png": png(page.figure),
-        "svg": svg(page.figure),
-        "csv": page.table.csv().encode(),
-    }
+    files: dict[str, bytes] = {"png": png(page.figure), "svg": svg(page.figure), "csv": page.table.csv().encode()}
     if record is not None:
         files["json"] = (json.dumps(record, indent=2, allow_nan=False) + "\n").encode()
         _refuse_others(folder, page.name, record)

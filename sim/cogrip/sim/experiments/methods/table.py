@@ -16,12 +16,7 @@ from cogrip.sim.runs.summary_values import is_number
 
 FELT = "felt_error_percent"
 NONE = "–"
-_JUDGEMENTS = {
-    "diverged": "diverged",
-    "oscillates": "oscillates",
-    "active": "active",
-    "not_passive": "not passive",
-}
+_JUDGEMENTS = {"diverged": "diverged", "oscillates": "oscillates", "active": "active", "not_passive": "not passive"}
 
 
 class Column(NamedTuple):
