@@ -14,7 +14,7 @@ from cogrip.protocol.settings import resolve
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 
-from tests.bench.concealment_trial import CLEAN, ROWS, Job, Setup, Trial, drifts_mm, run_rows, table
+from tests.bench.concealment_trial import CLEAN, ROWS, Job, Setup, Trial, drifts_mm, measure_row, table
 from tests.bench.own_settings import refuse_own
 
 BEST = "elastic"
@@ -141,8 +141,8 @@ def check(setup: Setup) -> None:
 def _run(setup: Setup, stop: Stop) -> dict[str, Trial]:
     """Rows by name, in their order; none of them once `stop` is set. Raises Problem for one that could not be run."""
     jobs = [Job(number, setup, name) for number, name in enumerate(ROWS)]
-    with on_signals(stop), LocalWorkers(min(len(ROWS), processors()), stop, run_rows, lambda _: 1) as workers:
-        results = {result.case: result for result in workers.run(jobs)}
+    with on_signals(stop), LocalWorkers(min(len(ROWS), processors()), stop) as workers:
+        results = {result.case: result for result in workers.run(measure_row, jobs)}
     if stop.reason:
         return {}
     for case, result in sorted(results.items()):

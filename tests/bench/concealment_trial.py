@@ -19,7 +19,6 @@ from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.jitter_buffer import Frames
 from cogrip.protocol.settings import resolve
 from cogrip.server.ports import WavePort
-from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.session.laboratory import Laboratory
 
 CLEAN = "clean link"
@@ -178,15 +177,9 @@ def try_out(setup: Setup, name: str) -> Trial:
     )
 
 
-def run_rows(jobs: Sequence[Job]) -> list[Result]:
-    """Run rows in a worker process: each Trial is the measure `trial`."""
-    out = []
-    for job in jobs:
-        try:
-            out.append(Result(job.case, {"trial": try_out(job.setup, job.name)}))
-        except Exception as error:  # noqa: BLE001 (kept with the row, and reported)
-            out.append(Result(job.case, {}, f"{type(error).__name__}: {error}"))
-    return out
+def measure_row(job: Job) -> dict[str, Any]:
+    """Run one row: its Trial is the measure `trial`."""
+    return {"trial": try_out(job.setup, job.name)}
 
 
 def drifts_mm(trial: Trial, clean: Trial) -> list[float]:

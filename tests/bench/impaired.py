@@ -17,12 +17,12 @@ from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings_table import SettingsError
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.method import ChoiceError, choose
-from cogrip.sim.experiments.sweep.case import Result
-from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import finite
 
-from tests.bench.impaired_network.case import Job, rest_from_s, run_cases
+from tests.bench.impaired_network.case import Job, measure_case, rest_from_s
 from tests.bench.impaired_network.matrix import (
     LEAST_S,
     MOST_NPM,
@@ -32,7 +32,7 @@ from tests.bench.impaired_network.matrix import (
     LooseRow,
     Matrix,
     Row,
-    at_once,
+    batch,
     rows,
     wrong,
 )
@@ -105,9 +105,9 @@ def bench_impaired(
     with on_signals(stop), Progress(
         TextColumn("[progress.description]{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
         TimeRemainingColumn(), console=make_console(stderr=True), transient=True,
-    ) as bar, LocalWorkers(workers or processors(), stop, run_cases, at_once) as these:  # fmt: skip
+    ) as bar, LocalWorkers(workers, stop) as these:  # fmt: skip
         task = bar.add_task("sessions", total=len(jobs))
-        for result in these.run(jobs):
+        for result in these.run(measure_case, jobs, batch(jobs)):
             results[result.case] = result
             bar.update(task, completed=len(results))
     return _tell([(job, results[job.case]) for job in jobs if job.case in results], len(jobs), stop, json, console)

@@ -14,8 +14,9 @@ from cogrip.protocol.accounts import PlayoutAccount
 from cogrip.protocol.line.jitter_buffer import Frames, cost, weight_frames
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.protocol.rates import due_ns
-from cogrip.sim.session.link import LinkEmulator, LinkProfile
+from cogrip.sim.session.link import LinkEmulator
 
 REDUNDANCY = 8
 _BYTES = 200  # of a datagram with as many frames of one axis: what a capped link sees of it

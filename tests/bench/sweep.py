@@ -8,7 +8,7 @@ from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
 from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.sim.experiments.sweep.case import Job
+from cogrip.sim.experiments.sweep.query import Job, measure_case
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 
 COLUMNS = ("passive", "users.0.peak_force_n")
@@ -38,12 +38,12 @@ def bench_sweep(*, cells: int = 400, seconds: float = 5.0, jobs: int = 2) -> int
     answers = {}
     with LocalWorkers(1) as one, LocalWorkers(jobs) as many:
         for workers, count in ((one, 1), (many, jobs)):
-            list(workers.run([all_jobs[0]] * count))  # both have started before either is timed
+            list(workers.run(measure_case, [all_jobs[0]] * count))  # both have started before either is timed
         for number, block in enumerate(blocks):
             turns = ((one, 1), (many, jobs)) if number % 2 == 0 else ((many, jobs), (one, 1))
             for workers, count in turns:
                 start = time.perf_counter()
-                results = list(workers.run(block))
+                results = list(workers.run(measure_case, block))
                 spent[count] += time.perf_counter() - start
                 answers[number, count] = sorted((result.case, str(result.measures)) for result in results)
                 console.print(f"block {number + 1} of {_BLOCKS}, {count} workers: {len(results)} cases")

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from cogrip.protocol.io.stop import Stop
-from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 
 from tests.bench import concealment, impaired, playout
@@ -116,7 +116,7 @@ def test_a_session_of_which_nothing_is_finite_is_wrong_and_reported(
     assert (told[0].wrong, cubes[0].wrong) == (1, 1)
     ended = {job.case: unknown, cube.case: loose}
 
-    def run(self: LocalWorkers, jobs: Any) -> Any:
+    def run(self: LocalWorkers, measure: Any, jobs: Any, batch: int) -> Any:
         return iter([ended[0], *(Result(each.case, loose.measures) for each in jobs if each.scheme)])
 
     monkeypatch.setattr(impaired.LocalWorkers, "run", run)

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from cogrip.protocol.settings import resolve
-from cogrip.sim.experiments.methods.case import Job, run_case
+from cogrip.sim.experiments.experiment import Measure, Result, run_case
 from cogrip.sim.experiments.methods.query import Comparison, prepare
-from cogrip.sim.experiments.sweep.case import Result
 
 TWO: dict[str, Any] = {
     "name": "two",
@@ -18,14 +17,13 @@ TWO: dict[str, Any] = {
     ],
 }
 FREE = "push&force_n={}&start_s={}"  # a force, and a device that nobody damps: theory section 6 has free devices
-FRAME_MS = 1e3 / 128
 
 
 class InProcess:
-    """Workers of the very simplest kind."""
+    """Workers of the simplest kind: this process."""
 
-    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
-        return map(run_case, jobs)
+    def run(self, measure: Measure, jobs: Sequence[Any], batch: int = 1) -> Iterator[Result]:
+        return (run_case(measure, job) for job in jobs)
 
 
 def small(

@@ -1,4 +1,4 @@
-"""Advice against the model it is taken from; both sides of every bound that warns."""
+"""Tests of advice against its model, on both sides of every bound that warns."""
 
 from typing import Any
 
@@ -52,7 +52,7 @@ def test_an_unstable_session_says_up_to_where_it_is_stable() -> None:
 
 
 def test_the_device_bound_from_both_sides() -> None:
-    """b T_c / m = 1 at b = 102.4 for 0.1 kg; the record of an ideal device advises half of that."""
+    """With 0.1 kg b T_c / m = 1 at b = 102.4; the record of an ideal device advises half of that."""
     below, above = (advise(settings_of(coupling__impedance_nspm=b)) for b in (51.0, 51.4))
     assert below.warnings == ()
     assert len(above.warnings) == 2
@@ -102,7 +102,7 @@ def test_a_felt_stiffness_that_a_hand_tells_apart_is_not_ok(asked_npm: float, fe
 
 @pytest.mark.parametrize(("delay_ms", "level"), [(0.0, "ok"), (7.8125, "ok"), (15.625, "note"), (23.4375, "note")])
 def test_free_motion_that_the_line_makes_heavy_is_not_ok(delay_ms: float, level: str) -> None:
-    """m + b (2 d + 1) T_n / 2 (theory section 7.1), beside the device's own 0.1 kg."""
+    """Free motion feels m + b (2 d + 1) T_n / 2 (theory section 7.1), beside the device's own 0.1 kg."""
     advice = advise(settings_of(link__delay_ms=delay_ms))
     [found] = {finding.level for finding in advice.findings if finding.topic == "free motion"}
     frames = 2.0 * delay_ms / 7.8125 + 1.0
@@ -154,7 +154,7 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
 
 @pytest.mark.parametrize(("b", "key"), [(20.0, "coupling.impedance_nspm"), (25.6, "playout.frames")])
 def test_slack_against_jitter_is_given_up_last(b: float, key: str) -> None:
-    """As much felt stiffness comes of the largest b that the device carries: 25.6 N s/m."""
+    """The largest b that the device carries, 25.6 N s/m, gives as much felt stiffness."""
     people = [{"name": name, "device": "sim:phantom?hand=hold"} for name in ("a", "b")]
     table = {"coupling": {"impedance_nspm": b}, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": people}
     change = best_change(resolve(table), advise(resolve(table)))
@@ -190,10 +190,10 @@ def test_who_looks_at_the_most_hopeful_first_finds_what_who_looks_at_all_finds(o
     now = advise(settings)
     asked = [user.asked_npm for user in now.users]
     table = msgspec.to_builtins(settings)
-    best, found = advice_change._score(now, asked).key(), None
-    for key, value in advice_change._candidates(settings, now):
+    best, found = advice_change.score_of(now, asked).key(), None
+    for key, value in advice_change.candidates_of(settings, now):
         try:
-            after = advice_change._score(advise(resolve(table, {key: value})), asked).key()
+            after = advice_change.score_of(advise(resolve(table, {key: value})), asked).key()
         except (SettingsError, ModelError):
             continue
         if after < best:

@@ -30,17 +30,17 @@ def settings_of(table: dict[str, Any], scheme: Any) -> Settings:
 
 
 def border_of(stable: NDArray[np.bool_]) -> Array:
-    """Middles of the edges between stable and unstable cells, as shares of the box, (n, 2) with K_1 first."""
-    cases = len(stable)
+    """Return the middles of edges between stable and unstable cells, as shares of the box, (n, 2) with K_1 first."""
+    cells = len(stable)
     rows, columns = np.nonzero(stable[:, 1:] != stable[:, :-1])
-    upright = np.column_stack(((columns + 1.0) / cases, (rows + 0.5) / cases))
+    upright = np.column_stack(((columns + 1.0) / cells, (rows + 0.5) / cells))
     rows, columns = np.nonzero(stable[1:] != stable[:-1])
-    level = np.column_stack(((columns + 0.5) / cases, (rows + 1.0) / cases))
+    level = np.column_stack(((columns + 0.5) / cells, (rows + 1.0) / cells))
     return np.concatenate((upright, level))
 
 
 def distances(points: Array, line: Array) -> Array:
-    """From each point to a polyline."""
+    """Return the distance of each point from a polyline."""
     start, along = line[:-1], np.diff(line, axis=0)
     square = np.maximum((along**2).sum(axis=1), 1e-30)
     share = np.clip(((points[:, None] - start) * along).sum(axis=2) / square, 0.0, 1.0)
@@ -52,11 +52,11 @@ def distances(points: Array, line: Array) -> Array:
 @pytest.mark.parametrize(
     ("table", "scheme", "cells"), [(ALIKE, "paper", 120), (UNALIKE, "paper", 200), (UNALIKE, "coupling", 120)]
 )
-def test_the_outline_lies_within_half_a_percent_of_a_dense_grids_border(
-    table: dict[str, Any], scheme: str, cases: int
+def test_the_boundary_lies_within_half_a_percent_of_that_of_a_dense_grid(
+    table: dict[str, Any], scheme: str, cells: int
 ) -> None:
     """The border that a grid shows is known to half a cell: a quarter of a percent, or four tenths."""
-    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cases, estimated=False)
+    found, box = regions(settings_of(table, scheme), DELAYS, grid_cells=cells, estimated=False)
     for region in found:
         assert region.boundary.verified
         assert not region.boundary.open.any()
@@ -104,7 +104,7 @@ def test_the_passive_scheme_is_stable_to_the_edge_of_the_picture() -> None:
         np.testing.assert_allclose(region.boundary.points_npm.max(axis=0), box)
 
 
-def test_a_box_of_its_own_holds_every_outline() -> None:
+def test_a_box_of_its_own_holds_every_boundary() -> None:
     found, box = regions(settings_of(UNALIKE, "paper"), DELAYS, estimated=False)
     for region in found:
         assert (region.boundary.points_npm < np.array(box)).all()

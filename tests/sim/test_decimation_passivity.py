@@ -1,4 +1,4 @@
-"""S(w) against theory 3.2, against runs of the very decimators, and its worst input."""
+"""Tests of S(w) against theory 3.2, against runs of the decimators, and of its worst input."""
 
 from math import pi
 

@@ -1,4 +1,4 @@
-"""Recorded delays: what holds when, where it begins again, and what is said of a file that is no trace."""
+"""Tests of recorded delays: values over time, repetition, and errors of files."""
 
 from pathlib import Path
 

@@ -85,7 +85,7 @@ def assert_calm(one: Felt) -> None:
 @pytest.mark.parametrize("impedance", [50.0, 100.0])
 @pytest.mark.parametrize("axes", [1, 3])
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
-    """Before, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
+    """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
     hands = ({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"})
     for one in felt(room(users=hands, coupling={"impedance_nspm": impedance}, object={"axes": axes})):
         assert_calm(one)
@@ -152,7 +152,7 @@ def unlike(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 def test_what_the_record_does_not_say_is_found_out(
     unlike: Callable[..., None], late: int, impedance: float, mass_kg: float
 ) -> None:
-    """Samples older than it says, a lighter handle: the impedance comes down by itself, in a few turns.
+    """With older samples or a lighter handle than recorded, the impedance is reduced in a few turns.
 
     Without, these sessions swing by +-8.5 N.
     """
@@ -196,7 +196,7 @@ def replace_seconds(path: Path) -> Settings:
     "name", [long(name) if name in ("five-users", "three-users", "lan") else name for name in GOOD]
 )
 def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
-    """No force is changed by a bit: nothing controlled, nothing deflected, the impedance whole, the reserve hardly touched."""
+    """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
     for one in felt(GOOD[name]()):
         port, coupling = one.core.port, one.core.coupling
         assert port._controlled == 0
@@ -210,7 +210,7 @@ def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
 def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if_it_goes_on(
     stiffness: float, ends: str
 ) -> None:
-    """Virtual coupling at 20 ms each way (theory section 6): no port makes it stable, and the hand is not left to it."""
+    """Virtual coupling at 20 ms in each direction (theory section 6) is unstable with any port, and ends in a fault."""
     settings = room(
         8.0,
         users=({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"}),
@@ -241,7 +241,7 @@ def test_virtual_coupling_keeps_its_spring_whatever_its_damping(damping: float) 
 
 @pytest.mark.long
 def test_warm_motors_are_no_oscillation() -> None:
-    """`configs/lan.toml` as it is, 60 s: hands pull with more than motors give for long. It ended as a fault at the peak."""
+    """Run `configs/lan.toml` for 60 s: hands pull with more than motors give for long."""
     people = felt(resolve(tomllib.loads((CONFIGS / "lan.toml").read_text())))
     assert any(one.core.safety.counts.get("thermally limited") for one in people)
     for one in people:
@@ -250,7 +250,7 @@ def test_warm_motors_are_no_oscillation() -> None:
 
 
 def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave() -> None:
-    """4 Hz by 50 mm: more than 8.5 N for most of the time. Before, the line was told of 115 J that no hand had given."""
+    """A hand of 4 Hz and 50 mm takes more than 8.5 N for most of the time."""
     people = felt(room(users=({"hand": "sine&amplitude_m=0.05&frequency_hz=4"}, {"hand": "hold"})))
     for one in people:
         assert one.core.port.balance_j >= -one.core.port.reserve_j

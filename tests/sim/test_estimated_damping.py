@@ -24,7 +24,7 @@ from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.sim.analysis import client_blocks
 from cogrip.sim.analysis.client_blocks import coupled_frame, wave_frame
 from cogrip.sim.analysis.delay_budget import budget, total_s
-from cogrip.sim.analysis.feel import _mirror, conditions, on_wall, slow_feel
+from cogrip.sim.analysis.feel import conditions, on_wall, reflected, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, Person, linear_session, seat_session
 from cogrip.sim.analysis.rigid_motion import Rigid
@@ -34,15 +34,15 @@ from cogrip.sim.session.laboratory import Laboratory
 
 from tests.bench.velocity_trial.session import LOOSE, EstimatingPlant
 from tests.extent import every, long
+from tests.sim.session_measures import FRAME_MS
 
 T_C = 1.0 / 1024
-FRAME_MS = 1000.0 / 128
 PHANTOM = make("sim:phantom").capability
 EXACT = "sim:phantom?friction_n=0&resolution_m=0"
 
 
 def session(mass_kg: float, memory: float | None = None):
-    """Two reaching hands; with `memory` in place of the client's own."""
+    """Return two reaching hands; with `memory` in place of the client's own."""
     users = [
         {"name": "anna", "hand": "reach", "device_mass_kg": mass_kg},
         {"name": "ben", "hand": "reach&delay_s=0.15", "device_mass_kg": mass_kg},
@@ -79,7 +79,7 @@ def alone(kind: str, **coupling: object) -> tuple[Person, SeatSettings]:
 
 
 class Memory:
-    """What a client and its device know at the start of a frame, in the order of the blocks' states."""
+    """The states of a client and its device at the start of a frame, in the order of the blocks' states."""
 
     def __init__(self, person: Person, state: np.ndarray, rates: Rates) -> None:
         late = person.latency_ticks
@@ -196,12 +196,7 @@ def late_session(
 @pytest.mark.parametrize("estimated", [False, True])
 @pytest.mark.parametrize(
     ("scheme", "keys"),
-    [
-        ("wave", {}),
-        ("wave", {"decimator": "lowpass"}),
-        ("coupling", {}),
-        ("coupling", {"stiffness_npm": 0.0}),
-    ],
+    [("wave", {}), ("wave", {"decimator": "lowpass"}), ("coupling", {}), ("coupling", {"stiffness_npm": 0.0})],
 )
 def test_what_the_structure_puts_at_1_is_known_with_old_samples_too(
     latency: int, estimated: bool, scheme: str, keys: dict[str, object]
@@ -211,7 +206,7 @@ def test_what_the_structure_puts_at_1_is_known_with_old_samples_too(
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3, 9])
-def test_a_wall_is_as_much_softer_as_the_way_is_longer(latency: int) -> None:
+def test_a_wall_is_as_much_softer_as_the_path_is_longer(latency: int) -> None:
     """A wave that is booked late comes back late: 1 / K_felt = 1 / K + (T_forward + T_back + T_n + L T_c) / (2 b)."""
     found = late_session(latency)
     felt = slow_feel(on_wall(found, 0), 0).stiffness_npm
@@ -223,7 +218,7 @@ def test_a_wall_is_as_much_softer_as_the_way_is_longer(latency: int) -> None:
 
 
 def let_age(laboratory: Laboratory, latency: int, memory: float = 0.5) -> None:
-    """Everybody's samples are as old as their records now say, their velocities estimated from these."""
+    """Make everybody's samples as old as their records say, with velocities estimated from these."""
     for person in laboratory.people:
         assert isinstance(person.device, SimulatedDevice)
         person.device.plant = EstimatingPlant(person.device.plant, AlphaBeta(1, T_C, memory), latency)
@@ -256,13 +251,13 @@ def test_what_a_device_that_is_held_still_sends_back(decimator: str, encoder: st
     found = late_session(latency, decimator=decimator, encoder=encoder)
     z = np.exp(1j * np.array([angle]))
     still = wave_frame(replace(found.people[0], device_mass_kg=1e15), found.people[0].rates)
-    np.testing.assert_allclose(_mirror(found.people[0], found.people[0].rates, z), still.response(z), atol=1e-9)
+    np.testing.assert_allclose(reflected(found.people[0], found.people[0].rates, z), still.response(z), atol=1e-9)
 
 
 @pytest.mark.parametrize("scheme", ["wave", "coupling"])
 @pytest.mark.parametrize("estimated", [False, True])
 def test_impedance_in_closed_form_is_the_lifted_models_with_old_samples(scheme: str, estimated: bool) -> None:
-    """Held on by the others: their frames come from the blocks, the moving one's from the closed form; both know the age."""
+    """The other hands' frames come from the blocks, the moving one's from the closed form; both know the age."""
     hz = np.array([2.0])
     young, old = (
         conditions(late_session(latency, scheme=scheme, estimated=estimated), 0, hz)[-1].rendered[0]
@@ -277,7 +272,7 @@ def test_impedance_in_closed_form_is_the_lifted_models_with_old_samples(scheme: 
 
 
 def with_the_wave_of_now(patch: pytest.MonkeyPatch) -> None:
-    """What is seen now is booked with the wave that is held now, though it was made against an older one."""
+    """Return the model that books an old displacement with the current wave."""
     patch.setattr(WaveCoupling, "set_latency", lambda self, ticks: None)
     patch.setattr(client_blocks, "booked_late", lambda person: 0)
 
@@ -311,7 +306,7 @@ def test_displacement_and_wave_of_different_ticks_make_energy(
 
 @pytest.mark.parametrize("b", LARGEST_K)
 def test_the_largest_stiffness_with_old_samples(b: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cube and wall, one and four frames each way, 75 g, memory 0.5, free hands."""
+    """Cube and wall, one and four frames in each direction, 75 g, memory 0.5, free hands."""
 
     def largest(latency: int) -> float:
         limits = []
@@ -332,7 +327,7 @@ def test_the_largest_stiffness_with_old_samples(b: float, monkeypatch: pytest.Mo
 def test_sessions_of_the_cores_decay_with_the_wave_of_then_and_grow_with_that_of_now(
     paired: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Free devices, K = 2000, b = 2, one frame each way, one push of 1 um/s; the model says 0.9974 and 1.0043 a frame."""
+    """Free devices, K = 2000, b = 2, one frame in each direction, one push of 1 um/s: 0.9974 and 1.0043 a frame."""
     if not paired:
         with_the_wave_of_now(monkeypatch)
     users = [{"name": name, "device": EXACT, "hand": "push&force_n=0", "device_mass_kg": 0.075} for name in ("a", "b")]
@@ -382,7 +377,7 @@ def test_a_session_is_stable_with_the_largest_impedance_and_not_far_above(
 
 @pytest.mark.parametrize(("mass_kg", "latency"), [long(0.05, 0), long(0.1, 0), (0.1, 1)])
 def test_the_model_with_old_samples_ends_where_sessions_of_the_cores_end(mass_kg: float, latency: int) -> None:
-    """No counts, no friction: two devices loosely held come to rest up to the b that the model says, within 8 %."""
+    """Two devices loosely held, without counts and friction, rest up to the b of the model, within 8 %."""
     record = replace(device(mass_kg, latency), resolution_m=0.0)
     memory = memory_for(record, T_C)
 
@@ -441,7 +436,7 @@ SHARES = {
 
 @pytest.mark.parametrize(("memory", "latency"), every(3, product(SHARES[0], SHARES)))
 def test_how_far_sessions_go(memory: float, latency: int) -> None:
-    """Cube and wall, one and four frames each way, K = 500 N/m, from b = 5 up: all stable 2 % below, one not 2 % above."""
+    """Cube and wall, one and four frames in each direction, K = 500 N/m: all stable 2 % below the limit, one not 2 % above."""
 
     def stable(share: float, kind: str, frames: int) -> bool:
         users = [{"name": name, "device": "sim:phantom?hand=hold", "device_mass_kg": 0.075} for name in ("a", "b")]

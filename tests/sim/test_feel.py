@@ -1,4 +1,4 @@
-"""Felt impedance and the delay budget against closed forms."""
+"""Tests of the felt impedance and the delay budget against closed forms."""
 
 from dataclasses import replace
 from typing import Any
@@ -80,7 +80,7 @@ def test_virtual_coupling_renders_its_spring_at_rest() -> None:
 @given(st.integers(0, 5), st.floats(5.0, 80.0), st.sampled_from(("displacement", "velocity")))
 @settings(deadline=None)
 def test_in_free_motion_the_line_is_a_mass(frames: int, b: float, encoder: str) -> None:
-    """Its delay 2 d + 1 frames times b / 2, a tick's worth apart: energy b y^2 is under way; no drag at constant speed."""
+    """The mass is the delay of 2 d + 1 frames times b / 2, a tick's worth apart; there is no drag at constant speed."""
     which = no_contact(session("passive", frames, impedance_nspm=b, encoder=encoder), 0)
     slow = slow_feel(which, 0)
     loop_s = (2 * frames + 1) * which.people[0].rates.frame_s
@@ -98,18 +98,13 @@ def test_alone_with_the_object_its_mass_is_felt_beside_the_lines() -> None:
 
 
 def test_a_second_persons_hand_is_felt_as_springs_in_a_row() -> None:
-    """Hand, their line and spring, my spring and line, all in series; the object and the devices only weigh."""
+    """Hand, their line and spring, my spring and line are in series; the object and the devices only weigh."""
     which = held(session("passive", 1), 0, 300.0, 5.0)
     one = slow_feel(on_wall(which, 0), 0).stiffness_npm
     assert slow_feel(which, 0).stiffness_npm == pytest.approx(1.0 / (2.0 / one + 1.0 / 300.0), rel=1e-6)
 
 
-@given(
-    st.integers(0, 6),
-    st.floats(10.0, 1e6),
-    st.floats(0.0, 50.0),
-    st.floats(1.0, 40.0),
-)
+@given(st.integers(0, 6), st.floats(10.0, 1e6), st.floats(0.0, 50.0), st.floats(1.0, 40.0))
 @settings(deadline=None)
 def test_the_passive_scheme_gives_no_energy_at_any_frequency(frames: int, K: float, B: float, b: float) -> None:
     """The work F w of a tick, w = s y its mean velocity, is at least the sampled damper's own b (y - w) w (theory 3.6)."""
@@ -124,7 +119,7 @@ def test_the_passive_scheme_gives_no_energy_at_any_frequency(frames: int, K: flo
 
 @pytest.mark.parametrize("condition", range(4))
 def test_without_a_line_to_speak_of_it_is_direct_contact(condition: int) -> None:
-    """As rates grow, delays shrink to a tick and the port gets stiff, the ideal is reached."""
+    """As rates grow, delays shrink to a tick, the port gets stiff, and the ideal is reached."""
     rates = {"rates": {"device_hz": 20000, "network_hz": 20000}}
     keys = {"impedance_nspm": 400.0, "stiffness_npm": 800.0, "damping_nspm": 3.0}
     table = {**rates, "coupling": keys, "users": [{"name": "a"}, {"name": "b"}]}

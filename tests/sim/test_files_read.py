@@ -1,4 +1,4 @@
-"""Which files a session reads besides its settings, and what stands in them."""
+"""Tests of the files that a session reads besides its settings, and of their digests."""
 
 import hashlib
 from pathlib import Path
@@ -32,7 +32,7 @@ def test_a_recorded_hand_wherever_it_is_named(tmp_path: Path, changes: dict[str,
         assert found == {str(file): hashlib.sha256(text.encode()).hexdigest()}
 
 
-def test_traces_of_both_ways_and_nothing_else(tmp_path: Path) -> None:
+def test_traces_of_both_directions_and_nothing_else(tmp_path: Path) -> None:
     up, down = tmp_path / "up.csv", tmp_path / "down.csv"
     up.write_text("t_s,delay_ms\n0,1\n")
     table = {

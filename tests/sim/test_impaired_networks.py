@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.experiment import Result, run_case
 
 from tests.bench.__main__ import main as bench
-from tests.bench.impaired_network.case import Job, growth, radius, run_case
-from tests.bench.impaired_network.matrix import LEAST_GROWTH, Matrix, at_once, rows, wrong
+from tests.bench.impaired_network.case import Job, growth, measure_case, radius
+from tests.bench.impaired_network.matrix import LEAST_GROWTH, Matrix, batch, rows, wrong
 from tests.bench.impaired_network.room import NETWORKS, impaired
 
 JOBS = [
@@ -26,7 +26,7 @@ def test_the_sample_has_every_network() -> None:
 
 @pytest.mark.parametrize("job", JOBS, ids=lambda job: f"{job.network}-{job.people}-{job.stiffness_npm:g}-{job.seed}")
 def test_ours_is_passive_and_holds_on_every_network(job: Job) -> None:
-    result = run_case(job)
+    result = run_case(measure_case, job)
     assert wrong(job, result) == "", result.measures
     assert result.measures["balance_mj"] < 1e-6
 
@@ -36,7 +36,7 @@ def test_ours_is_passive_and_holds_on_every_network(job: Job) -> None:
 def test_a_loose_cube_goes_as_its_eigenvalues_say(network: str, scheme: str, K: float) -> None:
     """The baselines fail where theory section 6 says so, whatever the network; ours, at fifty times K, does not."""
     job = Job(0, network, 2, K, 1, 8.0, scheme)
-    result = run_case(job)
+    result = run_case(measure_case, job)
     assert wrong(job, result) == ""
     fails = scheme != "wave"
     assert (growth(result.measures["radius"], 8.0, 128) >= LEAST_GROWTH) is fails
@@ -82,7 +82,7 @@ def test_the_matrix_is_every_combination_and_rows_keep_the_worst() -> None:
     assert len(sessions) == 2 * 2 * 2 * 3
     assert len(jobs) - len(sessions) == 2 * 2 * 4
     assert [job.case for job in jobs] == list(range(len(jobs)))
-    assert at_once(jobs) == 2, "one room on both networks: its clean link is run once"
+    assert batch(jobs) == 2, "one room on both networks: its clean link is run once"
     results = [
         Result(job.case, {
             "passive": True, "diverged": False, "faults": 0, "margin_mj": -1e-12 * job.seed, "coherence_rms_mm": job.seed,

@@ -1,4 +1,4 @@
-"""Advice against sessions: what is told of a link with jitter and loss, and which change is given."""
+"""Tests of advice against sessions: the feel on a link with jitter and loss, and the change that is proposed."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -37,7 +37,7 @@ def test_on_a_link_without_chance_the_laboratory_feels_what_is_calculated() -> N
     assert (found.passive, found.stable, found.session.level) == ("good", "good", "ok")
 
 
-def test_jitter_and_loss_are_in_what_is_told(wifi: tuple[Settings, Check]) -> None:
+def test_jitter_and_loss_are_in_the_felt_stiffness(wifi: tuple[Settings, Check]) -> None:
     settings, found = wifi
     [first, *_] = advise(settings).users
     assert all(len(values) == laboratory_check.MOST_SEEDS for values in found.felt_npm.values())
@@ -85,7 +85,7 @@ def test_what_is_given_on_wifi_is_borne_out(wifi: tuple[Settings, Check]) -> Non
     assert f"{100 * given.after.missed:.0f} %" in given.effect
 
 
-def test_a_session_that_swings_is_told() -> None:
+def test_a_session_that_oscillates_is_a_warning() -> None:
     found = check(settings_of({"coupling.kind": "coupling", "link.delay_ms": 40.0, "coupling.stiffness_npm": 2000.0}))
     assert found.stable == "bad"
     assert found.session.level == "warning"
@@ -231,7 +231,7 @@ def test_a_session_reaches_what_begins_late_or_says_that_it_does_not(
     assert (found.session.level == "ok") == (not beyond and found.said == ())
 
 
-def test_outages_that_break_a_session_are_told() -> None:
+def test_outages_that_break_a_session_are_noted() -> None:
     found = check(
         settings_of({"seconds": 20.0, "link.delay_ms": 20.0, "link.outage_s": 2.0, "link.outage_every_s": 8.0})
     )

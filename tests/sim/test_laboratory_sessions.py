@@ -1,4 +1,4 @@
-"""Whole sessions in virtual time against the numbers people were promised (theory sections 3 to 6)."""
+"""Tests of whole sessions in virtual time against the numbers of theory sections 3 to 6."""
 
 import csv
 import json
@@ -19,29 +19,15 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every
+from tests.sim.session_measures import FRAME_MS, Table, least_margin, summary_of
 
-FRAME_MS = 7.8125
 DATA = Path(__file__).parents[3] / "shared" / "data"
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
-
-Table = dict[str, Any]
-
-
-def session(bare: bool = False, **tables: object) -> Table:
-    laboratory = Laboratory(resolve(tables), bare=bare)
-    laboratory.run()
-    return of_laboratory(laboratory)
-
-
-def least_margin(summary: Table) -> float:
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
-
 
 # The wall ------------------------------------------------------------------------------------------------------------
 
 
 def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
-    summary = session(
+    summary = summary_of(
         # a hand without impedance and no damping: with the velocity encoder the first second rings at the network rate
         bare=coupling.get("encoder") == "velocity",
         seconds=8,
@@ -71,7 +57,7 @@ def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
     ],
 )
 def test_what_a_hand_feels_of_a_wall(decimator: str, step: str, frames: int, expected_npm: float, encoder: str) -> None:
-    """K = 1000, b = 20 (theory section 4); the prediction beside it comes from the measured loop alone."""
+    """K = 1000, b = 20 (theory section 4); the prediction comes from the measured loop alone."""
     user = wall(frames, decimator, step, encoder=encoder)
     assert user["felt_stiffness_npm"] == pytest.approx(expected_npm, rel=0.005)
     assert user["predicted_stiffness_npm"] == pytest.approx(expected_npm, rel=0.005)
@@ -87,7 +73,7 @@ def test_a_compensated_wall_feels_as_stiff_as_asked() -> None:
 
 def stiff(step: str) -> Table:
     hand = "reach&stop_s=3"
-    return session(
+    return summary_of(
         seconds=6,
         coupling={"stiffness_npm": 1e5, "server_step": step},
         link={"delay_ms": 4 * FRAME_MS},
@@ -119,9 +105,9 @@ def test_the_papers_step_diverges_there() -> None:
 def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
     stiffness: float, frames: int, diverges: bool
 ) -> None:
-    """Both sides of theory section 6's rows for 0 and 1 frames, free devices pushed off by a short force."""
+    """Both sides of theory section 6's rows for 0 and 1 frames, with free devices pushed by a short force."""
     loose = "hand_stiffness_npm=1&hand_damping_nspm=0"
-    summary = session(
+    summary = summary_of(
         seconds=8,
         coupling={"kind": "coupling", "stiffness_npm": stiffness},
         link={"delay_ms": frames * FRAME_MS},
@@ -137,9 +123,9 @@ def test_virtual_coupling_holds_and_breaks_where_its_eigenvalues_say(
 
 
 def bad_link(kind: str, seed: int, **link: float) -> Table:
-    """Two hands on an object, three strokes together, then 3 s at rest."""
+    """Run two hands on an object: three strokes together, then 3 s at rest."""
     hand = "reach&stop_s=2.4&direction=1,0.5,0.25"
-    return session(
+    return summary_of(
         seconds=5.4,
         seed=seed,
         object={"kind": kind, "axes": 3},
@@ -153,7 +139,7 @@ def bad_link(kind: str, seed: int, **link: float) -> Table:
 
 
 def gaps(summary: Table) -> np.ndarray[Any, Any]:
-    """Device less proxy [m], (users, axes)."""
+    """Return device less proxy [m], (users, axes)."""
     return np.array([np.subtract(user["position_m"], user["proxy_m"]) for user in summary["users"]])
 
 
@@ -185,7 +171,7 @@ def test_a_clean_link_loses_nothing(kind: str) -> None:
 @pytest.mark.parametrize("seed", every(5, range(1, 21)))
 @pytest.mark.parametrize("kind", ["cube", "faces"])
 def test_the_worst_link(kind: str, seed: int) -> None:
-    """No energy is made, every frame has a fate, hand and proxy part no further than on the clean link, nobody is hit."""
+    """No energy is created, every frame is accounted for, hand and proxy stay as close as on a clean link."""
     summary = bad_link(kind, seed, jitter_ms=20, loss=0.3, burst_frames=4, duplicate=0.05, reorder=0.05)
     assert least_margin(summary) >= -1e-12
     assert summary["passive"]
@@ -207,7 +193,7 @@ def text(seed: int) -> str:
         "seconds": 2, "seed": seed, "object": {"axes": 2}, "playout": {"frames": 4}, "link": ROUGH,
         "users": [{"name": "a", "hand": "tremor"}, {"name": "b", "hand": "reach"}, {"name": "c", "device": "sim:ideal"}],
     }  # fmt: skip
-    summary = session(**tables)
+    summary = summary_of(**tables)
     for ticks in (summary["server"]["ticks"], *(user["ticks"] for user in summary["users"])):
         assert ticks["due"] == ticks["run"]
         del ticks["late_us"], ticks["work_us"]
@@ -218,8 +204,9 @@ def test_one_seed_gives_one_summary_to_the_byte() -> None:
     once = text(11)
     assert once == text(11)
     environment = {**os.environ, "PYTHONHASHSEED": "4242"}
-    command = [sys.executable, __file__, "11"]
-    elsewhere = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    command = [sys.executable, "-m", "tests.sim.test_laboratory_sessions", "11"]
+    root = Path(__file__).parents[2]
+    elsewhere = subprocess.run(command, cwd=root, env=environment, check=True, capture_output=True, text=True)
     assert elsewhere.stdout == once, "in another process too, with another hash seed"
     assert once != text(12)
     assert json.loads(once)["seed"] == 11
@@ -321,7 +308,7 @@ def touch() -> tuple[str, float]:
 
 
 def panda(folder: Path) -> tuple[str, float]:
-    """Recording 0 with its time in seconds: the step in moving stretches is round(dp.v / |v|^2 / 1 ms)."""
+    """Return recording 0 with its time in seconds: the step in moving stretches is round(dp.v / |v|^2 / 1 ms)."""
     with recording("panda_handguided_symbol17_rec0_2_4.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["rec"] == "0"]
     place = np.array([[float(row[f"p{axis}_m"]) for axis in "xyz"] for row in rows])
@@ -346,7 +333,7 @@ def test_a_cube_follows_a_real_hand_in_space(which: str, tmp_path: Path) -> None
 
 
 def test_two_real_people_hold_one_cube() -> None:
-    summary = session(
+    summary = summary_of(
         seconds=4,
         link={"delay_ms": 20, "jitter_ms": 5, "loss": 0.05},
         playout={"frames": 3},

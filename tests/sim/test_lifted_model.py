@@ -35,6 +35,8 @@ from cogrip.sim.analysis.linear_session import (
 )
 from cogrip.sim.analysis.stability import verdict
 
+from tests.sim.session_measures import FRAME_MS
+
 Array = NDArray[np.float64]
 STIFFNESSES = (100, 500, 1000, 2000, 5000, 10000, 20000)
 PAPER = {
@@ -51,7 +53,6 @@ COUPLED = {
 }
 TOUCH_M = 10.0  # how deep inside a one-sided contact its map is taken
 NUDGE = 1e-3
-FRAME_MS = 1000.0 / 128
 
 
 class CoresFrame:
@@ -95,7 +96,7 @@ class CoresFrame:
         return plant
 
     def push(self, person: Person, client: WaveCoupling | VirtualCoupling) -> float:
-        """What holds a device deep inside a wall that pushes back at the device's own rate."""
+        """Return the force that holds a device deep inside a wall, which pushes back at the device's own rate."""
         if not self.deep or isinstance(client, WaveCoupling):
             return 0.0
         side = self.sides[self.session.people.index(person)]
@@ -104,7 +105,7 @@ class CoresFrame:
     def run_ticks(
         self, client: WaveCoupling | VirtualCoupling, person: Person, plant: IdealPlant, error: float, estimate: float
     ) -> list[float]:
-        """M ticks in the order of `ClientCore`: law, plant, estimator, books. The estimator's error and estimate after them."""
+        """Run M ticks in the order of `ClientCore`; return the estimator's error and estimate after them."""
         hz = self.session.people[0].rates.device_hz
         estimator = AlphaBeta(1, 1.0 / hz, person.memory)
         estimator._position, estimator._velocity = [plant.position_m[0] + error], [estimate]
@@ -202,7 +203,7 @@ class CoresFrame:
 
 
 def both(scheme: str, stiffness: float, delay: int, **coupling: Any) -> tuple[Settings, LiftedModel]:
-    """Theory section 6's two users."""
+    """Return theory section 6's two users."""
     table: dict[str, Any] = {"coupling": coupling, "users": [{"name": "a"}, {"name": "b"}]}
     resolved = resolve(table, {**scheme_overrides(scheme), "coupling.stiffness_npm": float(stiffness)})  # type: ignore[arg-type]
     return resolved, LiftedModel(linear_session(resolved, delay_frames=delay, estimated=False))
@@ -236,7 +237,7 @@ def test_golden_numbers_of_theory_6(scheme: str, delay: int, stiffness: int, gol
 
 @st.composite
 def sessions(draw: st.DrawFn) -> tuple[Settings, LiftedModel]:
-    """Any session that has a linear model."""
+    """Draw any session that has a linear model."""
     scheme = draw(st.sampled_from(("passive", "paper", "coupling")))
     kind = draw(st.sampled_from(("cube", "wall", "faces") if scheme == "passive" else ("cube", "wall")))
     M = draw(st.sampled_from((1, 2, 4, 8, 16)))
@@ -308,12 +309,12 @@ def test_the_model_is_one_frame_of_the_actual_cores(case: tuple[Settings, Lifted
 def test_characteristic_is_the_closed_loops_over_the_open_ones(
     case: tuple[Settings, LiftedModel], angle: float, size: float
 ) -> None:
-    """det(z - A) = det(z - A_G) det(z - A_S) det(I - S G): what a border is traced by vanishes where an eigenvalue is."""
+    """det(z - A) = det(z - A_G) det(z - A_S) det(I - S G): zero where an eigenvalue is."""
     _, model = case
     z = np.array([size * np.exp(1j * angle)])
     K = np.array(model.session.stiffness_npm)
     layout = model.layout
-    opened = [model._client(number, K).A for number in range(model.users)]
+    opened = [model.client(number, K).A for number in range(model.users)]
     opened.append(model.kind.server(model.session, K).A)
     lines = sum(cut.stop - cut.start for cut in (*layout.ups, *layout.downs))
     sign, log = zip(*(np.linalg.slogdet(z[0] * np.eye(len(A)) - A) for A in opened), strict=True)
@@ -334,7 +335,7 @@ def test_a_batch_of_stiffnesses_is_each_by_itself() -> None:
             np.testing.assert_allclose(batch[index], model.matrix(K[index]), rtol=1e-12, atol=1e-12)
 
 
-def test_each_way_has_its_own_delay_in_ticks() -> None:
+def test_each_direction_has_its_own_delay_in_ticks() -> None:
     table = {
         "link": {"up": {"delay_ms": 9 * 1000 / 1024}, "down": {"delay_ms": 20.0}},
         "playout": {"frames": 1},

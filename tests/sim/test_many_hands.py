@@ -1,4 +1,4 @@
-"""Two to sixteen people on one object: what they do to it together, and that nobody's seat matters."""
+"""Tests of two to sixteen people on one object: their effect together, and its independence of seats."""
 
 import math
 from pathlib import Path
@@ -46,7 +46,7 @@ def world(count: int, kind: str, dimensions: int, sides: list[str] | None = None
 @settings(max_examples=20)
 @given(counts, kinds, axes, st.floats(1.0, 5.0), seeds)
 def test_momentum_and_energy_of_many_hands(count: int, kind: str, dimensions: int, log_K: float, seed: int) -> None:
-    """m_o dv = T sum F, nothing else; what came in by all lines less what went out is never less than what is there."""
+    """m_o dv = T sum F; energy that came in by all lines less what went out is never less than the energy stored."""
     random = np.random.default_rng(seed)
     held = world(count, kind, dimensions, stiffness_npm=10.0**log_K)
     came_j = 0.0
@@ -67,7 +67,7 @@ def test_momentum_and_energy_of_many_hands(count: int, kind: str, dimensions: in
 @settings(max_examples=20)
 @given(counts, kinds, axes, seeds)
 def test_the_order_of_seats_changes_nothing(count: int, kind: str, dimensions: int, seed: int) -> None:
-    """But the last bits: sums are added up in another order."""
+    """Only the last bits differ: sums are added up in another order."""
     random = np.random.default_rng(seed)
     order = random.permutation(count)
     sides = random.choice(["left", "right"], count).tolist()

@@ -1,8 +1,8 @@
-"""Whole sessions in virtual time: clocks that differ, ways that differ, and a stiffness that is felt as asked whatever the
-delay becomes (docs/decisions/0012-measured-delay.md)."""
+"""Tests of whole sessions with unlike clocks and path delays, and of a felt stiffness that stays as asked whatever the delay
+becomes (docs/decisions/0012-measured-delay.md).
+"""
 
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
@@ -15,22 +15,16 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, Person
 from cogrip.sim.session.link import LinkEmulator
 
-FRAME_MS = 7.8125
-TICK_MS = 1000.0 / 1024.0
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
+from tests.sim.session_measures import FRAME_MS, Table, least_margin
 
-Table = dict[str, Any]
+TICK_MS = 1000.0 / 1024.0
 
 
 def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
-    """This client's clock shows `clock(now_ns)` from now on, in all that it is called with."""
+    """Make this client's clock show `clock(now_ns)` from now on."""
     for name in ("receive", "sense", "act", "poll", "keep_seat", "leave"):
         called = getattr(core, name)
         setattr(core, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
-
-
-def least_margin(summary: Table) -> float:
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
 
 
 # Clocks ------------------------------------------------------------------------------------------------------------------
@@ -40,7 +34,7 @@ def least_margin(summary: Table) -> float:
     ("ahead_s", "ppm", "up_frames", "down_ticks"),
     [(0.0, 0.0, 1, 8), (1000.0, 0.0, 2, 20), (-0.001, 300.0, 3, 4), (123.456, -300.0, 1, 40), (5e8, 100.0, 0, 12)],
 )
-def test_both_ends_find_the_others_clock_but_for_half_of_what_the_ways_differ_by(
+def test_both_ends_find_the_others_clock_up_to_half_the_difference_of_path_delays(
     ahead_s: float, ppm: float, up_frames: int, down_ticks: int
 ) -> None:
     link = {"up": {"delay_ms": up_frames * FRAME_MS}, "down": {"delay_ms": down_ticks * TICK_MS}}
@@ -158,7 +152,7 @@ class Felt:
 
 
 def reroute(person: Person, delay_ms: float, seconds: float) -> None:
-    """Another way through the network: what was under way on the old one is gone."""
+    """Change the network path: datagrams under way on the old one are lost."""
     person.up = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/up/{seconds}")
     person.down = LinkEmulator(LinkProfile(delay_ms=delay_ms), f"{person.name}/down/{seconds}")
 

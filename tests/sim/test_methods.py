@@ -1,4 +1,4 @@
-"""Methods compared: what is measured, against known traces and theory."""
+"""Tests of the measures of compared methods, against known traces and theory."""
 
 import math
 from collections.abc import Iterator
@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from cogrip.devices.registry import make
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import coupling_of, rates_of, resolve
-from cogrip.sim.experiments.methods import case as cells_module
+from cogrip.sim.experiments.experiment import Result, run_case
+from cogrip.sim.experiments.methods import case
 from cogrip.sim.experiments.methods import query as query
-from cogrip.sim.experiments.methods.case import run_case, run_session
+from cogrip.sim.experiments.methods.case import measure_case, run_session
 from cogrip.sim.experiments.methods.felt import LOAD_N, Felt, balanced_loads, furthest_off, measure_felt
 from cogrip.sim.experiments.methods.hand import FADE_S, RestingHand, let_rest
 from cogrip.sim.experiments.methods.measures import (
@@ -48,9 +49,9 @@ from cogrip.sim.experiments.methods.method import (
 from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.table import gather, verdict
 from cogrip.sim.experiments.methods.trace import Trace, sketch
-from cogrip.sim.experiments.sweep.case import Result
 
-from tests.sim.compared_methods import FRAME_MS, FREE, TWO, small
+from tests.sim.compared_methods import FREE, TWO, small
+from tests.sim.session_measures import FRAME_MS
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -137,7 +138,7 @@ def test_rest_is_judged_over_the_last_part_alone() -> None:
         (2 * SWING_N, 0.99 * SWING_MJ, False),  # a long line rings
     ],
 )
-def test_what_oscillates(swing: float, created: float, oscillates: bool) -> None:
+def test_oscillation_needs_swing_and_energy(swing: float, created: float, oscillates: bool) -> None:
     assert is_oscillating(swing, created) == oscillates
 
 
@@ -150,12 +151,12 @@ def test_what_oscillates(swing: float, created: float, oscillates: bool) -> None
         (0.99 * ACTIVE_SHARE * 1e3, 1e3, False),  # much, but not against what hands did
     ],
 )
-def test_what_is_active(created: float, put_in: float, active: bool) -> None:
+def test_activity_needs_energy_beyond_a_share_of_the_work(created: float, put_in: float, active: bool) -> None:
     assert is_active(created, put_in) == active
 
 
 def test_what_devices_leak_is_no_methods_doing() -> None:
-    """Eleven of a hundred put in, with the devices' leak as large as that, and less."""
+    """Give out eleven of a hundred mJ put in, with a devices' leak as large as that, and less."""
     work = np.array([0.0, 0.100, 0.100])
     for people, leaks, active in (
         (2, (-0.006, -0.006), False),
@@ -222,7 +223,7 @@ def test_a_hand_comes_to_rest_where_it_began(hand: str, x0: float) -> None:
         assert tuple(resting.drive(tick)) == (resting.stiffness_npm * x0,)
 
 
-def test_only_a_simulated_hand_can_be_told_to_rest() -> None:
+def test_only_a_simulated_hand_can_be_made_to_rest() -> None:
     with pytest.raises(TypeError, match="no simulated device"):
         let_rest(object(), 1024, 1.0)
     hand = RestingHand(make("sim:ideal?hand=hold", axes=1).hand, (0.0,), 1024, 1.0)  # type: ignore[attr-defined]
@@ -271,7 +272,7 @@ def test_a_seed_is_the_same_hands_for_every_method_and_others_for_another() -> N
     ("asked", "words"),
     [("wavs", "did you mean wave"), ("zzzz", "there are: wave, paper, coupling, tdpa"), ("", "there is no method")],
 )
-def test_a_name_there_is_not(asked: str, words: str) -> None:
+def test_unknown_names(asked: str, words: str) -> None:
     with pytest.raises(ChoiceError, match=words):
         choose("method", [asked], tuple(METHODS))
     with pytest.raises(ChoiceError, match="no method is named"):
@@ -286,7 +287,7 @@ def test_a_name_there_is_not(asked: str, words: str) -> None:
         ({"users": [{"name": "a", "device": "emulated:vintage"}]}, "a: emulated:vintage: the same hand is held"),
     ],
 )
-def test_what_cannot_be_compared(change: dict[str, Any], words: str) -> None:
+def test_sessions_that_cannot_be_compared(change: dict[str, Any], words: str) -> None:
     with pytest.raises(ChoiceError, match=words):
         prepare(resolve({**TWO, **change}), ["wave"], ["lan"], 1)
 
@@ -312,14 +313,14 @@ def test_too_few_and_too_many_seeds() -> None:
             prepare(resolve(TWO), ["wave"], ["lan"], seeds)
 
 
-def test_every_cell_is_named_once_and_clean_comes_first() -> None:
+def test_every_case_is_named_once_and_clean_comes_first() -> None:
     asked = prepare(resolve({**TWO, "seed": 7}), ["wave", "coupling"], list(NETWORKS), 3)
     values = [asked.values(case) for case in range(asked.cases)]
     assert len({tuple(each.values()) for each in values}) == asked.cases == 2 * 6 * 3
     assert {each["seed"] for each in values} == {7, 8, 9}
     jobs = asked.jobs({0: Result(0, {})})
     assert [job.case for job in jobs] == list(range(1, asked.cases))
-    chunks = [values[start : start + asked.at_once(jobs)] for start in range(0, asked.cases, asked.at_once(jobs))]
+    chunks = [values[start : start + asked.batch] for start in range(0, asked.cases, asked.batch)]
     for chunk in chunks:
         assert chunk[0]["network"] == CLEAN
         assert len({(each["method"], each["seed"]) for each in chunk}) == 1
@@ -331,7 +332,7 @@ def test_every_cell_is_named_once_and_clean_comes_first() -> None:
 @pytest.mark.parametrize("frames", [0, 1, 3])
 @pytest.mark.parametrize(("compensate", "stiffness"), [(False, 1000.0), (True, 300.0)])
 def test_waves_feel_as_theory_says(frames: int, compensate: bool, stiffness: float) -> None:
-    """1 / K_felt = 1 / K + (T_fwd + T_back + T_n) / (2 b) (theory section 4), to 0.5 %."""
+    """Check 1 / K_felt = 1 / K + (T_fwd + T_back + T_n) / (2 b) (theory section 4), to 0.5 %."""
     settings = resolve({
         **TWO, "link": {"delay_ms": frames * FRAME_MS}, "coupling": {"stiffness_npm": stiffness, "compensate": compensate},
         "users": [{"name": "a"}, {"name": "b"}],
@@ -356,7 +357,7 @@ def test_people_of_unlike_springs_are_each_held_against_their_own() -> None:
     assert furthest_off([soft, stiff]) == stiff
 
 
-def test_who_is_furthest_off() -> None:
+def test_the_person_furthest_off() -> None:
     near, far, none = Felt("near", 5000.0, 4500.0), Felt("far", 100.0, 80.0), Felt("none", 100.0, None)
     assert (near.error_percent, far.error_percent) == (pytest.approx(-10.0), pytest.approx(-20.0))
     assert far.added_mm_per_n == pytest.approx(2.5)
@@ -399,7 +400,7 @@ def test_loads_are_balanced_or_there_are_none(kind: str, sides: str, loads: list
 
 
 def free(method: str, stiffness: float, frames: int) -> Any:
-    """Two free ideal devices of theory section 6, for three seconds; 0.3 N each, apart, one a little after the other."""
+    """Run two free ideal devices of theory section 6 for three seconds; 0.3 N each, apart, one a little after the other."""
     users = [
         {"name": name, "device": "sim:ideal", "hand": FREE.format(force, start), "device_mass_kg": 0.1}
         for name, force, start in (("a", 0.3, 0.2), ("b", -0.3, 0.21))
@@ -426,7 +427,7 @@ def free(method: str, stiffness: float, frames: int) -> Any:
 def test_methods_fail_where_theory_says_and_nowhere_else(
     method: str, stiffness: float, frames: int, fails: bool
 ) -> None:
-    """Theory section 6's table, as whole sessions: so a comparison can fail, and ours does not."""
+    """Run theory section 6's table as whole sessions: so a comparison can fail, and ours does not."""
     session = free(method, stiffness, frames)
     created_mj = 1e3 * created_j(session.trace.work_j, session.trace.object_j)
     assert (created_mj > SWING_MJ) == fails
@@ -441,7 +442,7 @@ def test_methods_fail_where_theory_says_and_nowhere_else(
 
 def test_a_clean_link_has_no_error_to_itself_and_one_view() -> None:
     asked = small(networks=["wan"], seeds=1)
-    by = {(job.method, job.network): run_case(job).measures for job in asked.jobs({})}
+    by = {(job.method, job.network): run_case(measure_case, job).measures for job in asked.jobs({})}
     for method in asked.methods:
         clean, wan = by[method, CLEAN], by[method, "wan"]
         assert clean["error_clean_n"] == 0.0
@@ -484,10 +485,10 @@ def test_an_error_inside_a_session_is_its_result(monkeypatch: pytest.MonkeyPatch
     def broken(settings: Any, rest_s: float) -> Any:
         raise ArithmeticError("broken")
 
-    monkeypatch.setattr(cells_module, "run_session", broken)
-    cells_module._clean.cache_clear()
-    cells_module._ideal.cache_clear()
-    results = {job.case: run_case(job) for job in asked.jobs({})}
+    monkeypatch.setattr(case, "run_session", broken)
+    case.clean_session.cache_clear()
+    case.ideal_forces.cache_clear()
+    results = {job.case: run_case(measure_case, job) for job in asked.jobs({})}
     assert all(result.error == "ArithmeticError: broken" for result in results.values())
     row = gather(asked, results)["rows"][0]
     assert (row["runs"], row["failed"], row["errors"]) == (0, 1, {"ArithmeticError: broken": 1})

@@ -1,4 +1,4 @@
-"""A whole comparison: the same numbers whoever computes them, what it leaves, its table."""
+"""Tests of a whole comparison: equal numbers from any executor, its files, its table."""
 
 import csv
 import json
@@ -14,10 +14,11 @@ import pytest
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
+from cogrip.sim.experiments.experiment import Result
+from cogrip.sim.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
 from cogrip.sim.experiments.methods import query as query
-from cogrip.sim.experiments.methods.case import run_cases
 from cogrip.sim.experiments.methods.measures import COLUMNS
-from cogrip.sim.experiments.methods.query import COMPARISON, prepare, run_comparison
+from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.report import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
 from cogrip.sim.experiments.methods.table import TABLE as COLUMNS_SHOWN
 from cogrip.sim.experiments.methods.table import (
@@ -30,8 +31,7 @@ from cogrip.sim.experiments.methods.table import (
     unstable,
     verdict,
 )
-from cogrip.sim.experiments.sweep.case import Result
-from cogrip.sim.experiments.sweep.folder import CELLS, TABLE, FolderError, SweepFolder
+from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import SUMMARY
 
@@ -51,20 +51,20 @@ def _felt_once() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two methods, a clean link and another, two seeds, in this process."""
+    """Compare two methods on a clean link and another, with two seeds, in this process."""
     path = tmp_path_factory.mktemp("whole") / "out"
     asked = small()
-    folder = SweepFolder(path, asked.asked, COMPARISON)
-    assert run_comparison(asked, folder, InProcess()) == asked.cases
+    folder = ExperimentFolder(path, asked)
+    assert run_experiment(asked, folder, InProcess()).computed == asked.cases
     write_outcome(path, asked, folder.finished)
     return path
 
 
 def test_the_same_numbers_whoever_computes_them(whole: Path, tmp_path: Path) -> None:
     asked = small()
-    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
-    with LocalWorkers(2, None, run_cases, asked.at_once) as workers:
-        run_comparison(asked, folder, workers)
+    folder = ExperimentFolder(tmp_path, asked)
+    with LocalWorkers(2) as workers:
+        run_experiment(asked, folder, workers)
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 
@@ -85,7 +85,7 @@ def test_ours_creates_no_more_than_its_devices_leak(whole: Path) -> None:
         assert float(row["created_mj"]) <= float(row["leak_mj"]) + 1e-9
 
 
-def test_what_it_leaves(whole: Path) -> None:
+def test_the_files_of_a_comparison(whole: Path) -> None:
     assert {path.name for path in whole.iterdir()} == {
         "comparison.json", CELLS, TABLE, SUMMARY, MARKDOWN, LATEX, REPORT, PLOTS, PEOPLE,
     }  # fmt: skip
@@ -104,7 +104,7 @@ def test_what_it_leaves(whole: Path) -> None:
 
 
 def test_everybodys_felt_stiffness_is_a_line(whole: Path) -> None:
-    """Of the first seed, which is the only one here that it is measured with."""
+    """The first seed is the only one here with a felt stiffness."""
     with (whole / PEOPLE).open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["seed"], row["method"], row["network"], row["person"]) for row in rows] == [
@@ -131,9 +131,9 @@ def test_a_recorded_hand_that_has_changed_makes_another_comparison(tmp_path: Pat
         "users": [{"name": "a", "hand": f"csv:{hand}&time=t_s&x=x_m"}, {"name": "b"}],
     }  # fmt: skip
 
-    def folder(networks: list[str]) -> SweepFolder:
+    def folder(networks: list[str]) -> ExperimentFolder:
         asked = prepare(resolve(table), ["wave"], networks, 1)
-        return SweepFolder(tmp_path / "-".join(["out", *networks]), asked.asked, COMPARISON)
+        return ExperimentFolder(tmp_path / "-".join(["out", *networks]), asked)
 
     for networks in (["own"], ["lan"]):
         folder(networks).close()
@@ -152,41 +152,41 @@ def test_a_recorded_hand_that_has_changed_makes_another_comparison(tmp_path: Pat
 def test_a_stop_keeps_what_is_finished_and_it_goes_on(whole: Path, tmp_path: Path) -> None:
     stop = Stop()
     asked = small()
-    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
+    folder = ExperimentFolder(tmp_path, asked)
 
     def stop_early(finished: int) -> None:
         if finished:
             stop.reason = "interrupted"
 
-    with LocalWorkers(1, stop, run_cases, asked.at_once) as workers:
-        run = run_comparison(asked, folder, workers, stop_early)
+    with LocalWorkers(1, stop) as workers:
+        run = run_experiment(asked, folder, workers, stop_early).computed
     assert 0 < run < asked.cases
     summary = gather(asked, folder.finished)
     assert (summary["run"], summary["sessions"]) == (run, asked.cases)
     assert "were not run: it was interrupted" in render(summary, [])
-    folder = SweepFolder(tmp_path, asked.asked, COMPARISON)
+    folder = ExperimentFolder(tmp_path, asked)
     assert len(folder.finished) == run
-    assert run_comparison(asked, folder, InProcess()) == asked.cases - run
+    assert run_experiment(asked, folder, InProcess()).computed == asked.cases - run
     assert (tmp_path / TABLE).read_bytes() == (whole / TABLE).read_bytes()
 
 
 def test_another_comparison_is_not_touched(whole: Path) -> None:
     before = {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()}
     with pytest.raises(FolderError, match=r"holds another comparison .other seeds"):
-        SweepFolder(whole, small(seeds=3).asked, COMPARISON)
+        ExperimentFolder(whole, small(seeds=3))
     assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
 
 
 KILLED_AT_TWO = """
 import os, signal, sys
 from cogrip.cli.main import main
-from cogrip.sim.experiments.sweep.folder import SweepFolder
-whole = SweepFolder.add
+from cogrip.sim.experiments.folder import ExperimentFolder
+whole = ExperimentFolder.add
 def add(self, *told):
     whole(self, *told)
     if len(self.finished) == 2:
         os.kill(os.getpid(), signal.SIGKILL)
-SweepFolder.add = add
+ExperimentFolder.add = add
 main(sys.argv[1:])
 """
 
@@ -209,8 +209,8 @@ def test_a_killed_comparison_goes_on_where_it_was(tmp_path: Path) -> None:
     kept = cases.read_text().splitlines(keepends=True)
     assert len(kept) == 2
     asked = prepare(load(config), ["wave"], ["lan"], 4)
-    folder = SweepFolder(out, asked.asked, COMPARISON)
-    assert run_comparison(asked, folder, InProcess()) == 8 - len(kept)
+    folder = ExperimentFolder(out, asked)
+    assert run_experiment(asked, folder, InProcess()).computed == 8 - len(kept)
     assert cases.read_text().splitlines(keepends=True)[: len(kept)] == kept
     assert len(folder.finished) == 8
 
@@ -274,7 +274,7 @@ def test_nobody_feels_what_is_unstable() -> None:
 
 
 def test_a_felt_stiffness_says_of_how_many_probes_it_is() -> None:
-    """And has no worst: what is furthest from 0 would be the best."""
+    """It has no worst: the value furthest from 0 would be the best."""
     asked = small(seeds=3)
     people = [
         [{"person": "a", "asked_npm": 1e3, "felt_npm": felt, "error_percent": error, "added_mm_per_n": 1.0}]

@@ -1,4 +1,4 @@
-"""The table of a paper, read back strictly: every row has its columns, every bracket its partner."""
+"""Tests of the table of a paper, parsed strictly: every row has its columns, every bracket its partner."""
 
 import re
 from typing import Any
@@ -27,7 +27,7 @@ def row(network: str, method: str, **changes: Any) -> dict[str, Any]:
 
 
 def of(median: float, q1: float | None = None, q3: float | None = None, n: int = 5) -> dict[str, float]:
-    """Of n probes of five, for the felt stiffness."""
+    """Return the statistics of a felt stiffness of n probes of five."""
     first, third = median if q1 is None else q1, median if q3 is None else q3
     return {"median": median, "q1": first, "q3": third, "worst": median, "n": n, "of": 5}
 
@@ -38,7 +38,7 @@ def table(*rows: dict[str, Any], seeds: int = 20) -> str:
 
 
 def parse(text: str) -> list[list[str]]:
-    """Rows of cells of the one tabular. Fails for anything that is not just so."""
+    """Return the rows of cells of the one tabular, after checks of its syntax."""
     environments: list[str] = []
     for word, name in re.findall(r"\\(begin|end)\{([a-z*]+)\}", text):
         if word == "begin":
@@ -70,7 +70,7 @@ def parse(text: str) -> list[list[str]]:
 
 
 def assert_scripts(text: str) -> None:
-    """No symbol has two indices, or two exponents: TeX takes none such."""
+    """Check that no symbol has two indices, or two exponents."""
     levels = [set()]  # type: list[set[str]]
     script = False  # whether what comes next is one
     for token in re.findall(r"\\[A-Za-z]+|\\.|.", text):
@@ -94,7 +94,7 @@ def assert_scripts(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["10^{7}_{1}^{2}", "x_{1}_2", "x^2^3", "x^_2"])
-def test_what_tex_would_not_take(text: str) -> None:
+def test_scripts_that_tex_refuses(text: str) -> None:
     with pytest.raises(AssertionError):
         assert_scripts(text)
     assert_scripts("\\mathbf{1.2}_{1.1{\\cdot}10^{7}}^{1.3} + x_i^2")

@@ -1,4 +1,4 @@
-"""Pictures of a comparison, of results that were made up: who is named, how high rows are, where axes begin."""
+"""Tests of the plots of a comparison, of made-up results: names, heights of rows, beginnings of axes."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from cogrip.protocol.settings import resolve
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.measures import COLUMNS
 from cogrip.sim.experiments.methods.plots import draw_all
 from cogrip.sim.experiments.methods.query import Comparison, prepare
 from cogrip.sim.experiments.methods.table import gather
-from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.runs.plots.style import COLOURS
 
 METHODS = ("wave", "coupling")

@@ -1,4 +1,4 @@
-"""When a link is down: both sides of each border, and the cheap look at the next one is the same as looking every time."""
+"""Tests of outages: both sides of each border, and equality of the cheap check with a check every time."""
 
 import math
 

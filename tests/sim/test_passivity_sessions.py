@@ -1,4 +1,4 @@
-"""Whole sessions under time-domain passivity control: what it promises, what it does not, and beside virtual coupling."""
+"""Tests of whole sessions under time-domain passivity control: what it guarantees, and what not."""
 
 from typing import Any
 
@@ -15,8 +15,8 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every
+from tests.sim.session_measures import FRAME_MS, run_frames
 
-FRAME_MS = 1000.0 / 128.0
 TWO = [
     {"name": "anna", "hand": "reach&amplitude_m=0.04"},
     {"name": "ben", "hand": "reach&amplitude_m=0.03&delay_s=0.25"},
@@ -45,7 +45,7 @@ def control(laboratory: Laboratory, number: int) -> PassivityControl:
     ("frames", "stiffness"), every(2, [(0, 4000.0), (1, 2000.0), (2, 2000.0), (4, 2000.0), (4, 10000.0)])
 )
 def test_it_holds_where_virtual_coupling_does_not(frames: int, stiffness: float) -> None:
-    """Rows of the table of theory section 6 in which virtual coupling has an eigenvalue outside the unit circle."""
+    """Run rows of theory section 6's table in which virtual coupling has an eigenvalue outside the unit circle."""
     bad: dict[str, Any] = {"coupling__stiffness_npm": stiffness, "link__delay_ms": frames * FRAME_MS}
     held, loose = session(1.5, **bad), session(1.5, **bad, coupling__kind="coupling", bare=True)
     ours, theirs = of_laboratory(held), of_laboratory(loose)
@@ -74,7 +74,7 @@ def test_without_delay_it_is_a_virtual_coupling_and_follows_the_hand() -> None:
     st.floats(0.0, 50.0), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(100.0, 1e5),
     st.integers(0, 2**53),
 )  # fmt: skip
-def test_in_any_weather_no_object_gets_more_than_was_sent(
+def test_under_any_network_conditions_no_object_gets_more_than_was_sent(
     thing: str, axes: int, people: int, delay_ms: float, jitter_ms: float, loss: float, duplicate: float, reorder: float,
     stiffness: float, seed: int,
 ) -> None:  # fmt: skip
@@ -98,7 +98,7 @@ def test_in_any_weather_no_object_gets_more_than_was_sent(
 
 
 def test_what_passivity_does_not_promise_is_seen() -> None:
-    """Drift while the controller holds, and a force that comes and goes: both grow with the delay; neither grows on."""
+    """Position drift and intermittent forces grow with the delay; neither grows on."""
     near, far = session(4.0, link__delay_ms=FRAME_MS), session(4.0, link__delay_ms=8 * FRAME_MS)
     for laboratory in (near, far):
         assert isinstance(laboratory.room.world, PowerWorld)
@@ -110,29 +110,26 @@ def test_what_passivity_does_not_promise_is_seen() -> None:
 
 
 def test_hands_at_rest_find_their_proxies_again() -> None:
-    """After a second of the worst weather: drift compensation, as far as the energy goes."""
+    """Drift compensation brings them together after a second of the worst network conditions."""
     users = [{"name": name, "hand": "reach&amplitude_m=0.03&stroke_s=1.0&rest_s=3"} for name in "ab"]
     laboratory = session(3.5, users, link__delay_ms=20.0, link__jitter_ms=20.0, link__loss=0.3, link__burst_frames=4.0)
     for user in of_laboratory(laboratory)["users"]:
         assert user["proxy_m"] == pytest.approx(user["position_m"], abs=4e-3)
 
 
-def test_who_leaves_and_comes_again_begins_with_nothing_owed() -> None:
+def test_a_person_who_returns_begins_without_deficit() -> None:
     laboratory = Laboratory(
         resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}, {"link.delay_ms": 15.625})
     )
-    for _ in range(128):
-        laboratory.frame()
+    run_frames(laboratory, 128)
     laboratory.leave(0)
     while not laboratory.people[0].gone:
         laboratory.frame()
-    for _ in range(40):
-        laboratory.frame()
+    run_frames(laboratory, 40)
     assert laboratory.room.seats[0].state == "free"
     assert abs(laboratory.people[1].core.force_n[0]) < 3.0
     laboratory.come(0)
-    for _ in range(128):
-        laboratory.frame()
+    run_frames(laboratory, 128)
     seat = laboratory.room.seats[0]
     assert seat.on_object
     assert seat.port is not None
@@ -144,20 +141,16 @@ def test_who_leaves_and_comes_again_begins_with_nothing_owed() -> None:
 
 def test_a_lost_address_and_a_new_server_are_survived() -> None:
     laboratory = Laboratory(resolve({"coupling": {"kind": "tdpa"}, "users": TWO, "seconds": 10.0}))
-    for _ in range(100):
-        laboratory.frame()
+    run_frames(laboratory, 100)
     laboratory.lose_address(0)
-    for _ in range(200):
-        laboratory.frame()
+    run_frames(laboratory, 200)
     assert laboratory.people[0].core.session.resumed == 1
     assert laboratory.room.seats[0].port is not None
     checkpoints = laboratory.kill()
-    for _ in range(60):
-        laboratory.frame()
+    run_frames(laboratory, 60)
     assert laboratory.people[0].core.force_n == (0.0,), "stale: no force"
     laboratory.restart(checkpoints)
-    for _ in range(400):
-        laboratory.frame()
+    run_frames(laboratory, 400)
     for person in laboratory.people:
         assert person.core.session.renewed == 1
         assert person.core.safety.state == "live"

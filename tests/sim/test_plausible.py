@@ -1,4 +1,4 @@
-"""Inputs that cannot be meant, on both sides of each bound."""
+"""Tests of implausible inputs, on both sides of each bound."""
 
 from math import pi, sin
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_motion_that_a_device_or_a_hand_cannot_make(hand: str, warns: str, refus
 
 @pytest.mark.parametrize("device", ["sim:phantom", "sim:ideal", "emulated:vintage", "replay"])
 def test_millimetres_read_as_metres_are_refused_with_their_scale(tmp_path: Path, device: str) -> None:
-    """Whatever brings the motion in: a hand that is simulated, or a replay."""
+    """The motion is that of a simulated hand or of a replay."""
     file = tmp_path / "hand.csv"
     file.write_text("t_s,x\n" + "".join(f"{0.01 * k},{30.0 * sin(pi * 0.01 * k)}\n" for k in range(400)))
     where = f"{file}{{}}time=t_s&x=x"

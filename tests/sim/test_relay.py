@@ -1,4 +1,4 @@
-"""The relay's core: flows, bounds, its books, and that its fates are the laboratory's, datagram by datagram."""
+"""Tests of the relay's core: flows, bounds, counters, and fates equal to the laboratory's, datagram by datagram."""
 
 from itertools import islice
 from random import Random
@@ -35,7 +35,7 @@ def relay_of(link: Link, seed: int = 7, **bounds: int) -> Relay:
 
 
 def drained(relay: Relay, until_ns: int) -> list[tuple[int, int, Direction, bytes]]:
-    """(time, flow, way, datagram) of all that leaves, each at its time."""
+    """Return (time, flow, direction, datagram) of all that leaves, each at its time."""
     found = []
     while (next_ns := relay.next_ns) is not None and next_ns <= until_ns:
         relay.due(next_ns)
@@ -46,7 +46,7 @@ def drained(relay: Relay, until_ns: int) -> list[tuple[int, int, Direction, byte
 
 @pytest.mark.parametrize("keys", [ROUGH, *({"profile": name} for name in PROFILES)])
 def test_its_fates_are_those_of_the_laboratorys_links(keys: dict) -> None:
-    """The same datagrams at the same times, three people and both ways: the same leave at the same times."""
+    """The same datagrams at the same times, of three people in both directions, leave at the same times."""
     link, origin_ns, chance = link_of(**keys), 10**12, Random(3)
     relay = relay_of(link)
     links: dict[tuple[int, Direction], LinkEmulator] = {
@@ -86,7 +86,7 @@ def test_its_fates_are_those_of_the_laboratorys_links(keys: dict) -> None:
 
 
 def test_its_fates_are_those_of_a_laboratory_session() -> None:
-    """What seat n's link did to a session's own datagrams, flow n's does to them again."""
+    """Flow n's link treats a session's own datagrams as seat n's link did."""
     settings = resolve({
         "seconds": 1.0, "seed": 11, "playout": {"frames": 3}, "users": [{"name": "anna"}, {"name": "ben"}],
         "link": {"profile": "wifi", "outage_s": 0.1, "outage_every_s": 0.4, "duplicate": 0.1},
@@ -98,7 +98,7 @@ def test_its_fates_are_those_of_a_laboratory_session() -> None:
         for direction in ("up", "down"):
             link = person.up if direction == "up" else person.down
             # the laboratory's link itself, with an ear on what goes in and comes out
-            heard = Eavesdropped(
+            heard = RecordingLink(
                 link,
                 lambda now_ns, datagram, n=n, direction=direction: sent.append((now_ns, n, direction, datagram)),
                 lambda now_ns, datagram, n=n, direction=direction: came.append((now_ns, n, direction, datagram)),
@@ -126,7 +126,7 @@ def test_its_fates_are_those_of_a_laboratory_session() -> None:
         assert relay.totals(direction)["outage"] > 20
 
 
-class Eavesdropped:
+class RecordingLink:
     def __init__(self, link: LinkEmulator, sent: object, came: object) -> None:
         self.link, self.sent, self.came = link, sent, came
 
@@ -169,7 +169,7 @@ def test_what_is_not_delayed_is_due_at_once() -> None:
     assert relay.next_ns is None
 
 
-def test_outages_hit_every_flow_and_way_at_once() -> None:
+def test_outages_hit_every_flow_and_direction_at_once() -> None:
     relay = relay_of(link_of(outage_s=0.5, outage_every_s=3.0))
     relay.from_client(b"0", "first", 1_000 * MS)  # all count from here
     late = relay.from_client(b"1", "late", 3_900 * MS)
@@ -181,10 +181,10 @@ def test_outages_hit_every_flow_and_way_at_once() -> None:
     assert (relay.totals("up")["outage"], relay.totals("down")["outage"]) == (1, 1)
 
 
-def test_strangers_beyond_the_bound_are_counted_and_get_nothing() -> None:
+def test_clients_beyond_the_limit_are_counted_and_get_nothing() -> None:
     relay = relay_of(link_of(), most_flows=2)
     assert [relay.from_client(b"x", address, 0) is not None for address in "abca"] == [True, True, False, True]
-    assert (relay.strangers, relay.begun, len(relay.flows)) == (1, 2, 2)
+    assert (relay.beyond_limit, relay.begun, len(relay.flows)) == (1, 2, 2)
 
 
 def test_an_idle_flow_expires_once_nothing_is_under_way_and_its_counts_stay() -> None:
@@ -211,7 +211,7 @@ def test_either_end_keeps_a_flow() -> None:
 
 
 @pytest.mark.parametrize("size", [0, 100])
-def test_what_is_held_is_bounded(size: int) -> None:
+def test_memory_is_bounded(size: int) -> None:
     relay = relay_of(link_of(delay_ms=1_000.0, duplicate=0.5), most_held_bytes=30_000)
     for number in range(200):
         relay.from_client(bytes(size), "a", number)
@@ -233,7 +233,7 @@ def test_what_is_held_is_bounded(size: int) -> None:
     st.booleans(),
 )
 def test_nothing_appears_or_vanishes(events: list[tuple[str, bool, int, int]], lazily: bool) -> None:
-    """Whether it is asked at every due time or only now and then: the same leave, in the same order."""
+    """The same datagrams leave in the same order, however often the relay is asked."""
     link = link_of(**ROUGH)
     eager, lazy = relay_of(link), relay_of(link)
     now_ns, got, late = 0, [], []
@@ -262,7 +262,7 @@ def test_nothing_appears_or_vanishes(events: list[tuple[str, bool, int, int]], l
     }
 
 
-def test_how_late_it_was_is_told() -> None:
+def test_lateness_is_counted() -> None:
     relay = relay_of(link_of(delay_ms=10.0))
     relay.from_client(b"x", "a", 0)
     relay.from_client(b"y", "a", 5 * MS)
@@ -272,7 +272,7 @@ def test_how_late_it_was_is_told() -> None:
 
 
 def test_the_profile_of_a_seat_is_the_profile_of_a_flow() -> None:
-    """What a welcome carries of [link] is what the relay emulates."""
+    """The relay emulates what a welcome carries of [link]."""
     settings = resolve({"link": {"profile": "lte", "down": {"loss": 0.2}}})
     lane = relay_of(settings.link).from_client(b"x", "a", 0)
     assert lane is not None

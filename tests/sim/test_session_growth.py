@@ -1,7 +1,7 @@
-"""Sessions in virtual time grow where the lifted model says so, decay where not, and as fast as it says.
+"""Tests that sessions in virtual time grow where the lifted model says so, decay where not, and as fast as it says.
 
-Theory section 6's two users. The devices get one small kick; what is watched is the force that client 0 writes, which
-rigid motion does not have. Ramps (0.3 s) are over before anything is measured.
+Theory section 6's two users. The devices get one small kick; the signal is the force that client 0 writes, which rigid motion
+does not have. Ramps (0.3 s) are over before anything is measured.
 """
 
 from itertools import product
@@ -17,8 +17,8 @@ from cogrip.sim.analysis.stability import largest_stable, verdict
 from cogrip.sim.session.laboratory import Laboratory
 
 from tests.extent import every
+from tests.sim.session_measures import FRAME_MS
 
-FRAME_MS = 1000.0 / 128
 SKIPPED = 128  # frames
 WINDOW = 64  # frames: longer than a period of what is watched
 KICKS_MPS = (1e-8, -4e-9)
@@ -31,7 +31,7 @@ def settings_at(scheme: Any, frames: int, stiffness: float) -> Settings:
 
 
 def growth(settings: Settings, frames: int) -> float:
-    """Logarithm of the growth per frame of the force, from the slope of its envelope over `frames` frames."""
+    """Return the logarithm of the growth per frame of the force, from the slope of its envelope over `frames` frames."""
     laboratory = Laboratory(settings)
     for person, kick in zip(laboratory.people, KICKS_MPS, strict=True):
         person.device.plant.velocity_mps = [kick]  # type: ignore[attr-defined]
@@ -49,7 +49,7 @@ def growth(settings: Settings, frames: int) -> float:
 
 
 def long_enough(rate: float) -> int:
-    """Frames in which a growth of `rate` a frame makes e^4, between 6 and 24 s."""
+    """Return the frames in which a growth of `rate` a frame makes e^4, between 6 and 24 s."""
     return int(min(24 * 128, max(6 * 128, 4.0 / abs(rate))))
 
 

@@ -11,7 +11,8 @@ from cogrip.sim.analysis.feel import alone, held, impedance, no_contact, on_wall
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.sim.analysis.session_impedance import MeasurementError, measure, static_stiffness
 
-FRAME_MS = 1000.0 / 128
+from tests.sim.session_measures import FRAME_MS
+
 AMPLITUDE_M = 2e-4
 
 
@@ -26,7 +27,7 @@ def base(scheme: Any, frames: int, kind: str, names: str = "a", **coupling: Any)
 
 
 def case(condition: str, scheme: str, frames: int) -> tuple[Settings, float, LinearSession]:
-    """Settings to measure, where the hand swings about, and the same condition of the lifted model."""
+    """Return settings to measure, the hand's offset, and the same condition of the lifted model."""
     if condition == "no contact":
         settings = base(scheme, frames, "wall")
         return settings, -2.0 * AMPLITUDE_M, no_contact(linear_session(settings, estimated=False), 0)

@@ -1,4 +1,4 @@
-"""Limits and freedoms of the lifted model: both sides of each boundary, nothing hidden by what is taken out."""
+"""Tests of limits and freedoms of the lifted model: both sides of each boundary, nothing hidden by what is removed."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,7 +12,7 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, scheme_overrides
 from cogrip.sim.analysis.rigid_motion import Rigid
-from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, hoped_stable, largest_stable, modes, radius, verdict
+from cogrip.sim.analysis.stability import SEARCHED_TO_NPM, largest_stable, modes, optimistic_limit, radius, verdict
 
 
 def session(
@@ -124,8 +124,8 @@ def test_a_few_looks_say_what_the_limit_is_at_most() -> None:
     model = LiftedModel(session("coupling", 2))
     limit = largest_stable(model).stiffness_npm
     assert limit is not None
-    assert hoped_stable(model, [0.5 * limit, 1.1 * limit, 2.0 * limit]).stiffness_npm == 1.1 * limit
-    assert hoped_stable(model, [0.5 * limit, 0.99 * limit]).stiffness_npm is None
+    assert optimistic_limit(model, [0.5 * limit, 1.1 * limit, 2.0 * limit]).stiffness_npm == 1.1 * limit
+    assert optimistic_limit(model, [0.5 * limit, 0.99 * limit]).stiffness_npm is None
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0), (1.0, -1.0), (float("nan"), 1.0)])
@@ -136,7 +136,7 @@ def test_a_direction_without_length_is_refused(direction: tuple[float, float]) -
 
 @pytest.mark.parametrize(("impedance", "stable"), [(90.0, True), (95.0, False)])
 def test_the_bare_device_holds_below_b_tc_over_m_of_2(impedance: float, stable: bool) -> None:
-    """Theory 3.6: 0.045 kg holds at 90 N s/m, diverges at 95."""
+    """By theory 3.6 0.045 kg holds at 90 N s/m, and diverges at 95."""
     light = session("passive", 0, {"coupling.impedance_nspm": impedance, "users.0.device_mass_kg": 0.045})
     model = LiftedModel(light)
     assert verdict(model).stable == stable
@@ -200,7 +200,7 @@ def any_session(draw: st.DrawFn) -> LinearSession:
 
 @given(any_session())
 @settings(max_examples=200, deadline=None)
-def test_what_is_taken_out_lies_at_one_and_the_rest_stays(which: LinearSession) -> None:
+def test_removed_eigenvalues_lie_at_one_and_the_others_stay(which: LinearSession) -> None:
     model = LiftedModel(which)
     A, rigid = model.matrix(), Rigid(model)
     assert rigid.residual(A) < 1e-8
@@ -218,14 +218,14 @@ def test_what_is_taken_out_lies_at_one_and_the_rest_stays(which: LinearSession) 
 @given(any_session())
 @settings(max_examples=200, deadline=None)
 def test_nothing_that_lies_at_one_by_structure_is_left(which: LinearSession) -> None:
-    """Else rounding would say whether it is stable. Nothing here is slower than 1e-5 a frame."""
+    """An eigenvalue left there would make stability depend on rounding. Nothing here is slower than 1e-5 a frame."""
     model = LiftedModel(which)
     rest = np.linalg.eigvals(Rigid(model).removed(model.matrix()))
     assert np.abs(rest - 1.0).min(initial=1.0) > 1e-6
 
 
 def test_hands_that_hold_springs_leave_a_tension() -> None:
-    """No wave says from where a held device started, so any force may stand between its hand and the spring."""
+    """No wave says where a held device started, so any force may stand between its hand and the spring."""
     wall, cube = (
         with_person(with_person(which, 0, hand_stiffness_npm=300.0), 1, hand_stiffness_npm=200.0)
         for which in (session("passive", overrides={"object.kind": "wall"}), session("passive"))

@@ -1,4 +1,4 @@
-"""Blocks against plain simulation: lifting, delays, interconnection, frequency response."""
+"""Tests of blocks against plain simulation: lifting, delays, interconnection, frequency response."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def simulate(block: StateSpace, inputs: Array) -> Array:
-    """Outputs for inputs (k, p) from rest."""
+    """Return the outputs for inputs (k, p), from rest."""
     x = np.zeros(block.states)
     outputs = []
     for u in inputs:
@@ -82,7 +82,7 @@ def test_diagonal_is_side_by_side(seed: int) -> None:
 @given(seeds, few, few, few)
 @settings(deadline=None)
 def test_a_closed_loop_solves_its_own_equations(seed: int, p: int, q: int, r: int) -> None:
-    """u = F y + G w at every step, and P eq. 36 for the state."""
+    """Check u = F y + G w at every step, and P eq. 36 for the state."""
     block = block_of(seed, 3, p, q)
     draw = np.random.default_rng(seed + 5).uniform
     F, G = draw(-0.2, 0.2, (p, q)), draw(-1.0, 1.0, (p, r))

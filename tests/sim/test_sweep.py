@@ -1,7 +1,8 @@
-"""Sweeps: what a grid is, what is kept, and what a kill, an interrupt or a dead worker costs."""
+"""Tests of sweeps: grids, measures, folders, and what a kill, an interrupt or a dead worker costs."""
 
 import csv
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -17,25 +18,21 @@ from hypothesis import strategies as st
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.analysis.measures import LIFTED
-from cogrip.sim.experiments.sweep.case import Job, Result, run_case, run_cases
-from cogrip.sim.experiments.sweep.folder import CELLS, MANIFEST, TABLE, FolderError, SweepFolder
+from cogrip.sim.experiments.experiment import Measure, Result, run_case
+from cogrip.sim.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
+from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.sweep.grid import Axis, Grid, GridError, parse_axis
 from cogrip.sim.experiments.sweep.measures import MeasureError, expanded, read
 from cogrip.sim.experiments.sweep.picture import draw_measure
-from cogrip.sim.experiments.sweep.run import prepare, run_sweep
+from cogrip.sim.experiments.sweep.query import MANIFEST, Job, measure_case, prepare
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots.style import NotDrawnError
 
+from tests.sim.compared_methods import InProcess
+
 TWO: dict[str, Any] = {"name": "two", "seconds": 0.5, "users": [{"name": "a"}, {"name": "b"}]}
 RADIUS = "lifted.spectral_radius"
-
-
-class InProcess:
-    """Workers of the very simplest kind."""
-
-    def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
-        return map(run_case, jobs)
 
 
 @given(st.floats(1e-3, 1e6), st.floats(1e-3, 1e6), st.integers(2, 60), st.booleans())
@@ -87,13 +84,13 @@ def test_values_as_they_are_written(text: str, values: tuple[Any, ...]) -> None:
         ("k=1,2,1", "stands twice"),
     ],
 )
-def test_what_cannot_be_varied(text: str, words: str) -> None:
+def test_axes_that_cannot_be_varied(text: str, words: str) -> None:
     with pytest.raises(GridError, match=words):
         parse_axis(text)
 
 
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=4))
-def test_every_combination_is_one_cell(sizes: list[int]) -> None:
+def test_every_combination_is_one_case(sizes: list[int]) -> None:
     grid = Grid({}, [Axis(f"k{number}", tuple(range(size))) for number, size in enumerate(sizes)])
     seen = {tuple(grid.values(case).values()) for case in grid}
     assert len(seen) == grid.cases
@@ -108,7 +105,7 @@ def test_every_combination_is_one_cell(sizes: list[int]) -> None:
         ([Axis("seed", tuple(range(1000))), Axis("seconds", tuple(range(1, 102)))], "more than 100000"),
     ],
 )
-def test_what_is_no_grid(axes: list[Axis], words: str) -> None:
+def test_impossible_grids(axes: list[Axis], words: str) -> None:
     with pytest.raises(GridError, match=words):
         Grid(TWO, axes)
 
@@ -122,7 +119,7 @@ def test_what_is_no_grid(axes: list[Axis], words: str) -> None:
         ("coupling.kind=wave,waves", "cell 1 .*coupling.kind"),
     ],
 )
-def test_every_cell_is_checked_before_any_is_run(vary: str, words: str) -> None:
+def test_every_case_is_checked_before_any_is_run(vary: str, words: str) -> None:
     with pytest.raises(GridError, match=words):
         prepare(resolve(TWO), [parse_axis(vary)], [RADIUS])
 
@@ -145,7 +142,7 @@ def test_measures_by_path_by_star_and_by_name() -> None:
         ("lifted.spectral", "did you mean lifted.spectral_radius"),
     ],
 )
-def test_a_measure_there_is_not(measure: str, words: str) -> None:
+def test_unknown_measures(measure: str, words: str) -> None:
     example = run_laboratory(resolve({**TWO, "seconds": 0.05})).summary
     with pytest.raises(MeasureError, match=words):
         expanded([measure], example)
@@ -155,7 +152,7 @@ def sweep_of(
     settings: Settings, folder: Path, *vary: str, measures: Sequence[str] = ("passive", "users.0.peak_force_n")
 ) -> Any:
     sweep = prepare(settings, [parse_axis(text) for text in vary], measures)
-    return sweep, SweepFolder(folder, sweep.asked)
+    return sweep, ExperimentFolder(folder, sweep)
 
 
 def table(folder: Path) -> list[dict[str, str]]:
@@ -163,9 +160,9 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_cell_is_the_session_it_says(tmp_path: Path) -> None:
+def test_a_case_is_its_session(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "coupling.stiffness_npm=100:1000:2log", "link.loss=0,0.2")
-    report = run_sweep(sweep, folder, InProcess())
+    report = run_experiment(sweep, folder, InProcess())
     assert (report.cases, report.computed, report.kept, report.failed) == (4, 4, 0, {})
     rows = table(tmp_path)
     assert [row["cell"] for row in rows] == ["0", "1", "2", "3"]
@@ -177,7 +174,7 @@ def test_a_cell_is_the_session_it_says(tmp_path: Path) -> None:
 def test_lifted_measures_need_no_session(tmp_path: Path) -> None:
     settings = resolve({**TWO, "seconds": 1e5})  # a session of this would never end
     sweep, folder = sweep_of(settings, tmp_path, "coupling.stiffness_npm=100,2000", measures=tuple(LIFTED))
-    run_sweep(sweep, folder, InProcess())
+    run_experiment(sweep, folder, InProcess())
     rows = table(tmp_path)
     assert rows[0]["lifted.stable"] == "true"
     assert float(rows[1]["lifted.felt_stiffness_npm"]) == pytest.approx(1.0 / (1.0 / 2000.0 + 7.8125e-3 / 40.0))
@@ -189,50 +186,49 @@ def test_workers_give_what_one_process_gives_in_the_grids_order(tmp_path: Path) 
         sweep, folder = sweep_of(resolve({**TWO, "link": {"loss": 0.2}}), tmp_path / name, *vary)
         if isinstance(workers, LocalWorkers):
             with workers:
-                run_sweep(sweep, folder, workers)
+                run_experiment(sweep, folder, workers)
         else:
-            run_sweep(sweep, folder, workers)
+            run_experiment(sweep, folder, workers)
     assert (tmp_path / "here" / TABLE).read_bytes() == (tmp_path / "there" / TABLE).read_bytes()
 
 
-def test_a_cell_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
+def test_a_case_that_fails_is_kept_as_failed_and_run_again(tmp_path: Path) -> None:
     class Failing(InProcess):
-        def run(self, jobs: Sequence[Job]) -> Iterator[Result]:
+        def run(self, measure: Measure, jobs: Sequence[Job], batch: int = 1) -> Iterator[Result]:
             for job in jobs:
-                yield Result(job.case, {}, "broken") if job.case == 1 else run_case(job)
+                yield Result(job.case, {}, "broken") if job.case == 1 else run_case(measure, job)
 
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
-    assert run_sweep(sweep, folder, Failing()).failed == {"broken": 1}
+    assert run_experiment(sweep, folder, Failing()).failed == {"broken": 1}
     assert table(tmp_path)[1]["error"] == "broken"
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:3:3", measures=[RADIUS])
-    report = run_sweep(sweep, folder, InProcess())
+    report = run_experiment(sweep, folder, InProcess())
     assert (report.kept, report.computed, report.failed) == (2, 1, {})
 
 
-def test_an_error_inside_a_cell_is_its_result() -> None:
-    result = run_case(Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
+def test_an_error_inside_a_case_is_its_result() -> None:
+    result = run_case(measure_case, Job(0, {"users": [{"name": "a", "device": "sim:nothing"}]}, {}, ("passive",)))
     assert result.error.startswith("DeviceError")
-    assert run_cases([]) == []
 
 
-def test_a_torn_last_line_is_no_cell(tmp_path: Path) -> None:
+def test_a_torn_last_line_is_no_case(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
-    run_sweep(sweep, folder, InProcess())
+    run_experiment(sweep, folder, InProcess())
     path = tmp_path / CELLS
     whole = path.read_text()
     path.write_text(whole[:-20])
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:4:4", measures=[RADIUS])
-    report = run_sweep(sweep, folder, InProcess())
+    report = run_experiment(sweep, folder, InProcess())
     assert (report.kept, report.computed) == (3, 1)
     assert path.read_text() == whole
 
 
 @pytest.mark.parametrize("what", ["other", "foreign", "file"])
-def test_nothing_of_anybody_else_is_touched(tmp_path: Path, what: str) -> None:
+def test_a_foreign_folder_is_not_touched(tmp_path: Path, what: str) -> None:
     path = tmp_path / "folder"
     if what == "other":
         sweep, folder = sweep_of(resolve(TWO), path, "seed=1:2:2", measures=[RADIUS])
-        run_sweep(sweep, folder, InProcess())
+        run_experiment(sweep, folder, InProcess())
     elif what == "foreign":
         path.mkdir()
         (path / "thesis.txt").write_text("years of work")
@@ -245,17 +241,17 @@ def test_nothing_of_anybody_else_is_touched(tmp_path: Path, what: str) -> None:
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
 
 
-def test_dead_workers_cost_their_cells_a_second_run(tmp_path: Path) -> None:
-    """Both at once, while there are cells that nobody has been given yet: however slow we are, their death is noticed."""
+def test_dead_workers_cost_their_cases_a_second_run(tmp_path: Path) -> None:
+    """Kill both workers at once, while cases are left that no worker has: their death is noticed however slow this is."""
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:8:8")
     with LocalWorkers(2) as workers:
 
         def kill_both_at_first(finished: int) -> None:
-            if finished == 1 and workers._pool is not None and not workers.deaths:
-                for worker in list(workers._pool._processes):
-                    os.kill(worker, signal.SIGKILL)
+            if finished == 1 and not workers.deaths:
+                for worker in multiprocessing.active_children():
+                    os.kill(worker.pid or 0, signal.SIGKILL)
 
-        report = run_sweep(sweep, folder, workers, kill_both_at_first)
+        report = run_experiment(sweep, folder, workers, kill_both_at_first)
     assert workers.deaths == 1
     assert (report.computed, report.failed) == (8, {})
     cases = [json.loads(line)["cell"] for line in (tmp_path / CELLS).read_text().splitlines()]
@@ -271,7 +267,7 @@ def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
             stop.reason = "interrupted"
 
     with LocalWorkers(1, stop) as workers:
-        report = run_sweep(sweep, folder, workers, stop_at_half)
+        report = run_experiment(sweep, folder, workers, stop_at_half)
     assert 4 <= report.computed < 8
     assert len(table(tmp_path)) == report.computed
 
@@ -279,13 +275,13 @@ def test_a_stop_keeps_what_is_finished(tmp_path: Path) -> None:
 KILLED_AT_FIVE = """
 import os, signal, sys
 from cogrip.cli.main import main
-from cogrip.sim.experiments.sweep.folder import SweepFolder
-whole = SweepFolder.add
+from cogrip.sim.experiments.folder import ExperimentFolder
+whole = ExperimentFolder.add
 def add(self, *told):
     whole(self, *told)
     if len(self.finished) == 5:
         os.kill(os.getpid(), signal.SIGKILL)
-SweepFolder.add = add
+ExperimentFolder.add = add
 main(sys.argv[1:])
 """
 
@@ -322,26 +318,26 @@ def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
 )
 def test_a_picture_of_one_two_or_three_settings(tmp_path: Path, vary: list[str], panels: int) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, *vary, measures=[RADIUS])
-    run_sweep(sweep, folder, InProcess())
+    run_experiment(sweep, folder, InProcess())
     figure = draw_measure(sweep.grid, folder.finished, RADIUS)
     shown = [axes for axes in figure.axes if axes.get_visible() and axes.get_xlabel()]
     assert len(shown) == panels
 
 
-def test_what_is_no_number_is_not_drawn(tmp_path: Path) -> None:
+def test_a_measure_without_numbers_is_not_drawn(tmp_path: Path) -> None:
     sweep, folder = sweep_of(resolve(TWO), tmp_path, "seed=1:2:2", measures=["users.0.state"])
-    run_sweep(sweep, folder, InProcess())
+    run_experiment(sweep, folder, InProcess())
     with pytest.raises(NotDrawnError, match="no number"):
         draw_measure(sweep.grid, folder.finished, "users.0.state")
 
 
-def test_what_stands_in_a_file_that_cells_read_is_part_of_the_question(tmp_path: Path) -> None:
+def test_the_content_of_files_is_part_of_the_query(tmp_path: Path) -> None:
     first, second = (tmp_path / f"{name}.csv" for name in ("first", "second"))
     for path in (first, second):
         path.write_text("t_s,delay_ms\n0,5\n1,7\n")
     vary = f"link.trace={first},{second}"
     sweep, folder = sweep_of(resolve(TWO), tmp_path / "out", vary, "seed=1:2:2")
-    assert run_sweep(sweep, folder, InProcess()).computed == 4
+    assert run_experiment(sweep, folder, InProcess()).computed == 4
     again, folder = sweep_of(resolve(TWO), tmp_path / "out", vary, "seed=1:2:2")
     folder.close()
     assert len(folder.finished) == 4

@@ -1,4 +1,4 @@
-"""Device rates of 1024 to 8192 Hz, each person's own, and network rates of 32 to 1024 Hz: every passive part stays passive."""
+"""Tests of device rates from 1024 to 8192 Hz, each person's own, and network rates from 32 to 1024 Hz."""
 
 import math
 from fractions import Fraction
@@ -27,8 +27,9 @@ from cogrip.sim.runs.replay.what_if import what_if
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.session.laboratory import Laboratory, moments_of
 
+from tests.sim.session_measures import least_margin, summary_of
+
 NOTHING_J = -1e-12
-MARGINS = ("up_margin_j", "down_margin_j", "line_margin_j")
 DEVICE_HZ = (1024, 2048, 3072, 4096, 8192)
 
 
@@ -38,10 +39,6 @@ def world(network_hz: int, device_hz: list[int], **more: Any) -> dict[str, Any]:
         for number, hz in enumerate(device_hz)
     ]
     return {"rates": {"device_hz": max(1024, network_hz), "network_hz": network_hz}, "users": people, **more}
-
-
-def least_margin(summary: dict[str, Any]) -> float:
-    return float(min(user["energy"][key] for user in summary["users"] for key in MARGINS))
 
 
 # The grids -----------------------------------------------------------------------------------------------------------
@@ -74,7 +71,7 @@ def test_ticks_of_each_loop_are_counted_for_themselves() -> None:
 
 
 def test_one_rate_for_all_is_that_rate_whoever_names_it() -> None:
-    """users.N.device_hz of everybody is [rates]'s."""
+    """The same users.N.device_hz for everybody is the one of [rates]."""
     named, common = world(128, [2048, 2048], seconds=1.0), world(128, [2048, 2048], seconds=1.0)
     for user in common["users"]:
         del user["device_hz"]
@@ -125,22 +122,19 @@ def test_every_line_is_passive_at_every_rate(data: st.DataObject) -> None:
         user["decimator"] = data.draw(
             st.sampled_from(["boxcar"] if ticks > 1 else ["boxcar", "lowpass", "none"]), "filter"
         )
-    laboratory = Laboratory(resolve(table))
-    laboratory.run()
-    assert laboratory.diverged == ""
-    assert least_margin(of_laboratory(laboratory)) >= NOTHING_J
+    summary = summary_of(**table)
+    assert not summary["diverged"]
+    assert least_margin(summary) >= NOTHING_J
 
 
 def test_without_a_filter_only_one_tick_a_frame_is_passive() -> None:
-    """M = 1 leaves nothing to alias; at M = 8 the very same hands make energy: the test above can fail."""
+    """M = 1 leaves nothing to alias; at M = 8 the same hands create energy: the test above can fail."""
     margins = []
     for network_hz in (1024, 128):
         table = world(network_hz, [1024, 1024], seconds=1.0, coupling={"decimator": "none"})
         for user in table["users"]:
             user["hand"] = "sine&frequency_hz=120&amplitude_m=0.001"
-        laboratory = Laboratory(resolve(table))
-        laboratory.run()
-        margins.append(least_margin(of_laboratory(laboratory)))
+        margins.append(least_margin(summary_of(**table)))
     assert margins[0] >= NOTHING_J
     assert margins[1] < -1e-6
 
@@ -184,7 +178,7 @@ def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
 
 @pytest.mark.parametrize(("device_hz", "network_hz", "frames"), [(1024, 32, 1), (4096, 1024, 8)])
 def test_the_line_is_as_soft_as_theory_says_at_every_rate(device_hz: int, network_hz: int, frames: int) -> None:
-    """Theory section 4: C_line has T_n in it. Put back: formula, seat's prediction, and a hand at rest in a session."""
+    """C_line of theory section 4 depends on T_n: formula, seat's prediction, and a hand at rest in a session."""
     table = {
         "rates": {"device_hz": device_hz, "network_hz": network_hz},
         "object": {"kind": "wall"},
@@ -211,7 +205,7 @@ def test_no_passive_session_has_a_growing_mode_at_any_rate(network_hz: int) -> N
 
 @pytest.mark.parametrize(("scheme", "user"), [("wave", 0), ("wave", 1), ("coupling", 1)])
 def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, user: int) -> None:
-    """Analysis goes by each person's own rate: what is rendered to either, to 1e-3."""
+    """The analysis goes by each person's own rate: the rendered impedance agrees to 1e-3."""
     table = world(128, [1024, 4096], coupling={"kind": scheme}, link={"delay_ms": 7.8125 if scheme == "wave" else 0.0})
     for each in table["users"]:
         each["hand"] = "hold"
@@ -226,7 +220,7 @@ def test_the_linear_model_of_unlike_rates_is_that_of_their_session(scheme: str, 
 
 
 def test_a_run_of_unlike_rates_replays(tmp_path: Path) -> None:
-    """Bit by bit; and with the same hands again, which begin when they began."""
+    """It replays bit by bit, and with the same hands again, which begin when they began."""
     table = world(64, [4096, 1024], seconds=1.0, link={"delay_ms": 10, "loss": 0.1, "jitter_ms": 5})
     ran = run_laboratory(resolve(table), tmp_path, begins=(0, 16 * 16)).summary
     rates, ticks = {}, {}

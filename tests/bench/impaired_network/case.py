@@ -16,9 +16,7 @@ from cogrip.sim.analysis.linear_session import linear_session
 from cogrip.sim.analysis.stability import verdict
 from cogrip.sim.experiments.methods.hand import let_rest
 from cogrip.sim.experiments.methods.measures import at_rest, created_j, furthest, largest
-from cogrip.sim.experiments.methods.trace import Watch
-from cogrip.sim.experiments.sweep.case import Result
-from cogrip.sim.experiments.sweep.measures import finite
+from cogrip.sim.experiments.methods.trace import TraceRecorder
 from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.summary_values import people, worst_margin
 from cogrip.sim.session.laboratory import Laboratory
@@ -49,18 +47,9 @@ class Job:
         return settled(table, self.overrides)
 
 
-def run_cases(jobs: list[Job]) -> list[Result]:
-    """Run cases in a worker process."""
-    return [run_case(job) for job in jobs]
-
-
-def run_case(job: Job) -> Result:
-    """Run one session. Whatever goes wrong in it is its result: the others go on."""
-    try:
-        measures = _loose(job) if job.scheme else _impaired(job)
-    except Exception as error:  # noqa: BLE001 (kept with the case, counted and shown)
-        return Result(job.case, {}, f"{type(error).__name__}: {error}")
-    return Result(job.case, {name: finite(value) for name, value in measures.items()})
+def measure_case(job: Job) -> dict[str, Any]:
+    """Run one session and return its measures."""
+    return _loose(job) if job.scheme else _impaired(job)
 
 
 def rest_from_s(seconds: float) -> float:
@@ -73,10 +62,10 @@ def gaps_m(summary: Mapping[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array([np.subtract(user["position_m"], user["proxy_m"]) for user in summary["users"]])
 
 
-def _run(settings: Settings, seconds: float) -> tuple[Laboratory, dict[str, Any], Watch]:
+def _run(settings: Settings, seconds: float) -> tuple[Laboratory, dict[str, Any], TraceRecorder]:
     laboratory = Laboratory(settings)
     starts = [let_rest(person.device, person.rates.device_hz, rest_from_s(seconds)) for person in laboratory.people]
-    watch = Watch(laboratory, starts)
+    watch = TraceRecorder(laboratory, starts)
     laboratory.run(watch.each_tick, watch.each_frame)
     return laboratory, of_laboratory(laboratory), watch
 
@@ -122,7 +111,7 @@ def _loose(job: Job) -> dict[str, Any]:
     """
     settings = job.settings()
     laboratory = Laboratory(settings)
-    watch = Watch(laboratory, [(0.0,) * settings.object.axes for _ in settings.users])
+    watch = TraceRecorder(laboratory, [(0.0,) * settings.object.axes for _ in settings.users])
     laboratory.run(watch.each_tick, watch.each_frame)
     summary = of_laboratory(laboratory)
     worst = worst_margin(people(summary))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from cogrip.protocol.settings import Seconds, Stiffness
-from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.experiment import Result
 
 from tests.bench.impaired_network.case import Job, growth
 
@@ -57,11 +57,10 @@ class Matrix:
         return jobs
 
 
-def at_once(jobs: Sequence[Job]) -> int:
-    """Return how many cases a process gets together: one room on every network."""
-    first = jobs[0]
-    return sum(1 for job in jobs if (job.people, job.stiffness_npm, job.seed, job.scheme)
-               == (first.people, first.stiffness_npm, first.seed, first.scheme))  # fmt: skip
+def batch(jobs: Sequence[Job]) -> int:
+    """Return how many jobs a process gets together: those of one room on every network."""
+    rooms = [(job.people, job.stiffness_npm, job.seed, job.scheme) for job in jobs]
+    return rooms.count(rooms[0])
 
 
 def wrong(job: Job, result: Result) -> str:

@@ -263,7 +263,7 @@ def _summary(live: LiveRelay) -> dict[str, Any]:
         },
         "flows_begun": core.begun,
         "flows_expired": core.expired,
-        "strangers": core.strangers,
+        "strangers": core.beyond_limit,
         "trouble": live.counts,
     }
 
@@ -308,7 +308,7 @@ def _print_counts(live: LiveRelay, console: Console) -> None:
             us = late.summary_us((50, 99))
             late_us = f"{us['p50']:.0f} us (p50), {us['p99']:.0f} us (p99), at most {us['max']:.0f} us"
             say_lines(console, f"{direction}: sent late by {late_us}")
-    counts = {"of peers beyond --flows": core.strangers, "flows that expired": core.expired, **live.counts}
+    counts = {"of peers beyond --flows": core.beyond_limit, "flows that expired": core.expired, **live.counts}
     if words := ", ".join(f"{name} {count}" for name, count in counts.items() if count):
         say_lines(console, f"dealt with: {words}")
     refused = [measure for measure in live.measures if not measure.granted]

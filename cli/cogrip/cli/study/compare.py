@@ -19,12 +19,12 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import Fitted, has_width, plain_table
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
-from cogrip.sim.experiments.methods.case import run_cases
+from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
 from cogrip.sim.experiments.methods.method import CLEAN, METHODS, NETWORKS, OWN, ChoiceError, choose, session_settings
-from cogrip.sim.experiments.methods.query import COMPARISON, Comparison, prepare, run_comparison
+from cogrip.sim.experiments.methods.query import Comparison, prepare
 from cogrip.sim.experiments.methods.table import TABLE, cells, note, ours_failed, unstable
-from cogrip.sim.experiments.sweep.folder import FolderError, SweepFolder
-from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.experiments.runner import run_experiment
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import finite
 
 SEEDS = 20
@@ -78,13 +78,12 @@ def compare(
     check_compared(_sessions(asked), allow_unstable)
     path = out or new_run_folder(runs, f"compare-{asked.base['name']}")
     with BadInput.of(FolderError, where="--out: "), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
-        folder = SweepFolder(path, asked.asked, COMPARISON)
+        folder = ExperimentFolder(path, asked)
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.cases} sessions are finished already, in {folder.path}")
     stop = Stop()
-    these = LocalWorkers(workers or processors(), stop, run_cases, asked.at_once)
-    with on_signals(stop), _Progress(console, asked.cases) as progress, these:
-        run_comparison(asked, folder, these, progress)
+    with on_signals(stop), _Progress(console, asked.cases) as progress, LocalWorkers(workers, stop) as these:
+        run_experiment(asked, folder, these, progress)
     if folder.finished:
         failed = _write(asked, folder, json, console)
     else:
@@ -147,7 +146,7 @@ class _Progress:
             self._console.print(f"{finished} of {self._total} sessions")
 
 
-def _write(asked: Comparison, folder: SweepFolder, json: str | None, console: Console) -> bool:
+def _write(asked: Comparison, folder: ExperimentFolder, json: str | None, console: Console) -> bool:
     """Write files, table, answer. Return whether a session could not be run, or ours was not passive."""
     with console.status("writing the report"):
         from cogrip.sim.experiments.methods.report import REPORT, write_outcome

@@ -15,13 +15,15 @@ from cogrip.cli.terminal.json_answer import Json, write_json
 from cogrip.cli.terminal.parameters import Config, Overrides
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.stop import Stop, on_signals
+from cogrip.sim.experiments.experiment import Workers
+from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
 from cogrip.sim.experiments.ray_cluster import ClusterError, RayWorkers
-from cogrip.sim.experiments.sweep.folder import FolderError, SweepFolder
+from cogrip.sim.experiments.runner import Outcome, run_experiment
 from cogrip.sim.experiments.sweep.grid import GridError, parse_axis
 from cogrip.sim.experiments.sweep.measures import DEFAULT, MeasureError, needs_session
 from cogrip.sim.experiments.sweep.picture import draw_measure
-from cogrip.sim.experiments.sweep.run import Report, Sweep, Workers, prepare, run_sweep
-from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
+from cogrip.sim.experiments.sweep.query import Sweep, prepare
+from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.plots.style import NotDrawnError, png
 
 MOST_PICTURES = 12
@@ -69,7 +71,7 @@ def sweep(
     workers = _workers(cluster, address, jobs, stop)
     path = out or Path("sweeps") / f"{asked.grid.base['name']}-{asked.digest}"
     with BadInput.of(FolderError, where="--out: "), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
-        folder = SweepFolder(path, asked.asked)
+        folder = ExperimentFolder(path, asked)
     if folder.finished:
         console.print(f"{len(folder.finished)} of {asked.grid.cases} cases are finished already, in {folder.path}")
     with on_signals(stop), Progress(
@@ -78,7 +80,7 @@ def sweep(
     ) as bar:  # fmt: skip
         task = bar.add_task("cases", total=asked.grid.cases)
         with Problem.of(ClusterError), workers as these:
-            report = run_sweep(asked, folder, these, lambda finished: bar.update(task, completed=finished))
+            report = run_experiment(asked, folder, these, lambda finished: bar.update(task, completed=finished))
     return _report(report, folder.path, _draw(asked, folder, console), stop, json, console)
 
 
@@ -99,10 +101,10 @@ def _workers(cluster: str | None, address: str, jobs: int | None, stop: Stop) ->
         return RayWorkers(address, stop)
     if address:
         raise BadInput(f"--address {address}: is for a cluster; give --cluster ray with it")
-    return LocalWorkers(jobs or processors(), stop)
+    return LocalWorkers(jobs, stop)
 
 
-def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
+def _draw(asked: Sweep, folder: ExperimentFolder, console: Console) -> list[Path]:
     from cogrip.sim.analysis.figures.page import svg
 
     paths: list[Path] = []
@@ -119,7 +121,7 @@ def _draw(asked: Sweep, folder: SweepFolder, console: Console) -> list[Path]:
     return paths
 
 
-def _report(report: Report, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
+def _report(report: Outcome, folder: Path, pictures: list[Path], stop: Stop, json: str | None, console: Console) -> int:
     failed = sum(report.failed.values())
     if json:
         answer = {

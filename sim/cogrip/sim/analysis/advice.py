@@ -20,13 +20,13 @@ from cogrip.sim.analysis.decimation_passivity import filter_of, largest_gain
 from cogrip.sim.analysis.feel import no_contact, on_wall, slow_feel
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import LinearSession, linear_session, seat_session
-from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, hoped_stable, largest_stable, verdict
+from cogrip.sim.analysis.stability import SEARCHED_FROM_NPM, Limit, Verdict, largest_stable, optimistic_limit, verdict
 from cogrip.sim.runs.felt_as_intended import STIFFNESS_JND
 
 AMPLE = 1.5  # times its stiffness that a session should stay stable to
 MUCH_GAIN = 1.1  # of a decimator: more than that warns
-LITTLE_FELT = 0.25  # of the stiffness asked for: what is felt at rest warns below it
-HEAVY_KG = 0.25  # that a line adds to free motion: a mug of coffee
+LITTLE_FELT = 0.25  # of the stiffness asked for: a felt stiffness below it warns
+HEAVY_KG = 0.25  # added to free motion by a line: a mug of coffee
 _TINY = 1e-9
 _NEAR = 1e-4  # of a stiffness
 _TOO_MUCH = {
@@ -88,34 +88,34 @@ class Advice:
 
     @property
     def refusals(self) -> tuple[str, ...]:
-        """Warnings for which a session is refused: what is known to be unstable, each with the value that would do."""
+        """Warnings that refuse a session: what is known to be unstable, each with the value that would do."""
         return tuple(finding.text for finding in self.findings if finding.refused)
 
 
 def plain(value: float, digits: int = 4) -> str:
-    """A number rounded to so many digits, written without an exponent below a million."""
+    """Return a number rounded to so many digits, written without an exponent below a million."""
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def largest(model: LiftedModel) -> Limit:
-    """Up to which stiffness a session is stable."""
+    """Return up to which stiffness a session is stable."""
     return largest_stable(model, relative=_NEAR, beyond=False)
 
 
 def ample(model: LiftedModel) -> Limit:
-    """The same, looked for no further than what is ample: all that warnings need."""
+    """Return the same, searched only as far as warnings need: to AMPLE."""
     to_npm = AMPLE * max(model.session.stiffness_npm) * (1.0 + _TINY)
     return largest_stable(model, relative=_NEAR, to_npm=to_npm, beyond=False)
 
 
-def hoped(model: LiftedModel) -> Limit:
-    """What that can be at best, by a few looks."""
+def at_best(model: LiftedModel) -> Limit:
+    """Return an upper bound of the same, from a few stiffnesses."""
     most = max(model.session.stiffness_npm)
-    return hoped_stable(model, [share * most for share in (0.1, 0.2, 0.4, 0.7, 1.0, AMPLE)])
+    return optimistic_limit(model, [share * most for share in (0.1, 0.2, 0.4, 0.7, 1.0, AMPLE)])
 
 
 def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest) -> Advice:
-    """What there is to say of a room. Raises ModelError or DeviceError where there is no model, or no such device."""
+    """Return advice on a room. Raises ModelError or DeviceError where there is no model, or no such device."""
     session = linear_session(settings)
     seats = [seat_settings(settings, number) for number in range(len(settings.users))]
     records = [make_for(user, settings.object.axes).capability for user in settings.users]
@@ -226,7 +226,7 @@ def _calmer(session: LinearSession) -> str:
 
     def stable(share: float) -> bool:
         people = tuple(replace(person, **{key: share * getattr(person, key)}) for person in session.people)
-        return hoped_stable(LiftedModel(replace(session, people=people)), [SEARCHED_FROM_NPM]).stiffness_npm is None
+        return optimistic_limit(LiftedModel(replace(session, people=people)), [SEARCHED_FROM_NPM]).stiffness_npm is None
 
     low = next((share for power in range(1, _HALVINGS) if stable(share := 0.5**power)), None)
     if low is None:

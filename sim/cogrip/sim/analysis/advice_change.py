@@ -1,4 +1,4 @@
-"""Changes of one setting that would help, by the model, the best first. `sim/laboratory_check.py` tries them in sessions."""
+"""Changes of one setting that would help, by the model, the best first; `sim/session/laboratory_check.py` tries them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cogrip.client.rendered_damper import rounded_down
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.protocol.settings_table import SettingsError
-from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, hoped
+from cogrip.sim.analysis.advice import AMPLE, Advice, advise, ample, at_best
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import Limit
@@ -23,7 +23,7 @@ from cogrip.sim.analysis.stability import Limit
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Compared in this order: fewer warnings, stable further, felt stiffness nearer to what was asked.
+    """The score of a session, compared in this order: fewer warnings, stable further, felt stiffness nearer to what is asked.
 
     warnings: those of the feel apart, which `missed` counts; reach: log of limit over stiffness, up to AMPLE; missed: the
     largest |felt / asked - 1|, of what was asked before any change.
@@ -39,7 +39,7 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One setting that would help, and the scores before and after it."""
+    """One setting that would help, and the scores before and after it; `measured`: the felt stiffness is of sessions."""
 
     key: str
     value: Any
@@ -49,17 +49,17 @@ class Change:
 
     @property
     def setting(self) -> str:
-        """As `--set` takes it."""
+        """The override as `--set` takes it."""
         return self.written(self.key, self.value)
 
     @staticmethod
     def written(key: str, value: Any) -> str:
-        """One override as `--set` takes it."""
+        """Return one override as `--set` takes it."""
         return f"{key}={msgspec.json.encode(value).decode()}"
 
     @property
     def effect(self) -> str:
-        """Say what it would do, with what it takes."""
+        """What the change would do, in words."""
         before, after = self.before, self.after
         parts = []
         if after.warnings < before.warnings:
@@ -76,13 +76,13 @@ class Change:
 
 
 def change_to(settings: Settings, now: Advice, key: str, value: Any) -> Change:
-    """A change by name, as the model scores it. Raises SettingsError or ModelError."""
+    """Return a change with its score by the model. Raises SettingsError or ModelError."""
     asked = [user.asked_npm for user in now.users]
     return Change(
         key,
         value,
-        _score(now, asked),
-        _score(advise(resolve(msgspec.to_builtins(settings), {key: value}), ample), asked),
+        score_of(now, asked),
+        score_of(advise(resolve(msgspec.to_builtins(settings), {key: value}), ample), asked),
     )
 
 
@@ -91,24 +91,24 @@ def ranked_changes(
 ) -> Iterator[Change]:
     """Yield the changes that help, the best first; of equals the one that costs least.
 
-    Up to which stiffness a candidate is stable takes long to find where delays are long. So first everybody gets a few looks,
-    which say what they can be at best; then they are looked at closely, the most hopeful first, until nobody can be better.
-    progress: how many candidates were looked at, of how many.
+    The exact limit of stability takes long to find where delays are long. So every candidate gets an optimistic score first,
+    from a few stiffnesses; then they are scored exactly, the most promising first, until no other can be better.
+    progress: how many candidates were scored, of how many.
     """
     asked = [user.asked_npm for user in now.users]
-    before = _score(now, asked)
-    candidates = list(_candidates(settings, now))
+    before = score_of(now, asked)
+    candidates = list(candidates_of(settings, now))
     table = msgspec.to_builtins(settings)
 
     def score(number: int, search: Callable[[LiftedModel], Limit]) -> Score:
         key, value = candidates[number]
-        return _score(advise(resolve(table, {key: value}), search), asked)
+        return score_of(advise(resolve(table, {key: value}), search), asked)
 
     queue: list[tuple[tuple[float, ...], int, Score | None]] = []  # with a score where it was looked at closely
     for number in range(len(candidates)):
         progress(number, len(candidates))
         with suppress(SettingsError, ModelError, DeviceError):  # it cannot be set, or has no model: no candidate
-            queue.append((score(number, hoped).key(), number, None))
+            queue.append((score(number, at_best).key(), number, None))
     heapify(queue)
     while queue and queue[0][0] < before.key():
         _, number, after = heappop(queue)
@@ -119,7 +119,7 @@ def ranked_changes(
             yield Change(*candidates[number], before, after)
 
 
-def _score(advice: Advice, asked_npm: Sequence[float]) -> Score:
+def score_of(advice: Advice, asked_npm: Sequence[float]) -> Score:
     limit, most = advice.limit.stiffness_npm, advice.stiffness_npm
     reach = inf if limit is None else log(limit / most) if limit else -inf
     pairs = zip(advice.users, asked_npm, strict=True)
@@ -128,8 +128,8 @@ def _score(advice: Advice, asked_npm: Sequence[float]) -> Score:
     return Score(warnings, min(reach, log(AMPLE)), missed)
 
 
-def _candidates(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
-    """Changes worth trying, those that cost least first."""
+def candidates_of(settings: Settings, now: Advice) -> Iterator[tuple[str, Any]]:
+    """Yield changes worth trying, those that cost least first."""
     coupling = settings.coupling
     if coupling.kind == "coupling":
         yield "coupling.kind", "wave"

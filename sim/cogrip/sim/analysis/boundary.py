@@ -1,6 +1,6 @@
-"""The border of the stable region in the plane of two stiffnesses, traced point by point instead of read off a grid.
+"""The boundary of the stable region in the plane of two stiffnesses, traced point by point.
 
-On the border an eigenvalue e^{j theta} crosses the unit circle, so
+On the boundary an eigenvalue e^{j theta} crosses the unit circle, so
 
     f(theta, K_1, K_2) = det(I - S(e^{j theta}) G(e^{j theta})) = 0        (`LiftedModel.characteristic`)
 
@@ -10,8 +10,8 @@ chords fit. Eigenvalues are used where Newton cannot know: on the first rays, an
 A point that fails its verification, as where another mode has taken over, is found anew by scanning its ray.
 
 Rays end on the frame of the picture, (K_1, K_2) = box * p(t), t in [0, 1] from the end of the K_1 axis round the
-corner to that of the K_2 axis. The region is taken to be seen from the origin whole; `probes` between origin and
-border would show it if it were not.
+corner to that of the K_2 axis. The region is assumed to be star-shaped about the origin; `probes` between origin and
+boundary would show it if it were not.
 """
 
 from __future__ import annotations
@@ -29,31 +29,29 @@ from cogrip.sim.analysis.state_space import Array
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-LEAST_NPM = 1.0  # a region that ends below it is no region
-ASIDE = 1e-3  # how far beside the border it is verified, as a share of s
-_AXIS = (
-    1e-4  # a ray along an axis keeps this much of the other stiffness: at 0 that spring's stretch would be a freedom
-)
+LEAST_NPM = 1.0  # a region that ends below it does not count
+ASIDE = 1e-3  # distance from the boundary at which it is verified, as a share of s
+_AXIS = 1e-4  # of the other stiffness that a ray along an axis keeps: at 0 that spring's stretch would be a freedom
 _FIRST_RAYS = 9
 _LEVELS = 6
 _CHORD = 2e-3  # of the box: a new point farther than this from the chord of its neighbours asks for more
 _SCAN = np.geomspace(1e-3, 1.0, 13)
 _NEWTON_STEPS = 10
-_SETTLED = 1e-5  # a last step of this size leaves its square
+_CONVERGED = 1e-5  # last step: the error left is its square
 _DIFFERENCE = 1e-7
 _PROBES = (0.4, 0.8)
-_LEAST_ANGLE = 1e-9  # at angle 0 stand the poles of what moves on for ever
+_LEAST_ANGLE = 1e-9  # at angle 0 are the poles of uniform motion
 
 Spread = Callable[[Array], Array]
-"""Stiffnesses of two users, (..., 2), to those of all, (..., N)."""
+"""A function from stiffnesses of two users, (..., 2), to those of all, (..., N)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Boundary:
-    """Border points in the order of t, shape (P, 2) [N/m]; where `open` the region goes on beyond the box.
+    """Boundary points in the order of t, shape (P, 2) [N/m]; where `open` the region goes on beyond the box.
 
     inside, outside: spectral radius ASIDE before and behind each point; outside is nan where open.
-    unstable_probes: probes between origin and border that are not stable: 0 unless the region has a hole.
+    unstable_probes: unstable probes between origin and boundary: 0 unless the region has a hole.
     """
 
     points_npm: Array
@@ -64,12 +62,12 @@ class Boundary:
 
     @property
     def nowhere(self) -> bool:
-        """True where no stiffness that counts is stable: what is traced then is the origin."""
+        """True where no relevant stiffness is stable: the boundary traced then is the origin."""
         return bool((self.points_npm.max(axis=1) < LEAST_NPM).all())
 
     @property
     def verified(self) -> bool:
-        """Stable just inside and unstable just outside, everywhere; unstable alone where it is stable nowhere."""
+        """True if stable just inside and unstable just outside, everywhere; if unstable, where it is stable nowhere."""
         if self.nowhere:
             return bool((self.outside > 1.0).all())
         inside, outside = bool((self.inside < 1.0).all()), bool((self.outside[~self.open] > 1.0).all())
@@ -77,7 +75,7 @@ class Boundary:
 
 
 def trace(model: LiftedModel, box_npm: tuple[float, float], spread: Spread) -> Boundary:
-    """The outline of the region within a box [N/m]."""
+    """Return the boundary of the region within a box [N/m]."""
     tracer = _Tracer(model, np.array(box_npm), spread)
     t = np.linspace(0.0, 1.0, _FIRST_RAYS)
     few = np.array([0, (_FIRST_RAYS - 1) // 2, _FIRST_RAYS - 1])
@@ -112,18 +110,16 @@ class _Rays:
     outside: Array
 
     def replace(self, where: Flags, other: _Rays) -> None:
-        for name in ("s", "angle", "inside", "outside"):
-            getattr(self, name)[where] = getattr(other, name)
+        for mine, theirs in zip(self.fields()[1:], other.fields()[1:], strict=True):
+            mine[where] = theirs
+
+    def fields(self) -> tuple[Array, ...]:
+        return self.t, self.s, self.angle, self.inside, self.outside
 
 
 def _merged(one: _Rays, other: _Rays) -> _Rays:
     order = np.argsort(np.concatenate((one.t, other.t)))
-    return _Rays(
-        *(
-            np.concatenate((getattr(one, name), getattr(other, name)))[order]
-            for name in ("t", "s", "angle", "inside", "outside")
-        )
-    )
+    return _Rays(*(np.concatenate(pair)[order] for pair in zip(one.fields(), other.fields(), strict=True)))
 
 
 class _Tracer:
@@ -133,13 +129,13 @@ class _Tracer:
         self._rigid = rigid if rigid.for_any_stiffness else None
 
     def _end(self, t: Array) -> Array:
-        """p(t) times the box, (..., 2)."""
+        """Return p(t) times the box, (..., 2)."""
         p = np.stack((np.minimum(1.0, 2.0 - 2.0 * t), np.minimum(1.0, 2.0 * t)), axis=-1)
         ends: Array = np.maximum(p, _AXIS) * self._box
         return ends
 
     def _critical(self, K: Array) -> tuple[Array, Array]:
-        """Spectral radius and the angle of the eigenvalue that has it, for stiffnesses of the two (..., 2)."""
+        """Return spectral radius and angle of the eigenvalue that has it, for stiffnesses of the two (..., 2)."""
         stiffness = self._spread(K)
         rigid = self._rigid or Rigid(self._model, stiffness)
         values = np.linalg.eigvals(rigid.removed(self._model.matrix(stiffness)))
@@ -149,7 +145,7 @@ class _Tracer:
         return np.take_along_axis(sizes, most, axis=-1)[..., 0], angles[..., 0]
 
     def scanned(self, t: Array) -> _Rays:
-        """First crossings found by eigenvalues along each whole ray: bracketed, then Newton, or halved where that missed."""
+        """Find first crossings by eigenvalues along each whole ray: bracketed, then Newton, or bisection where that missed."""
         end = self._end(t)
         radius, angle = self._critical(_SCAN[:, None] * end[:, None, :])
         crossed = radius >= 1.0
@@ -169,7 +165,7 @@ class _Tracer:
         return rays
 
     def _halved(self, end: Array, low: Array, high: Array) -> tuple[Array, Array]:
-        """The crossing in a bracket that is stable at its low end and not at its high one, by parts of eight."""
+        """Find the crossing in a bracket that is stable at its low end and not at its high one, by parts of eight."""
         rows = np.arange(len(end))
         angle = np.zeros(len(end))
         for _ in range(5):
@@ -181,7 +177,7 @@ class _Tracer:
         return 0.5 * (low + high), angle
 
     def between(self, t: Array, known: _Rays) -> _Rays:
-        """Crossings on rays between known ones: Newton from both neighbours, the nearer crossing; scanned where it fails."""
+        """Find crossings on rays between known ones: Newton from both neighbours, the nearer one; scanned where it fails."""
         end = self._end(t)
         right = np.searchsorted(known.t, t)
         starts = np.stack((known.s[right - 1], known.s[right]))
@@ -200,7 +196,7 @@ class _Tracer:
         return rays
 
     def _newton(self, end: Array, s: Array, theta: Array) -> tuple[Array, Array]:
-        """Solve f = 0 for (theta, log s) on each ray from a start; inf where it does not settle at s > 0."""
+        """Solve f = 0 for (theta, log s) on each ray from a start; inf where it does not converge at s > 0."""
         x = np.stack((theta, np.log(s)))
         steps = np.array([[0.0, _DIFFERENCE, 0.0], [0.0, 0.0, _DIFFERENCE]])
         change = np.full_like(x, np.inf)
@@ -216,13 +212,13 @@ class _Tracer:
                     (f[0].imag * J[0].real - f[0].real * J[0].imag) / size,
                 ))  # fmt: skip
                 x = x + np.clip(change, -0.5, 0.5)
-                if np.nanmax(np.abs(change), initial=0.0) < _SETTLED:
+                if np.nanmax(np.abs(change), initial=0.0) < _CONVERGED:
                     break
-            settled = np.abs(change).max(axis=0) < _SETTLED
-        return np.where(settled, np.exp(x[1]), np.inf), np.abs(x[0])
+            converged = np.abs(change).max(axis=0) < _CONVERGED
+        return np.where(converged, np.exp(x[1]), np.inf), np.abs(x[0])
 
     def _verified(self, t: Array, s: Array, theta: Array) -> _Rays:
-        """Radius on both sides of each crossing; at the end of the ray where there is none."""
+        """Compute the radius on both sides of each crossing; at the end of the ray where there is none."""
         end = self._end(t)
         at = np.where(np.isfinite(s), s, 1.0)
         inner = np.where(np.isfinite(s), at * (1.0 - ASIDE), at)
@@ -232,7 +228,7 @@ class _Tracer:
         return _Rays(t, s, theta, radius[0], outside)
 
     def off_chord(self, known: _Rays, left: Indices, middle: _Rays) -> Array:
-        """Distance of new points from the chords between their neighbours, as a share of the box."""
+        """Return the distance of new points from the chords between their neighbours, as a share of the box."""
         ends = [self._place(known.t[at], known.s[at]) for at in (left, left + 1)]
         along = ends[1] - ends[0]
         off = self._place(middle.t, middle.s) - ends[0]
@@ -242,11 +238,11 @@ class _Tracer:
         return distance
 
     def _place(self, t: Array, s: Array) -> Array:
-        """Points on the border, (..., 2), as shares of the box."""
+        """Return points on the boundary, (..., 2), as shares of the box."""
         return np.minimum(s, 1.0)[:, None] * self._end(t) / self._box
 
     def boundary(self, rays: _Rays) -> Boundary:
-        """What was traced, and what lies between it and the origin."""
+        """Return the traced boundary, with probes between it and the origin."""
         points = self._place(rays.t, rays.s) * self._box
         some = points[:: max(1, len(points) // 8)]
         probes = np.array(_PROBES)[:, None, None] * some

@@ -8,22 +8,23 @@ is read.
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import sqrt
 
 import numpy as np
 
 from cogrip.devices.simulated.zero_order_hold import discretise
 from cogrip.protocol.rates import Rates
+from cogrip.sim.analysis.decimation_passivity import lowpass_pole
 from cogrip.sim.analysis.linear_session import Person
 from cogrip.sim.analysis.state_space import Array, StateSpace, close, delay, diagonal, lift, series, through
 
 
 def device_block(person: Person, rates: Rates) -> StateSpace:
-    """Input F, held over a tick; outputs y_est, w as it is read, x as it is read (P eq. 9; F_h apart).
+    """Return the device with its estimator: input F, held over a tick; outputs y_est, w and x as read (P eq. 9; F_h apart).
 
-    States: x, y; the estimator's two if estimated, else y of the last L ticks, newest first; w of the last L ticks; where a
-    sample is L ticks old when it is read. The estimator is `AlphaBeta`, with its states as error of position and velocity: it
-    reads displacements alone.
+    States: x, y; the estimator's two if estimated, else y of the last L ticks, newest first; w of the last L ticks, for samples
+    that are L ticks old when read. The estimator is `AlphaBeta`, with the errors of position and velocity as states: it reads
+    displacements alone.
     """
     step = discretise(
         person.device_mass_kg,
@@ -32,17 +33,17 @@ def device_block(person: Person, rates: Rates) -> StateSpace:
         rates.device_hz,
     )
     L, T = person.latency_ticks, rates.tick_s
-    own, directions = _ways(person)
+    own, past = _layout(person)
     n = own + 2 + L
     A, B, C, D = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((3, n)), np.zeros((3, 1))
     A[:2, :2] = [[1.0 - step.g * step.stiffness_npm, step.p], [-step.h * step.stiffness_npm, step.q]]
     B[:2, 0] = -step.g, -step.h
     w, driven = np.zeros(n), B[0] * rates.device_hz
     w[:2] = (A[0, :2] - (1.0, 0.0)) * rates.device_hz
-    _remember(A, B, directions, w, driven)
+    _remember(A, B, past, w, driven)
     C[1], D[1] = (np.eye(n)[-1], 0.0) if L else (w, driven)
     C[2, 0] = 1.0
-    C[2, directions] = -T
+    C[2, past] = -T
     if person.estimated:
         # error of the prediction at the next sample: T_c (w - y_est) - d, with d the error of the estimated position
         error, driven = T * C[1], T * D[1]
@@ -58,14 +59,14 @@ def device_block(person: Person, rates: Rates) -> StateSpace:
     return StateSpace(A, B, C, D)
 
 
-def _ways(person: Person) -> tuple[int, slice]:
-    """How many states there are for y_est, and where w of the last ticks stands."""
+def _layout(person: Person) -> tuple[int, slice]:
+    """Return the number of states for y_est, and the slice of w of the last ticks."""
     own = 2 if person.estimated else person.latency_ticks
     return own, slice(2 + own, 2 + own + person.latency_ticks)
 
 
 def _remember(A: Array, B: Array, states: slice, row: Array, driven: Array) -> None:
-    """States that hold the last values of a signal, newest first."""
+    """Enter states that hold the last values of a signal, newest first."""
     first, end = states.start, states.stop
     if end > first:
         A[first], B[first] = row, driven
@@ -73,26 +74,26 @@ def _remember(A: Array, B: Array, states: slice, row: Array, driven: Array) -> N
 
 
 def gliding(person: Person) -> tuple[slice, ...]:
-    """The states of a client that are v while everything moves on at v: y, its estimate, and what is remembered of them."""
-    own, directions = _ways(person)
-    return (slice(1, 2), slice(3, 4), directions) if person.estimated else (slice(1, 2 + own), directions)
+    """Return the states of a client that are v while everything moves on at v: y, its estimate, and their past values."""
+    own, past = _layout(person)
+    return (slice(1, 2), slice(3, 4), past) if person.estimated else (slice(1, 2 + own), past)
 
 
 def kept_waves(person: Person) -> slice:
-    """The states of a client of the wave scheme that are v of the last ticks, newest first."""
-    _, directions = _ways(person)
-    return slice(directions.stop, directions.stop + booked_late(person))
+    """Return the states of a client of the wave scheme that are v of the last ticks, newest first."""
+    _, past = _layout(person)
+    return slice(past.stop, past.stop + booked_late(person))
 
 
 def booked_late(person: Person) -> int:
-    """How many ticks late a displacement is booked, with the wave of then; y_est goes with the wave of now."""
+    """Return how many ticks late a displacement enters, with the wave of then; y_est goes with the current wave."""
     return person.latency_ticks if person.encoder == "displacement" else 0
 
 
 def wave_tick(person: Person, rates: Rates) -> StateSpace:
-    """One tick of the wave scheme: input v, output u after the filter (P eq. 12, 16, 32).
+    """Return one tick of the wave scheme: input v, output u after the filter (P eq. 12, 16, 32).
 
-    What is booked of a tick is the displacement that its end shows: that of L ticks before, with v of then.
+    The displacement of a tick is the one that its end shows: that of L ticks before, with v of then.
     """
     b, root = person.impedance_nspm, sqrt(2.0 * person.impedance_nspm)
     loop = close(device_block(person, rates), np.array([[b, 0.0, 0.0]]), np.array([[-root]]))
@@ -104,29 +105,24 @@ def wave_tick(person: Person, rates: Rates) -> StateSpace:
 
 
 def _filter(person: Person, rates: Rates) -> StateSpace:
-    """P eq. 32, discretised exactly; a tick's output has that tick's input in it."""
-    pole = exp(-person.lowpass_rad_s * rates.tick_s)
+    """Return P eq. 32, discretised exactly; a tick's output contains that tick's input."""
+    pole = lowpass_pole(person.lowpass_rad_s, rates)
     return StateSpace(*(np.array([[value]]) for value in (pole, 1.0 - pole, pole, 1.0 - pole)))
 
 
 def decimator_row(person: Person, ticks: int) -> Array:
-    """Weights of a frame's M filtered waves in the one that is sent, shape (M,)."""
-    row = np.zeros(ticks)
-    if person.decimator == "boxcar":
-        row[:] = 1.0 / ticks
-    else:
-        row[-1] = 1.0
-    return row
+    """Return the weights of a frame's M filtered waves in the one that is sent, shape (M,)."""
+    return np.full(ticks, 1.0 / ticks) if person.decimator == "boxcar" else np.eye(ticks)[-1]
 
 
 def wave_frame(person: Person, rates: Rates) -> StateSpace:
-    """One frame of the wave scheme: input v, held over its ticks (P eq. 15); output the wave that is sent (P eq. 14)."""
+    """Return one frame of the wave scheme: input v, held over its ticks (P eq. 15); output the wave sent (P eq. 14)."""
     M = rates.ticks_per_frame
     return through(np.ones((M, 1)), lift(wave_tick(person, rates), M), decimator_row(person, M)[None, :])
 
 
 def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
-    """One tick of virtual coupling: inputs x_o, v_o; outputs x as it is read, y_est. `stiffness` is K, (...)."""
+    """Return one tick of virtual coupling: inputs x_o, v_o; outputs x as read, y_est. `stiffness` is K, (...)."""
     device = device_block(person, rates)
     speed, place = device.C[0:1], device.C[2:3]
     K, B = stiffness[..., None, None], person.damping_nspm
@@ -138,7 +134,7 @@ def coupled_tick(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
 
 
 def coupled_frame(person: Person, stiffness: Array, rates: Rates) -> StateSpace:
-    """One frame of virtual coupling: inputs x_o, v_o as of its start, held; outputs x, y_est as of its start."""
+    """Return one frame of virtual coupling: inputs x_o, v_o as of its start, held; outputs x, y_est as of its start."""
     tick = coupled_tick(person, stiffness, rates)
     n = tick.states
     held = np.zeros((*stiffness.shape, n + 2, n + 2))  # M ticks with inputs that stay: the power of [A B; 0 I]

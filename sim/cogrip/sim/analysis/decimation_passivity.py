@@ -1,12 +1,12 @@
-"""Can a filter and a downsampler create energy? The exact condition (theory section 3.2; P section II asks less).
+"""The exact condition for a filter and a downsampler to be passive (theory section 3.2; P section II asks less).
 
 Of M fast waves u a filter H makes y = H u, of which one in M is kept, s_n = y_{nM}. With a component U_k of u at each alias
 (w + 2 pi k) / M, k < M, of a slow angle w, the kept samples have the sum of H_k U_k there. By Cauchy-Schwarz
 
     M sum_n |s_n|^2  <=  max_w S(w) sum_n |u_n|^2        S(w) = sum_{k<M} |H(e^{j (w + 2 pi k) / M})|^2
 
-with equality for U_k in proportion to conj(H_k): the worst input. So the pair creates no energy, whatever comes, if and only
-if max S <= 1. P's rule, a cut-off below pi / M, does not give that.
+with equality for U_k in proportion to conj(H_k): the worst input. So the pair is passive for every input if and only if
+max S <= 1. P's rule, a cut-off below pi / M, does not give that.
 
 symbols: M device ticks in a frame, w angle per frame [rad], H at the device rate, S [1]; waves in sqrt(W), energies in J.
 """
@@ -17,20 +17,18 @@ from dataclasses import dataclass
 from math import exp, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cogrip.protocol.decimation import Decimator
 from cogrip.protocol.rates import Rates
+from cogrip.sim.analysis.state_space import Array, Complex
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 _SCAN = 1025
 _ZOOMS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """H = sum b_i z^-i / sum a_i z^-i at the device rate; taps alone are a finite impulse response.
+    """A filter H = sum b_i z^-i / sum a_i z^-i at the device rate; taps alone are a finite impulse response.
 
     Raises ValueError for no taps, numbers that are not finite, or a pole on or outside the unit circle.
     """
@@ -52,32 +50,34 @@ class Filter:
             )
 
     def response(self, angle: Array) -> Complex:
-        """H(e^{j angle}), angle [rad per device tick] of any shape."""
+        """Return H(e^{j angle}), angle [rad per device tick] of any shape."""
         delay = np.exp(-1j * np.asarray(angle, dtype=float))
         above = np.polynomial.polynomial.polyval(delay, self.taps)
         below = np.polynomial.polynomial.polyval(delay, self.poles)
         return np.asarray(above / below, dtype=np.complex128)
 
 
+def lowpass_pole(lowpass_rad_s: float, rates: Rates) -> float:
+    """Return the pole of the first-order lowpass, P eq. 32, discretised exactly."""
+    return exp(-lowpass_rad_s * rates.tick_s)
+
+
 def filter_of(kind: str, rates: Rates, lowpass_rad_s: float) -> Filter:
-    """The filter of `protocol.decimation`'s `kind`. Raises KeyError for one there is not."""
-    pole = exp(-lowpass_rad_s * rates.tick_s)
+    """Return the filter of a decimator's `kind`. Raises KeyError for an unknown one."""
+    pole = lowpass_pole(lowpass_rad_s, rates)
     M = rates.ticks_per_frame
-    return {
-        "boxcar": Filter((1.0 / M,) * M),
-        "lowpass": Filter((1.0 - pole,), (1.0, -pole)),
-        "none": Filter((1.0,)),
-    }[kind]
+    filters = {"boxcar": Filter((1.0 / M,) * M), "lowpass": Filter((1.0 - pole,), (1.0, -pole)), "none": Filter((1.0,))}
+    return filters[kind]
 
 
 def aliased_gain(which: Filter, ticks_per_frame: int, angle: Array) -> Array:
-    """S(w) at w = `angle` [rad per frame], any shape. Raises ValueError for M below 1."""
+    """Return S(w) at w = `angle` [rad per frame], any shape. Raises ValueError for M below 1."""
     gains: Array = (np.abs(_aliases(which, ticks_per_frame, angle)) ** 2).sum(axis=-1)
     return gains
 
 
 def largest_gain(which: Filter, ticks_per_frame: int) -> tuple[float, float]:
-    """max S and the w in [0, pi] where it is reached, to rounding. Raises ValueError for M below 1."""
+    """Return max S and the w in [0, pi] where it is reached, to rounding. Raises ValueError for M below 1."""
     low, high, found = 0.0, pi, (0.0, 0.0)
     for _ in range(_ZOOMS):  # S is even and smooth: each round keeps the two steps beside its largest value
         angles = np.linspace(low, high, _SCAN)
@@ -89,7 +89,7 @@ def largest_gain(which: Filter, ticks_per_frame: int) -> tuple[float, float]:
 
 
 def worst_input(which: Filter, ticks_per_frame: int, frames: int) -> Array:
-    """The real signal of unit peak that comes nearest to max S, shape (frames * M,)."""
+    """Return the real signal of unit peak that comes nearest to max S, shape (frames * M,)."""
     M = ticks_per_frame
     _, w = largest_gain(which, M)
     weights = np.conj(_aliases(which, M, np.array(w)))
@@ -101,19 +101,17 @@ def worst_input(which: Filter, ticks_per_frame: int, frames: int) -> Array:
 
 
 def swept_sine(rates: Rates, seconds: float, from_hz: float = 1.0) -> Array:
-    """A sine of unit peak whose frequency grows exponentially from `from_hz` to half the device rate."""
+    """Return a sine of unit peak whose frequency grows exponentially from `from_hz` to half the device rate."""
+    from scipy.signal import chirp  # type: ignore[import-untyped]  # half a second, for this signal only
+
     time = np.arange(round(seconds * rates.device_hz)) * rates.tick_s
-    growth = np.log(0.5 * rates.device_hz / from_hz) / seconds
-    signal: Array = np.sin(2.0 * pi * from_hz * np.expm1(growth * time) / growth)
+    signal: Array = chirp(time, from_hz, seconds, 0.5 * rates.device_hz, method="logarithmic", phi=-90.0)
     return signal
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Energies of an actual run [J]:
-
-    of all fast waves, of all slow ones, and their difference so far after each frame, (frames,).
-    """
+    """The energies of a run [J]: of all fast waves, of all slow ones, and their difference after each frame, (frames,)."""
 
     fast_j: float
     slow_j: float
@@ -126,7 +124,7 @@ class Run:
 
 
 def run_energy(decimator: Decimator, signal: Array, rates: Rates) -> Run:
-    """Feed a signal [sqrt(W)] of whole frames, tick by tick, through a decimator of one axis as the client does.
+    """Pass a signal [sqrt(W)] of whole frames, tick by tick, through a decimator of one axis as the client does.
 
     Raises ValueError for a signal that is no whole number of frames.
     """
@@ -144,7 +142,7 @@ def run_energy(decimator: Decimator, signal: Array, rates: Rates) -> Run:
 
 
 def _aliases(which: Filter, ticks_per_frame: int, angle: Array) -> Complex:
-    """H at the M aliases of each slow angle, (..., M)."""
+    """Return H at the M aliases of each slow angle, (..., M)."""
     M = ticks_per_frame
     if M < 1:
         raise ValueError(f"ticks_per_frame = {M} must be at least 1")

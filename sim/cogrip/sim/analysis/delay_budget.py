@@ -1,12 +1,11 @@
-"""Where the time between a hand and its answer goes, stage by stage.
+"""The delay between a hand's motion and the answer to it, stage by stage.
 
-For waves: from the hand's motion through the forward wave, the server and the returning wave to the force, as the delay of slow
-motion (the group delay at w -> 0). Ages are counted to the frame's end, when a frame is sent. The stages of a boxcar with the
-displacement encoder make T_forward + T_back + T_n, the time of theory section 4, and L T_c where samples are L ticks old. For a
-lowpass the compliance of theory 4 is a little more than the time that motion takes, as the wave that a client sends back passes
-the filter too.
+With waves: from the hand's motion through the forward wave, the server and the returning wave to the force, as the delay of
+slow motion (the group delay at w -> 0). Ages are counted to the frame's end, when a frame is sent. The stages of a boxcar with
+the displacement encoder make T_forward + T_back + T_n, the time of theory section 4, and L T_c where samples are L ticks old.
+With a lowpass the compliance of theory 4 is a little larger, as the wave that a client sends back passes the filter too.
 
-For virtual coupling: from a device's position as sent, through the object, to its position as held by a client.
+With virtual coupling: from a device's position as sent, through the object, to its position as held by a client.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from cogrip.sim.analysis.linear_session import LinearSession, Person
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """way: "up", "server" or "down"."""
+    """One stage of a path; direction: "up", "server" or "down"."""
 
     direction: str
     name: str
@@ -30,7 +29,7 @@ class Stage:
 
 
 def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
-    """Every stage of one user's way round, those without delay included, in order."""
+    """Return every stage of one user's round trip in order, those without delay included."""
     person = session.people[user]
     rates = person.rates
     hold = Stage("down", "hold", 0.5 * rates.frame_s, "an answer is held over a frame: half a frame on average")
@@ -48,6 +47,7 @@ def budget(session: LinearSession, user: int) -> tuple[Stage, ...]:
 
 
 def total_s(stages: tuple[Stage, ...]) -> float:
+    """Return the delay of all stages [s]."""
     return sum(stage.delay_s for stage in stages)
 
 

@@ -1,14 +1,14 @@
-"""What a hand feels through the session: impedance over frequency, and stiffness, damping and inertia at low frequency.
+"""The impedance that a session renders to a hand, over frequency, and its stiffness, damping and inertia at low frequency.
 
 One user's hand moves its device as x(t) = X e^{j w t}, whatever the force; all else answers. With y = j w x, the device's
 motors give
 
     Z(w) = F(w) / y        F(w) = (1/M) sum_k F_k e^{-j w k T_c}
 
-the component at w of the force's samples; a force held over frames has images at w + 2 pi n / T_n besides, which do not
+the component at w of the force's samples; a force held over frames also has images at w + 2 pi n / T_n, which do not
 count. The device's own j w m + b_HD comes on top in the hand (`device_impedance`).
 
-Everything is a phasor per network frame, z = e^{j w T_n}. The moving client's port, with s(w) what its encoder makes of the
+Everything is a phasor per network frame, z = e^{j w T_n}. The moving client's port, with s(w) its encoder's output for the
 motion and V the returning wave held over a frame, is u = E + R V with E = D(w) sqrt(2b) s(w) y, D and R the decimator's
 answers to a tone and to a held wave; the other clients' are G_j V; the server's is v = S u. So (I - S G) v = S e_i E.
 
@@ -19,12 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import exp, pi, sqrt
+from math import pi, sqrt
 
 import numpy as np
 
 from cogrip.protocol.rates import Rates
 from cogrip.sim.analysis.client_blocks import booked_late, decimator_row
+from cogrip.sim.analysis.decimation_passivity import filter_of, lowpass_pole
 from cogrip.sim.analysis.lifted_model import KINDS
 from cogrip.sim.analysis.linear_session import LinearSession, Person
 from cogrip.sim.analysis.state_space import Array, Complex
@@ -34,9 +35,9 @@ _SLOW_RAD_S = (1e-3, 0.25, 0.5)
 
 
 def frequencies_hz(rates: Rates) -> Array:
-    """Where impedances are usually asked for, shape (POINTS,).
+    """Return the usual frequencies of an impedance, shape (POINTS,).
 
-    Up to just below half the network rate, if that is less: there a tone and its image are one, and a line without loss rings.
+    They end just below half the network rate, if that is less: there a tone and its image coincide.
     """
     return np.geomspace(LOWEST_HZ, min(HIGHEST_HZ, 0.5 * rates.network_hz * (1.0 - 1e-4)), POINTS)
 
@@ -45,23 +46,23 @@ def frequencies_hz(rates: Rates) -> Array:
 
 
 def no_contact(session: LinearSession, user: int) -> LinearSession:
-    """Nothing is touched: the wave comes back as it is."""
+    """Return the session of a hand that touches nothing: the wave returns unchanged."""
     person = replace(session.people[user], stiffness_npm=0.0, damping_nspm=0.0)
     return replace(session, people=(person,), fixed=True, midpoint=False)
 
 
 def alone(session: LinearSession, user: int) -> LinearSession:
-    """Nobody else holds the object."""
+    """Return the session of one user alone with the object."""
     return replace(session, people=(session.people[user],), fixed=False)
 
 
 def on_wall(session: LinearSession, user: int) -> LinearSession:
-    """The object cannot move, and the contact lasts."""
+    """Return the session of one user in lasting contact with an object that cannot move."""
     return replace(session, people=(session.people[user],), fixed=True, midpoint=False)
 
 
 def held(session: LinearSession, user: int, hand_stiffness_npm: float, hand_damping_nspm: float) -> LinearSession:
-    """Everybody else holds on with such a hand [N/m, N s/m]."""
+    """Return the session with everybody else holding on with such a hand [N/m, N s/m]."""
     people = [
         person
         if number == user
@@ -72,7 +73,7 @@ def held(session: LinearSession, user: int, hand_stiffness_npm: float, hand_damp
 
 
 def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
-    """Z [N s/m] at w, shape (W,), of the session as it stands: hands of others are theirs in `session`."""
+    """Return Z [N s/m] at w, shape (W,), of the session as it stands: hands of others are theirs in `session`."""
     person = session.people[user]
     rates = person.rates
     w = np.asarray(omega_rad_s, dtype=float)
@@ -86,7 +87,7 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
         mine = slice(number * width, (number + 1) * width)
         frames = other.up.frames + other.down.frames + kind.server_delay
         if number == user:
-            answer = _mirror(other, rates, z) if width == 1 else np.zeros((len(w), width, width))
+            answer = reflected(other, rates, z) if width == 1 else np.zeros((len(w), width, width))
         else:
             answer = kind.client(other, K[number], other.rates).response(z)
         G[:, mine, mine] = answer * z[:, None, None] ** -frames
@@ -101,23 +102,23 @@ def impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
 
 
 def device_impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
-    """The bare device's j w m + b_HD [N s/m]."""
+    """Return the bare device's j w m + b_HD [N s/m]."""
     person = session.people[user]
     return np.asarray(1j * omega_rad_s * person.device_mass_kg + person.device_damping_nspm, dtype=np.complex128)
 
 
 def ideal_impedance(session: LinearSession, user: int, omega_rad_s: Array) -> Complex:
-    """Direct contact: the same springs, dampers, masses and hands in continuous time, without a line [N s/m]."""
+    """Return Z of direct contact [N s/m]: springs, dampers, masses and hands in continuous time, without a line."""
     s = 1j * np.asarray(omega_rad_s, dtype=float)
     own = _spring(session.people[user], s)
     if session.fixed:
         return own
-    rest = session.object_mass_kg * s + session.object_damping_nspm
+    others = session.object_mass_kg * s + session.object_damping_nspm
     for number, other in enumerate(session.people):
         if number != user:
             hand = other.hand_stiffness_npm / s + other.hand_damping_nspm
-            rest = rest + _in_series(_spring(other, s), other.device_mass_kg * s + other.device_damping_nspm + hand)
-    return _in_series(own, rest)
+            others = others + _in_series(_spring(other, s), other.device_mass_kg * s + other.device_damping_nspm + hand)
+    return _in_series(own, others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +131,7 @@ class Slow:
 
 
 def slow_feel(session: LinearSession, user: int) -> Slow:
-    """K, B, M of the impedance's expansion j w Z = K + j w B - w^2 M + ..., the device apart.
+    """Return K, B, M of the impedance's expansion j w Z = K + j w B - w^2 M + ..., the device apart.
 
     K is read at 1e-3 rad/s, exact to 1e-9; B and M at 0.25 and 0.5 rad/s, extrapolated (their next terms are of order w^2).
     """
@@ -147,19 +148,19 @@ def _spring(person: Person, s: Complex) -> Complex:
 
 
 def _in_series(one: Complex, other: Complex) -> Complex:
-    """Impedances that carry one force."""
+    """Return the impedance of two that carry one force."""
     total = one + other
     return np.asarray(np.divide(one * other, total, out=np.zeros_like(total), where=total != 0.0), dtype=np.complex128)
 
 
 def _held(rates: Rates, w: Array) -> Complex:
-    """Component at w of a signal that is held over each frame's M ticks."""
+    """Return the component at w of a signal that is held over each frame's M ticks."""
     ticks = np.arange(rates.ticks_per_frame)
     return np.asarray(np.exp(-1j * w[:, None] * ticks * rates.tick_s).mean(axis=1), dtype=np.complex128)
 
 
 def _velocity_sample(person: Person, rates: Rates, w: Array) -> Complex:
-    """What the force law reads of y = 1: exact, or `AlphaBeta` in closed form; of a sample that is as old as it is."""
+    """Return the velocity in the force law for y = 1: exact, or `AlphaBeta` in closed form, of a sample of its age."""
     if not person.estimated:
         return _late(person, rates, w)
     back = np.exp(-1j * w * rates.tick_s)
@@ -169,12 +170,12 @@ def _velocity_sample(person: Person, rates: Rates, w: Array) -> Complex:
 
 
 def _late(person: Person, rates: Rates, w: Array) -> Complex:
-    """A sample's own age."""
+    """Return the factor of a sample's age."""
     return np.asarray(np.exp(-1j * w * person.latency_ticks * rates.tick_s), dtype=np.complex128)
 
 
 def encoded(person: Person, rates: Rates, w: Array) -> Complex:
-    """s(w): the velocity in the waves of a tick, of y = 1 at the tick's start."""
+    """Return s(w): the velocity in the waves of a tick, for y = 1 at the tick's start."""
     if person.encoder == "velocity":
         return _velocity_sample(person, rates, w)
     turn = 1j * w * rates.tick_s
@@ -182,31 +183,27 @@ def encoded(person: Person, rates: Rates, w: Array) -> Complex:
 
 
 def decimated(person: Person, rates: Rates, w: Array) -> Complex:
-    """D(w): the wave of a frame, of a tone of 1 at the frame's first tick."""
-    M = rates.ticks_per_frame
-    turn = np.exp(1j * w * rates.tick_s)
-    if person.decimator == "boxcar":
-        return np.asarray((turn[:, None] ** np.arange(M)).mean(axis=1), dtype=np.complex128)
-    last = turn ** (M - 1)
-    if person.decimator == "lowpass":
-        pole = exp(-person.lowpass_rad_s * rates.tick_s)
-        return np.asarray(last * (1.0 - pole) / (1.0 - pole / turn), dtype=np.complex128)
-    return np.asarray(last, dtype=np.complex128)
+    """Return D(w): the wave of a frame, for a tone of 1 at the frame's first tick."""
+    turn = w * rates.tick_s
+    last = np.exp(1j * turn * (rates.ticks_per_frame - 1))
+    return np.asarray(
+        last * filter_of(person.decimator, rates, person.lowpass_rad_s).response(turn), dtype=np.complex128
+    )
 
 
-def _mirror(person: Person, rates: Rates, z: Complex) -> Complex:
-    """R: what a client whose device is held still sends back, shape (W, 1, 1): each tick, the wave that is booked then."""
+def reflected(person: Person, rates: Rates, z: Complex) -> Complex:
+    """Return R, shape (W, 1, 1): the wave that a client sends back whose device is held still."""
     ticks = np.arange(rates.ticks_per_frame)
     held = z[:, None] ** ((ticks - booked_late(person)) // rates.ticks_per_frame)  # by the frame that it came in
     row: Array | Complex = decimator_row(person, rates.ticks_per_frame)
     if person.decimator == "lowpass":
-        pole = exp(-person.lowpass_rad_s * rates.tick_s)
+        pole = lowpass_pole(person.lowpass_rad_s, rates)
         row = (1.0 - pole) * pole ** ticks[::-1] / (1.0 - pole**rates.ticks_per_frame / z[:, None])
     return np.asarray(-(held * row).sum(axis=1)[:, None, None], dtype=np.complex128)
 
 
 Law = Callable[[Complex], Complex]
-"""What came back, (W, width), to the force of y = 1, (W,)."""
+"""A function from the returned signals, (W, width), to the force of y = 1, (W,)."""
 
 
 def _wave_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]:
@@ -225,7 +222,7 @@ def _coupled_port(person: Person, rates: Rates, w: Array) -> tuple[Complex, Law]
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One way to meet the object: impedance rendered and ideal, (W,) [N s/m], and the slow feel."""
+    """One kind of contact: impedance rendered and ideal, (W,) [N s/m], and the slow feel."""
 
     name: str
     rendered: Complex
@@ -241,10 +238,7 @@ def conditions(
     hand_stiffness_npm: float = 300.0,
     hand_damping_nspm: float = 5.0,
 ) -> tuple[Condition, ...]:
-    """All that apply: no contact; alone with the object, and with everybody else holding on (not for a wall);
-
-    against a wall.
-    """
+    """Return all conditions that apply: no contact, alone, on a wall, others hold on (the last not for a wall)."""
     cases = {"no contact": no_contact(session, user)}
     if not session.fixed:
         cases["alone with the object"] = alone(session, user)

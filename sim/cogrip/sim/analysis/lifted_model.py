@@ -36,11 +36,11 @@ from cogrip.sim.analysis.state_space import Array, Complex, StateSpace, delay, d
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A scheme's parts.
+    """The parts of a scheme.
 
-    width         signals each way of a user's line
+    width         signals in each direction of a user's line
     server_delay  frames that the server's answer takes by itself
-    stiff_client  whether K stands in the client's law
+    stiff_client  K stands in the client's law
     """
 
     client: Callable[[Person, Array, Rates], StateSpace]
@@ -63,7 +63,7 @@ KINDS: dict[Scheme, Kind] = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where each part's states stand: one slice a user for client and lines, one for the server."""
+    """The slices of each part's states: one a user for client and lines, one for the server."""
 
     downs: tuple[slice, ...]
     clients: tuple[slice, ...]
@@ -81,14 +81,14 @@ class LiftedModel:
         self._ups = [delay(kind.width, person.up.frames) for person in session.people]
         self._downs = [delay(kind.width, person.down.frames + kind.server_delay) for person in session.people]
         here = np.array(session.stiffness_npm)
-        clients = [self._client(number, here) for number in range(self.users)]
+        clients = [self.client(number, here) for number in range(self.users)]
         self._clients_always = None if kind.stiff_client else clients
         self._chains_always = None if kind.stiff_client else self._chains(here)
         self.layout = self._lay_out(clients, kind.server(session, here).states)
         self.states = self.layout.server.stop
 
     def matrix(self, stiffness_npm: Array | Sequence[float] | None = None) -> Array:
-        """The closed-loop matrix, (..., n, n), for stiffnesses K [N/m] of shape (..., N); None: the session's own."""
+        """Return the closed-loop matrix, (..., n, n), for stiffnesses K [N/m] of shape (..., N); None: the session's own."""
         K = np.asarray(self.session.stiffness_npm if stiffness_npm is None else stiffness_npm, dtype=float)
         chains = self._chains_always or self._chains(K)
         server = self.kind.server(self.session, K)
@@ -101,7 +101,7 @@ class LiftedModel:
         return A
 
     def characteristic(self, z: Complex, stiffness_npm: Array) -> Complex:
-        """det(I - S(z) G(z)), shape (...): zero where z is an eigenvalue. z (...), K (..., N).
+        """Return det(I - S(z) G(z)), shape (...): zero where z is an eigenvalue. z (...), K (..., N).
 
         Poles, and modes that never meet the server (device and object position), do not show.
         """
@@ -110,21 +110,22 @@ class LiftedModel:
         loop = np.empty((*z.shape, width * N, width * N), dtype=np.complex128)
         for number, person in enumerate(self.session.people):
             frames = person.up.frames + person.down.frames + self.kind.server_delay
-            client = self._clients_always[number] if self._clients_always else self._client(number, stiffness_npm)
+            client = self._clients_always[number] if self._clients_always else self.client(number, stiffness_npm)
             mine = slice(number * width, (number + 1) * width)
             loop[..., mine, :] = (client.response(z) * z[..., None, None] ** -frames) @ server[..., mine, :]
         determinant: Complex = np.linalg.det(np.eye(width * N) - loop)
         return determinant
 
-    def _client(self, number: int, stiffness: Array) -> StateSpace:
+    def client(self, number: int, stiffness: Array) -> StateSpace:
+        """Return one user's client for stiffnesses K [N/m], (..., N)."""
         person = self.session.people[number]
         return self.kind.client(person, stiffness[..., number], person.rates)
 
     def _chains(self, stiffness: Array) -> StateSpace:
-        """Everything but the server, from its answers to what reaches it."""
+        """Return everything but the server, from its answers to its inputs."""
         return diagonal(
             [
-                series(series(down, self._client(number, stiffness)), up)
+                series(series(down, self.client(number, stiffness)), up)
                 for number, (down, up) in enumerate(zip(self._downs, self._ups, strict=True))
             ]
         )

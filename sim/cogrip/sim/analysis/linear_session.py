@@ -1,7 +1,7 @@
-"""The numbers of a session that its linear model is made of, and how they are read from settings.
+"""The parameters of a session's linear model, read from settings.
 
-What is left out, because it is not linear: friction, encoder steps, clamps, ramps, jitter and loss. What is assumed: a
-face or a wall stays in touch. Hands are left out too unless asked for, as in P (F_h is an input of its eq. 9, 10).
+Left out as not linear: friction, encoder steps, clamps, ramps, jitter and loss. Assumed: a face or a wall stays in touch.
+Hands are left out unless asked for, as in P (F_h is an input of its eq. 9, 10).
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ SCHEMES: tuple[Scheme, ...] = ("passive", "paper", "coupling")
 
 
 class ModelError(ValueError):
-    """There is no linear model of what was asked for; the text says what to ask instead."""
+    """A session without a linear model; the text says what to ask instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """One user: device, hand, coupling, and the delay of the line each way.
+    """One user: device, hand, coupling, and the delay of the line in each direction.
 
     device_mass_kg, device_damping_nspm   m_HD, b_HD
-    hand_stiffness_npm, hand_damping_nspm K_h, B_h of the hand that holds it; 0: nobody does
+    hand_stiffness_npm, hand_damping_nspm K_h, B_h of the hand that holds it; 0: no hand
     estimated                             the force law reads the client's velocity estimate, not the exact velocity
     impedance_nspm                        b
     stiffness_npm, damping_nspm           K, B of the spring to the object
-    up, down                              delay of the line each way, whole frames
+    up, down                              delay of the line in each direction, whole frames
     rates                                 of this user's device, and the room's network
     memory                                of that estimate, see `AlphaBeta`
     latency_ticks                         age of a sample when it is read
@@ -65,7 +65,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class LinearSession:
-    """A session as far as it is linear. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed).
+    """The linear part of a session. `midpoint`: the passive step is theory 3.3's (gripped), else 3.4's (pushed).
 
     frame_s: T_n, everybody's; device ticks are each person's own.
     """
@@ -84,7 +84,7 @@ class LinearSession:
 
 
 def scheme_of(coupling: Coupling) -> Scheme:
-    """The scheme that the settings ask for. Raises ModelError where they ask for one that is not linear."""
+    """Return the scheme of the settings. Raises ModelError for one that is not linear."""
     if coupling.kind == "tdpa":
         raise ModelError(
             'coupling.kind = "tdpa": a passivity controller is not linear, so there is no model of it; '
@@ -97,7 +97,7 @@ def scheme_of(coupling: Coupling) -> Scheme:
 
 
 def scheme_overrides(scheme: Scheme) -> dict[str, str]:
-    """Settings that make a session one of `scheme`; P's has P's filter and encoder too."""
+    """Return the settings of a `scheme`; P's has P's filter and encoder too."""
     if scheme == "coupling":
         return {"coupling.kind": "coupling", "coupling.server_step": "passive"}
     if scheme == "passive":
@@ -113,12 +113,12 @@ def scheme_overrides(scheme: Scheme) -> dict[str, str]:
 def linear_session(
     settings: Settings, *, delay_frames: float | None = None, hands: bool = False, estimated: bool = True
 ) -> LinearSession:
-    """The linear part of `settings`.
+    """Return the linear part of `settings`.
 
-    delay_frames: this delay each way [network frames] for everyone, in place of link and playout
+    delay_frames: this delay in each direction [network frames] for everyone, in place of link and playout
     hands: the simulated hands hold on with their K_h, B_h (default: free devices, as in P and theory section 6)
     estimated: devices that give no velocity use the client's estimate; False: exact velocities, idealised as in P
-    Raises ModelError for a scheme that does not fit the object; DeviceError for a device that cannot be had.
+    Raises ModelError for a scheme that does not fit the object; DeviceError for an impossible device.
     """
     people = []
     for number, user in enumerate(settings.users):
@@ -129,7 +129,7 @@ def linear_session(
 
 
 def seat_session(seat: SeatSettings, capability: Capability) -> LinearSession:
-    """What one seat alone is, with the device that took it: for a client, which knows nobody else's settings.
+    """Return the model of one seat alone, with its device: for a client, which knows nobody else's settings.
 
     The device's damping is taken as 0, its velocity as estimated where it gives none. Raises ModelError.
     """
@@ -178,7 +178,7 @@ def _session(seat: SeatSettings, people: Sequence[Person]) -> LinearSession:
 
 
 def _simulated(person: Person, user: User, device: Device, hands: bool, estimated: bool) -> Person:
-    """With what only the settings know of a simulated device and its hand."""
+    """Return the person with the parameters of a simulated device and its hand, which only the settings hold."""
     hand = device.hand if hands and isinstance(device, SimulatedDevice) else None
     return replace(
         person,
@@ -190,7 +190,7 @@ def _simulated(person: Person, user: User, device: Device, hands: bool, estimate
 
 
 def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[OneWayDelay, OneWayDelay]:
-    """Up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
+    """Return the delays up and down; virtual coupling has no playout. Raises ModelError for a delay below 0."""
     directions = (seat.up.delay_ms, seat.down.delay_ms)
     held = [
         expected_frames(seat.playout, direction, seat.rates) if seat.coupling.kind == "wave" else 0
@@ -205,7 +205,7 @@ def line_delays(seat: SeatSettings, delay_frames: float | None = None) -> tuple[
 
 
 def rounding_notes(session: LinearSession) -> tuple[str, ...]:
-    """What was done about delays that are no whole number of ticks, or of frames; one sentence each, none twice."""
+    """Return a sentence for each delay that was rounded to whole ticks or frames."""
     directions = [(direction, person.rates) for person in session.people for direction in (person.up, person.down)]
     return tuple(
         _rounding(direction, rates)

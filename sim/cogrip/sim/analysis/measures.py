@@ -1,4 +1,4 @@
-"""What the lifted model says of a session, by name: for sweeps and for whoever wants one number."""
+"""Numbers of the lifted model by name, for sweeps."""
 
 from __future__ import annotations
 

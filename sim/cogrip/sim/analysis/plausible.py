@@ -1,7 +1,7 @@
-"""Inputs that cannot be what somebody meant: motion in the wrong unit, amplitudes of metres, masses of lorries.
+"""Implausible inputs: motion in the wrong unit, amplitudes of metres, masses of lorries.
 
 A finding that warns names the input, its value, the bound and the cure; one that is `refused` is so far off that no run of it
-would mean anything. Bounds are about hands and devices on tables: docs/verdict.md has them in one list.
+would mean anything. docs/verdict.md lists the bounds, which are of hands and devices on tables.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Extremes of a motion: (low, high) per axis [m], and the largest speed on any axis [m/s]."""
+    """The extremes of a motion: (low, high) per axis [m], and the largest speed on any axis [m/s]."""
 
     range_m: tuple[tuple[float, float], ...]
     speed_mps: float
 
 
 def implausible(settings: Settings) -> list[Finding]:
-    """Return what in the settings, and in the recordings they name, is out of what hands and devices do. Raises DeviceError."""
+    """Return findings on what hands and devices do not do, in the settings and their recordings. Raises DeviceError."""
     found = list(_masses(settings))
     for user in settings.users:
         if user.device.startswith(("sim:", "emulated:", "replay:")):
@@ -52,7 +52,7 @@ def implausible(settings: Settings) -> list[Finding]:
 
 
 def hand_findings(name: str, address: str, device: Device, rate_hz: int, seconds: float) -> list[Finding]:
-    """The same of one device in a simulated or recorded hand, which is opened and closed. Raises DeviceError."""
+    """Return findings on one device in a simulated or recorded hand, which is opened and closed. Raises DeviceError."""
     device.open(rate_hz)
     try:
         hand = _hand_of(device)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,14 +15,14 @@ from cogrip.sim.analysis.linear_session import LinearSession, ModelError, linear
 from cogrip.sim.analysis.stability import largest_stable, radius
 from cogrip.sim.analysis.state_space import Array
 
-EVERYWHERE_NPM = 20_000.0  # how far a picture goes where nothing in it is unstable
+EVERYWHERE_NPM = 20_000.0  # the side of a picture in which nothing is unstable
 MOST_CELLS = 2000
 PAIR = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """One delay's outline; `grid` is the spectral radius at the cells' centres, (rows of K_2, columns of K_1), if asked for."""
+    """One delay's boundary; `grid`, if asked for: the spectral radius at the cells' centres, (rows of K_2, columns of K_1)."""
 
     delay_frames: float
     session: LinearSession
@@ -38,9 +39,9 @@ def regions(
     hands: bool = False,
     estimated: bool = True,
 ) -> tuple[list[Region], tuple[float, float]]:
-    """Outlines for users 0 and 1 at each delay, and the box [N/m] they were traced in (`to_npm`, or one that holds them all).
+    """Return boundaries for users 0 and 1 at each delay, and their box [N/m]: `to_npm`, or one that holds them all.
 
-    Further users keep their own stiffness. Raises ModelError for a session of one, or a box or grid that cannot be.
+    Further users keep their own stiffness. Raises ModelError for a session of one, or an impossible box or grid.
     """
     if len(settings.users) < PAIR:
         raise ModelError(
@@ -56,53 +57,41 @@ def regions(
     if not all(0.0 < side < np.inf for side in box):
         raise ModelError(f"a region up to {box[0]:g} by {box[1]:g} N/m has no area: give two numbers above 0")
     found = [
-        Region(frames, session, trace(model, box, _spread(session)), dense_grid(model, box, grid_cells))
+        Region(frames, session, trace(model, box, partial(stiffnesses, session)), dense_grid(model, box, grid_cells))
         for frames, session, model in zip(delays_frames, sessions, models, strict=True)
     ]
     return found, box
 
 
 def dense_grid(model: LiftedModel, box_npm: tuple[float, float], cells: int) -> Array | None:
-    """Spectral radius at the centres of cells x cells cells of a box [N/m], (K_2, K_1); None for no cells."""
+    """Return the spectral radius at the centres of cells x cells cells of a box [N/m], (K_2, K_1); None for no cells."""
     if not cells:
         return None
     k1, k2 = grid_axes(box_npm, cells)
     pairs = np.stack(np.meshgrid(k1, k2), axis=-1)
-    return radius(model, _spread(model.session)(pairs))
+    return radius(model, stiffnesses(model.session, pairs))
 
 
 def grid_axes(box_npm: tuple[float, float], cells: int) -> tuple[Array, Array]:
-    """Centres of the cells along K_1 and K_2 [N/m]."""
+    """Return the centres of the cells along K_1 and K_2 [N/m]."""
     centres = (np.arange(cells) + 0.5) / cells
     return centres * box_npm[0], centres * box_npm[1]
 
 
 def stiffnesses(session: LinearSession, pairs_npm: Array) -> Array:
-    """K of all users, (..., N), with users 0 and 1 at `pairs_npm`, (..., 2)."""
-    return _spread(session)(pairs_npm)
-
-
-class _Spread:
-    def __init__(self, rest: Array) -> None:
-        self._rest = rest
-
-    def __call__(self, pairs: Array) -> Array:
-        rest = np.broadcast_to(self._rest, (*pairs.shape[:-1], len(self._rest)))
-        return np.concatenate((pairs, rest), axis=-1)
-
-
-def _spread(session: LinearSession) -> _Spread:
-    return _Spread(np.array(_springy(session).stiffness_npm[PAIR:]))
+    """Return K of all users, (..., N), with users 0 and 1 at `pairs_npm`, (..., 2)."""
+    others = _springy(session).stiffness_npm[PAIR:]
+    return np.concatenate((pairs_npm, np.broadcast_to(others, (*pairs_npm.shape[:-1], len(others)))), axis=-1)
 
 
 def _springy(session: LinearSession) -> LinearSession:
-    """With no stiffness at 0, where a stretch would be a freedom: 1 mN/m does the same."""
+    """Return the session with at least 1 mN/m for everybody: at 0 a stretch would be a freedom."""
     people = [replace(person, stiffness_npm=max(person.stiffness_npm, 1e-3)) for person in session.people]
     return replace(session, people=tuple(people))
 
 
 def _box(models: Sequence[LiftedModel]) -> tuple[float, float]:
-    """A fifth more than the largest limit along either axis and the diagonal, over all delays."""
+    """Return a fifth more than the largest limit along either axis and the diagonal, over all delays."""
     most = 0.0
     for model in models:
         users = model.users
@@ -114,6 +103,6 @@ def _box(models: Sequence[LiftedModel]) -> tuple[float, float]:
 
 
 def _round_up(value: float) -> float:
-    """The next 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
+    """Return the next 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
     size = 10.0 ** np.floor(np.log10(value))
     return float(next(step * size for step in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if step * size >= value))

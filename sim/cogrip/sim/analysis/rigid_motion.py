@@ -1,6 +1,6 @@
 """The eigenvalues of a session that lie at 1 by its structure, removed exactly.
 
-What nothing reads may stand anywhere, and what nothing brakes moves on for ever. Each such freedom is a vector;
+A state that nothing reads may have any value, and what nothing brakes moves on for ever. Each such freedom is a vector;
 together, V (n, f), they span a subspace that the map keeps: A V = V J, with ones on J's diagonal. With pivots p, one
 state a freedom such that V_p is invertible, and k the other states, z = x_k - R x_p with R = V_k V_p^-1 are
 coordinates of what is left, and
@@ -19,7 +19,7 @@ Freedoms:
                          started, so any force may stand, f = K_i e_i = -K_h x_i. On an object that may move these
                          forces sum to 0: one freedom less.
     uniform motion       everyone who is coupled, and the object, at one velocity: where no damper and no hand brakes it;
-                         a person without coupling (K_i = B_i = 0) by themself. Virtual coupling brakes it by its old
+                         a person without coupling (K_i = B_i = 0) alone. Virtual coupling brakes it by its old
                          positions, unless K = 0.
 """
 
@@ -46,7 +46,7 @@ class Freedom:
 
 
 class Rigid:
-    """All freedoms of a model with stiffnesses K [N/m], shape (..., N), the same ones of them 0 in all cases.
+    """All freedoms of a model with stiffnesses K [N/m], shape (..., N), zero for the same users in all cases.
 
     None: the session's. vectors: V, (n, f), or (..., n, f) where hands hold tension.
     """
@@ -65,17 +65,17 @@ class Rigid:
 
     @property
     def for_any_stiffness(self) -> bool:
-        """Whether the same vectors hold for all stiffnesses above 0: no hand holds a tension."""
+        """True where the same vectors hold for all stiffnesses above 0: no hand holds a tension."""
         return self.vectors.ndim == 2
 
     def removed(self, matrix: Array) -> Array:
-        """A', (..., n - f, n - f), of a closed-loop matrix (..., n, n)."""
+        """Return A', (..., n - f, n - f), of a closed-loop matrix (..., n, n)."""
         columns = matrix[..., self._others]
         rest: Array = columns[..., self._others, :] - self._R @ columns[..., self._pivots, :]
         return rest
 
     def residual(self, matrix: Array) -> float:
-        """Largest entry of A V - V J, and of |eigenvalue of J - 1|, for one matrix (n, n)."""
+        """Return the largest entry of A V - V J, and of |eigenvalue of J - 1|, for one matrix (n, n)."""
         V = self.vectors
         J = np.linalg.solve(V[self._pivots], (matrix @ V)[self._pivots])
         off = np.abs(matrix @ V - V @ J).max(initial=0.0)
@@ -143,7 +143,7 @@ def _pull(model: LiftedModel, user: int, force: Array, stiffness: Array, vector:
 
 
 def _moving_together(model: LiftedModel, coupled: list[int]) -> list[tuple[list[int], str]]:
-    """Groups that nothing brakes: the object with everyone coupled to it, and each of the others."""
+    """Return groups that nothing brakes: the object with everyone coupled to it, and each of the others."""
     session = model.session
     people = session.people
     groups: list[tuple[list[int], str]] = []
@@ -158,7 +158,7 @@ def _free(person: Person) -> bool:
 
 
 def _glide(model: LiftedModel, user: int, vector: Array) -> None:
-    """Enter one user's part of a uniform motion at 1 m/s: velocities 1, waves sqrt(b/2) both ways, no force.
+    """Enter one user's part of a uniform motion at 1 m/s: velocities 1, waves sqrt(b/2) in both directions, no force.
 
     P's step sees a stretch before the hand's proxy has moved along, so e = -T v there.
     """
@@ -195,7 +195,7 @@ def _of_coupling(model: LiftedModel, K: tuple[float, ...]) -> list[Freedom]:
 
 
 def _place(model: LiftedModel, users: list[int], with_object: bool, name: str) -> Freedom:
-    """Devices, and the object, 1 m further on, as every frame on its way has it too."""
+    """Return devices, and the object, 1 m further on, as in every frame under way."""
     layout = model.layout
     vector = np.zeros(model.states)
     for i in users:
@@ -209,7 +209,7 @@ def _place(model: LiftedModel, users: list[int], with_object: bool, name: str) -
 
 
 def _drift(model: LiftedModel, users: list[int], with_object: bool, name: str) -> Freedom:
-    """Uniform motion where dampers alone couple: a frame k steps old has a place k T behind."""
+    """Return a uniform motion where dampers alone couple: a frame k steps old has a place k T behind."""
     layout, T = model.layout, model.session.frame_s
     vector = np.zeros(model.states)
     for i in users:

@@ -9,16 +9,19 @@ coefficients on [states | inputs], so that the formulas stand here as they stand
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp
 
 import numpy as np
 
+from cogrip.devices.simulated.zero_order_hold import discretise
 from cogrip.sim.analysis.linear_session import LinearSession
 from cogrip.sim.analysis.state_space import Array, StateSpace
 
 
 def passive_step(session: LinearSession, stiffness: Array) -> StateSpace:
-    """Theory sections 3.3 (midpoint) and 3.4 (implicit Euler, in touch). States e, x_o, v_o (fixed: e alone); u to v."""
+    """Return the step of theory sections 3.3 (midpoint) and 3.4 (implicit Euler, in touch), from u to v.
+
+    States e, x_o, v_o (fixed: e alone).
+    """
     N, T = len(session.people), session.frame_s
     b, c, B = _ports(session)
     moving = 0 if session.fixed else 2
@@ -43,7 +46,10 @@ def passive_step(session: LinearSession, stiffness: Array) -> StateSpace:
 
 
 def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
-    """P eq. 17, 18 with slips mended: the wave decoded with the force of the step before. States e, x_o, v_o, F; u to v."""
+    """Return P eq. 17, 18 with slips mended: the wave decoded with the force of the step before; from u to v.
+
+    States e, x_o, v_o, F.
+    """
     N, T = len(session.people), session.frame_s
     b, c, B = _ports(session)
     moving = 0 if session.fixed else 2
@@ -61,9 +67,9 @@ def paper_step(session: LinearSession, stiffness: Array) -> StateSpace:
 
 
 def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
-    """Virtual coupling, theory section 5. States x_o, v_o; inputs x_i, y_i of each user;
+    """Return virtual coupling, theory section 5, from x_i, y_i of each user to x_o, v_o as of the start, to each.
 
-    outputs x_o, v_o as of the start, to each.
+    States x_o, v_o.
     """
     N = len(session.people)
     if session.fixed:
@@ -77,29 +83,25 @@ def coupled_step(session: LinearSession, stiffness: Array) -> StateSpace:
 
 
 def _ports(session: LinearSession) -> tuple[Array, Array, Array]:
-    """b, c, B as columns (N, 1)."""
+    """Return b, c, B as columns (N, 1)."""
     b = np.array([[person.impedance_nspm] for person in session.people])
     B = np.array([[person.damping_nspm] for person in session.people])
     return b, np.sqrt(2.0 / b), B
 
 
 def _rows(count: int, first: int, size: int) -> Array:
-    """Rows that pick `count` entries from the `first` on, of `size` states and inputs."""
+    """Return rows that pick `count` entries from the `first` on, of `size` states and inputs."""
     return np.eye(size)[first : first + count]
 
 
 def _held(session: LinearSession, v_o: Array, force: Array) -> tuple[Array, Array]:
-    """Displacement and velocity of the object after a frame under a held force: exact zero-order hold."""
-    T, mass, damping = session.frame_s, session.object_mass_kg, session.object_damping_nspm
-    if damping == 0.0:
-        return T * v_o + 0.5 * T * T / mass * force, v_o + T / mass * force
-    decay = exp(-damping * T / mass)
-    glide = mass / damping * (1.0 - decay)
-    return glide * v_o + (T - glide) / damping * force, decay * v_o + (1.0 - decay) / damping * force
+    """Return displacement and velocity of the object after a frame under a held force: exact zero-order hold."""
+    step = discretise(session.object_mass_kg, session.object_damping_nspm, 0.0, round(1.0 / session.frame_s))
+    return step.p * v_o + step.g * force, step.q * v_o + step.h * force
 
 
 def _block(batch: tuple[int, ...], states: Sequence[Array], outputs: Array) -> StateSpace:
-    """A block from rows of coefficients on [states | inputs]: what its states become, and its outputs."""
+    """Return a block from rows of coefficients on [states | inputs]: its states after the step, and its outputs."""
     heights = [1 if rows.ndim == 1 else rows.shape[-2] for rows in states]
     after = np.empty((*batch, sum(heights), outputs.shape[-1]))
     start = 0

@@ -1,4 +1,4 @@
-"""What a hand feels in a session of the actual cores: the measuring side of `feel`.
+"""The impedance that a session of the actual cores renders, measured: the counterpart of `feel`.
 
 One user's hand swings its device as an even sine, whatever the force; after the ramps are over, velocity and force of every
 tick over whole periods, which are whole frames too, give
@@ -28,12 +28,12 @@ _LONGEST_S = 30.0
 
 
 class MeasurementError(RuntimeError):
-    """The session did not stay linear, or did not settle: what it would give is no impedance."""
+    """A session that did not stay linear, or did not settle: it has no impedance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """impedance [N s/m] at frequency_hz, the one that was used; `other_share`: of the force's energy, mean apart, not at it."""
+    """The impedance [N s/m] at frequency_hz, the one used; `other_share`: the share of the force's energy elsewhere."""
 
     frequency_hz: float
     impedance: complex
@@ -43,7 +43,7 @@ class Measured:
 
 
 class SwungDevice:
-    """A `Device` in a hand that no force moves: position and velocity are those the hand intends, exactly."""
+    """A `Device` in a hand that no force moves: position and velocity are exactly the intended ones."""
 
     def __init__(self, capability: Capability, settings: SineSettings) -> None:
         self.capability = capability
@@ -73,7 +73,7 @@ def measure(
     periods: int = 4,
     settle_s: float = 3.0,
 ) -> Measured:
-    """Impedance that the session renders to one user near `frequency_hz` (moved so that `periods` are whole frames).
+    """Measure the impedance rendered to one user near `frequency_hz` (moved so that `periods` are whole frames).
 
     The hand swings about offset_m on the first axis; everybody else is as in `settings`.
     Raises MeasurementError where a limit acted, the session diverged, or a ramp did not end within 30 s.
@@ -115,7 +115,7 @@ def measure(
 
 
 def static_stiffness(settings: Settings, user: int, force_n: float = 1.0, settle_s: float = 8.0) -> float:
-    """F / x at rest of a constant push against a wall [N/m], on an ideal device. Raises MeasurementError."""
+    """Measure F / x at rest of a constant push against a wall [N/m], on an ideal device. Raises MeasurementError."""
     laboratory = _with_ideal(settings, user, f"push&force_n={force_n!r}")
     before = _settle(laboratory, settle_s)
     laboratory.frame()

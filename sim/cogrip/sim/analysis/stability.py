@@ -1,4 +1,4 @@
-"""Is a session stable, and up to which stiffness?
+"""The stability of a session, and the largest stable stiffness.
 
 Stable: every eigenvalue of the frame's map, but those that its structure puts at 1 (`rigid_motion`), lies inside the
 unit circle (P eq. 36).
@@ -19,16 +19,16 @@ from cogrip.sim.analysis.state_space import Array
 SEARCHED_TO_NPM = 1e7
 SEARCHED_FROM_NPM = 1.0
 _STEPS_A_DECADE = 24
-_AT_ONCE = 8  # of the grid, where the first that is unstable ends it
+_BATCH = 8  # sizes of the grid, where the first that is unstable ends it
 _PIECES, _SMALL = 9, 64  # into which a bracket is cut: of a model with more states each matrix costs more than a round
 _CHUNK = 1024  # matrices at a time: more do not fit into a cache
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """spectral_radius is that of the whole map: at least 1 where `structural` names an eigenvalue there;
+    """The stability of a session. spectral_radius: of the whole map, at least 1 where `structural` names an eigenvalue there;
 
-    `decaying` is that of the rest.
+    `decaying`: of the other eigenvalues.
     """
 
     scheme: str
@@ -43,7 +43,7 @@ class Verdict:
 
 
 def verdict(model: LiftedModel) -> Verdict:
-    """What the eigenvalues of a session say."""
+    """Return the verdict of a session's eigenvalues."""
     rigid = Rigid(model)
     decaying = float(_along(modes(model), np.ones(1))[0])
     whole = max(1.0, decaying) if rigid.names else decaying
@@ -51,27 +51,24 @@ def verdict(model: LiftedModel) -> Verdict:
 
 
 def radius(model: LiftedModel, stiffness_npm: Array) -> Array:
-    """Spectral radius without the structural eigenvalues, shape (...), for stiffnesses K [N/m], (..., N), all above 0."""
+    """Return the spectral radius without the structural eigenvalues, shape (...), for K > 0 [N/m], (..., N)."""
     flat = stiffness_npm.reshape(-1, stiffness_npm.shape[-1])
-    parts = [_decaying(model, flat[start : start + _CHUNK]) for start in range(0, len(flat), _CHUNK)]
+    parts = [_decaying(model, chunk) for chunk in np.split(flat, range(_CHUNK, len(flat), _CHUNK))]
     return np.concatenate(parts).reshape(stiffness_npm.shape[:-1])
 
 
 def _decaying(model: LiftedModel, stiffness: Array) -> Array:
-    return _radius(Rigid(model, stiffness).removed(model.matrix(stiffness)))
-
-
-def _radius(matrices: Array) -> Array:
-    largest: Array = np.abs(np.linalg.eigvals(matrices)).max(axis=-1, initial=0.0)
+    values = np.linalg.eigvals(Rigid(model, stiffness).removed(model.matrix(stiffness)))
+    largest: Array = np.abs(values).max(axis=-1, initial=0.0)
     return largest
 
 
 def modes(model: LiftedModel, direction: Sequence[float] | None = None) -> tuple[Mode, ...]:
-    """The session along a ray of stiffnesses as parts that do not know of each other; together they have its eigenvalues.
+    """Split the session along a ray of stiffnesses into independent parts; together they have its eigenvalues.
 
-    Of N people who are alike in everything, what they do together sees one of them at an N-th of the object, and what they do
-    against each other leaves the object where it is: N - 1 times one of them at a wall. Each has an N-th of the states, and
-    eigenvalues take the cube of them. Where anybody differs the session itself is its only part.
+    Of N people alike in everything, the common mode sees one of them at an N-th of the object, and the N - 1 differential modes
+    leave the object at rest: one of them at a wall. Each has an N-th of the states, and eigenvalues cost the cube of them.
+    Where anybody differs the session itself is its only part.
     """
     session = model.session
     ray = np.array(session.stiffness_npm if direction is None else direction, dtype=float)
@@ -96,9 +93,9 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """End of the stable stretch that begins at no stiffness; None: there is none up to `searched_to_npm`; 0: none is stable.
+    """The end of the stable range from 0 on; None: none up to `searched_to_npm`; 0: no stiffness is stable.
 
-    `stable_again`: whether some stiffness beyond it is stable once more.
+    `stable_again`: some stiffness beyond it is stable once more.
     """
 
     stiffness_npm: float | None
@@ -113,11 +110,11 @@ def largest_stable(
     to_npm: float = SEARCHED_TO_NPM,
     beyond: bool = True,
 ) -> Limit:
-    """The largest s such that K_i = s direction_i [N/m] is stable, and every smaller s too.
+    """Return the largest s such that K_i = s direction_i [N/m] is stable, and every smaller s too.
 
-    direction: shape (N,); default: the session's stiffnesses in proportion to the largest. Looked for on a logarithmic grid
-    from SEARCHED_FROM_NPM to `to_npm`, then halved to `relative`. beyond: whether to look for what is `stable_again`, which
-    takes the whole grid; without it the first that is unstable ends it. Raises ValueError for a direction without length.
+    direction: shape (N,); default: the session's stiffnesses in proportion to the largest. Searched on a logarithmic grid from
+    SEARCHED_FROM_NPM to `to_npm`, then bisected to `relative`. beyond: also search for what is `stable_again`, which takes the
+    whole grid; without it the first unstable one ends the search. Raises ValueError for a direction without length.
     """
     ray = np.array(model.session.stiffness_npm if direction is None else direction, dtype=float)
     if not (ray >= 0.0).all() or not ray.max() > 0.0:
@@ -127,9 +124,9 @@ def largest_stable(
     decades = np.log10(to_npm / SEARCHED_FROM_NPM)
     sizes = np.geomspace(SEARCHED_FROM_NPM, to_npm, int(np.ceil(round(decades * _STEPS_A_DECADE, 6))) + 1)
     stable = np.empty(0, dtype=bool)
-    at_once = len(sizes) if beyond else _AT_ONCE
-    for start in range(0, len(sizes), at_once):
-        stable = np.append(stable, _along(parts, sizes[start : start + at_once]) < 1.0)
+    batch = len(sizes) if beyond else _BATCH
+    for start in range(0, len(sizes), batch):
+        stable = np.append(stable, _along(parts, sizes[start : start + batch]) < 1.0)
         if not beyond and not stable.all():
             break
     if stable.all():
@@ -148,15 +145,13 @@ def largest_stable(
     return Limit(low, to_npm, again)
 
 
-def hoped_stable(model: LiftedModel, sizes_npm: Sequence[float]) -> Limit:
-    """What `largest_stable` can find at most: of these few sizes, rising, the first that is unstable."""
+def optimistic_limit(model: LiftedModel, sizes_npm: Sequence[float]) -> Limit:
+    """Return an upper bound of `largest_stable`: of these few sizes, rising, the first that is unstable."""
     stable = _along(modes(model), np.array(sizes_npm) / max(model.session.stiffness_npm)) < 1.0
     return Limit(None if stable.all() else float(sizes_npm[int(np.argmin(stable))]), float(sizes_npm[-1]))
 
 
 def _along(parts: Sequence[Mode], sizes: Array) -> Array:
-    """Spectral radius at each size of the direction, (k,)."""
-    largest = _decaying(parts[0].model, sizes[:, None] * parts[0].ray)
-    for model, ray in parts[1:]:
-        largest = np.maximum(largest, _decaying(model, sizes[:, None] * ray))
+    """Return the spectral radius at each size of the direction, (k,)."""
+    largest: Array = np.max([_decaying(model, sizes[:, None] * ray) for model, ray in parts], axis=0)
     return largest

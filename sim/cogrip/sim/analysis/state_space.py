@@ -40,7 +40,7 @@ class StateSpace:
         return int(self.D.shape[-2])
 
     def response(self, z: Complex) -> Complex:
-        """C (z I - A)^-1 B + D at the points z, shape (...); the result has shape (..., q, p)."""
+        """Return C (z I - A)^-1 B + D at the points z, shape (...); the result has shape (..., q, p)."""
         identity: Complex = np.eye(self.states, dtype=np.complex128)
         pencil = z[..., None, None] * identity - self.A
         right = np.broadcast_to(self.B, (*pencil.shape[:-1], self.inputs)).astype(np.complex128)
@@ -49,16 +49,13 @@ class StateSpace:
 
 
 def gain(matrix: Array) -> StateSpace:
-    """A block without states: y = D u."""
+    """Return a block without states: y = D u."""
     outputs, inputs = matrix.shape[-2:]
     return StateSpace(np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), matrix)
 
 
 def delay(width: int, steps: int) -> StateSpace:
-    """The last `steps` inputs of `width` signals, newest first in the state; the output is the oldest (steps = 0:
-
-    the input).
-    """
+    """Return a delay of `steps` for `width` signals: past inputs, newest first in the state (steps = 0: no delay)."""
     if steps == 0:
         return gain(np.eye(width))
     n = width * steps
@@ -71,7 +68,7 @@ def delay(width: int, steps: int) -> StateSpace:
 
 
 def diagonal(blocks: Sequence[StateSpace]) -> StateSpace:
-    """Blocks side by side: states, inputs and outputs one after the other."""
+    """Return blocks side by side: states, inputs and outputs one after the other."""
     return StateSpace(*(_diagonal([getattr(block, name) for block in blocks]) for name in "ABCD"))
 
 
@@ -88,15 +85,12 @@ def _diagonal(matrices: Sequence[Array]) -> Array:
 
 
 def series(first: StateSpace, second: StateSpace) -> StateSpace:
-    """`second` fed by `first`; states of `first` come first."""
+    """Return `second` fed by `first`; states of `first` come first."""
     A = _diagonal([first.A, second.A])
     A[..., first.states :, : first.states] = second.B @ first.C
     batch = A.shape[:-2]
     return StateSpace(
-        A,
-        _rows(batch, first.B, second.B @ first.D),
-        _columns(batch, second.D @ first.C, second.C),
-        second.D @ first.D,
+        A, _rows(batch, first.B, second.B @ first.D), _columns(batch, second.D @ first.C, second.C), second.D @ first.D
     )
 
 
@@ -113,7 +107,7 @@ def close(block: StateSpace, feedback: Array, external: Array | None = None) -> 
 
 
 def lift(block: StateSpace, ticks: int) -> StateSpace:
-    """Expansion over a frame (P eq. 22-30, after Araki): inputs and outputs of its M ticks stacked, tick by tick.
+    """Expand a block over a frame (P eq. 22-30, after Araki): inputs and outputs of its M ticks stacked, tick by tick.
 
     A_D = A^M, B_D = [A^(M-1) B ... B], C_D = [C; C A; ...], D_D block-lower-triangular with C A^(i-j-1) B.
     """
@@ -140,7 +134,7 @@ def lift(block: StateSpace, ticks: int) -> StateSpace:
 
 
 def through(before: Array, block: StateSpace, after: Array) -> StateSpace:
-    """A block between two static maps: u = before w, z = after y."""
+    """Return a block between two static maps: u = before w, z = after y."""
     return StateSpace(block.A, block.B @ before, after @ block.C, after @ block.D @ before)
 
 

@@ -1,9 +1,9 @@
-"""The stiffest contact that hands can feel over a link, and with which b and K: the inverse of `advice`.
+"""The stiffest contact that hands can feel over a link, and its b and K: the inverse of `advice`.
 
 A line of loop time T is as soft as 2b/T, so b is to be large and the loop short (theory 4); the device bounds b, and K is
-bounded by stability, which a large b takes away again where velocities are estimated. So: for b from a tenth of what
-everybody's device carries up to all of it, the K that is stable with AMPLE to spare; of these pairs the one that is felt
-stiffest by whoever feels least.
+bounded by stability, which a large b reduces again where velocities are estimated. So: for b from a tenth of what
+everybody's device carries up to all of it, the K that is stable with AMPLE to spare; of these pairs the one with the largest
+felt stiffness of whoever feels least.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ Bounded = Literal["stability", "the line", "the device's record", "sessions"]
 
 @dataclass(frozen=True, slots=True)
 class Stiffest:
-    """`overrides` make the session; damper: `coupling.impedance_nspm`, or `damping_nspm` of virtual coupling [N s/m].
+    """A session and its `overrides`; damper: `coupling.impedance_nspm`, or `damping_nspm` of virtual coupling.
 
-    bounded: by what K could not be larger; limit: up to which K it is stable; advice: on the session with the overrides.
+    bounded: the bound of K; limit: up to which K it is stable; advice: on the session with the overrides.
     """
 
     settings: Settings
@@ -48,7 +48,7 @@ class Stiffest:
 
     @property
     def felt_npm(self) -> float:
-        """Stiffness at rest of whoever feels least, calculated without jitter and loss."""
+        """The stiffness at rest of whoever feels least, calculated without jitter and loss."""
         return min(user.felt_npm for user in self.advice.users)
 
 
@@ -74,7 +74,7 @@ def stiffest(settings: Settings, progress: Callable[[int, int], None] = lambda t
 
 
 def eased(found: Stiffest, damper_share: float, stiffness_share: float) -> Stiffest:
-    """Return the same with a share of its b and of its K: where sessions did not bear it out."""
+    """Return the same with a share of its b and of its K, where sessions did not confirm it."""
     key = damper_of(found.settings.coupling).key
     damper_nspm, stiffness_npm = (
         rounded_down(damper_share * found.damper_nspm),
@@ -94,7 +94,7 @@ def eased(found: Stiffest, damper_share: float, stiffness_share: float) -> Stiff
 
 
 def _with(settings: Settings, key: str, damper_nspm: float) -> Stiffest | None:
-    """The stiffest K with one damper."""
+    """Return the stiffest K with one damper."""
     probe, _ = _resolved(settings, key, damper_nspm, _PROBED_NPM)
     session = linear_session(probe)
     limit = largest_stable(LiftedModel(session), relative=_NEAR, beyond=False)
@@ -121,7 +121,7 @@ def _with(settings: Settings, key: str, damper_nspm: float) -> Stiffest | None:
 def _resolved(
     settings: Settings, key: str, damper_nspm: float, stiffness_npm: float
 ) -> tuple[Settings, dict[str, Any]]:
-    """The session with this damper and spring for everybody, and the overrides that make it; users' own values give way."""
+    """Return the session with this damper and spring for everybody, users' own values removed, and its overrides."""
     values = {key: damper_nspm, "stiffness_npm": stiffness_npm}
     overrides: dict[str, Any] = {f"coupling.{name}": value for name, value in values.items()}
     if settings.coupling.compensate:

@@ -1,1 +1,5 @@
-"""Experiments: many sessions or models, spread over worker processes and kept case by case."""
+"""Experiments: many sessions or models, spread over worker processes, kept case by case in a folder, resumed.
+
+`experiment` (what the runner needs of one), `runner`, `folder`, `worker_pool` and `ray_cluster` (the only modules here with
+processes); `sweep` (a grid of settings) and `methods` (a comparison of coupling schemes) are the two kinds.
+"""

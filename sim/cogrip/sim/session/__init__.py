@@ -1,1 +1,1 @@
-"""Sessions in virtual time: the laboratory, emulated links, and the relay that applies them to real sockets."""
+"""Sessions in virtual time: the laboratory, emulated links, and the relay that applies these to real sockets."""

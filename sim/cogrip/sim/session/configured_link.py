@@ -1,4 +1,4 @@
-"""The links that [link] describes, with what no welcome carries: scripts of outages, and recorded traces."""
+"""The links that [link] describes, with what a welcome does not carry: scripts of outages, and recorded traces."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,9 +15,10 @@ def configured_link(
     outages: Iterable[tuple[float, float]] = (),
     origin_ns: int | None = None,
 ) -> LinkEmulator:
-    """One direction. outages: (start_s, length_s) of each, besides [link]'s. Raises TraceError where its trace cannot be read.
+    """Return one direction of a link. Raises TraceError where its trace cannot be read.
 
-    origin_ns: what outages and trace count from, else the first datagram.
+    outages: (start_s, length_s) of each, besides [link]'s; origin_ns: the time that outages and trace count from, else that of
+    the first datagram.
     """
     path = link.trace_of(direction)
     trace = read_trace(Path(path)) if path else None

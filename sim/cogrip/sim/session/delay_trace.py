@@ -1,8 +1,8 @@
-"""A recorded delay trace: what a real network did to each moment, played to a link by the time of sending.
+"""A recorded delay trace: the delay and loss that a real network gave each moment, looked up by the time of sending.
 
-A file has a line `t_s,delay_ms` and then rows. t_s: time of sending, rising; it counts from the first row. delay_ms:
-one-way delay of what is sent from then until the next row; empty or `lost`: it is lost. The last row holds as long as the
-one before it, and then the trace begins again. Further columns are passed over.
+A file has a line `t_s,delay_ms` and then rows. t_s: time of sending, rising, counted from the first row. delay_ms: one-way
+delay of what is sent from then until the next row; empty or `lost`: it is lost. The last row holds as long as the one before
+it, and then the trace begins again. Further columns are ignored.
 """
 
 import csv
@@ -21,15 +21,16 @@ LOST_NS = -1
 
 
 class TraceError(ValueError):
-    """A delay trace that cannot be read, or says what no network does."""
+    """A delay trace that cannot be read, or with values that no network has."""
 
 
 class DelayTrace:
-    """rows: (t_s, delay_ms) each, delay_ms None for lost. Raises TraceError."""
+    """A periodic delay trace over time."""
 
     __slots__ = ("_delays_ns", "_period_ns", "_times_ns")
 
     def __init__(self, rows: Iterable[tuple[float, float | None]]) -> None:
+        """Keep rows of (t_s, delay_ms), delay_ms None for lost. Raises TraceError."""
         self._times_ns = array("q")
         self._delays_ns = array("q")
         first = None
@@ -58,16 +59,16 @@ class DelayTrace:
 
     @property
     def period_s(self) -> float:
-        """After how long it begins again."""
+        """The time after which the trace begins again."""
         return self._period_ns * 1e-9
 
     def delay_ns(self, elapsed_ns: int) -> int:
-        """Of what is sent so long after the link's origin; LOST_NS where it is lost."""
+        """Return the delay of a datagram sent `elapsed_ns` after the link's origin; LOST_NS where it is lost."""
         return self._delays_ns[bisect_right(self._times_ns, elapsed_ns % self._period_ns) - 1]
 
 
 def read_trace(path: Path) -> DelayTrace:
-    """The trace in a file. Raises TraceError, naming file and line."""
+    """Read the trace in a file. Raises TraceError, naming file and line."""
     try:
         stat = path.stat()
         return _read(path, stat.st_mtime_ns, stat.st_size)

@@ -1,6 +1,6 @@
 """The files that a session reads besides its settings: recorded delay traces, and recorded hands.
 
-Settings name them; what stands in them makes a session just as much. Whoever keeps results holds them against it.
+Settings only name them; their digests are part of an experiment's query.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ UNREADABLE = "unreadable"  # whoever runs the session says what is wrong with it
 
 
 def files_read(settings: Settings) -> dict[str, str]:
-    """Each file by its path as the settings have it, with the SHA-256 of its content."""
+    """Return the SHA-256 of each file's content, by its path as in the settings."""
     paths = {settings.link.trace_of(direction) for direction in ("up", "down")} - {""}
     found = {path: _digest(Path(path)) for path in paths}
     for user in settings.users:
@@ -25,7 +25,7 @@ def files_read(settings: Settings) -> dict[str, str]:
 
 
 def _recorded(address: str) -> dict[str, str]:
-    """What the device at this address, or the hand in it, is read from."""
+    """Return the digests of the files of the device at this address, or of the hand in it."""
     try:
         parsed = parse_address(address)
     except DeviceError:
@@ -43,7 +43,7 @@ def _recorded(address: str) -> dict[str, str]:
 
 
 def _run(path: str, user: str) -> dict[str, str]:
-    """One person's recording in a run."""
+    """Return the digest of one person's recording in a run."""
     try:
         return {f"{path}#user={user}": _digest(find(path, user).path)}
     except DeviceError:

@@ -1,14 +1,14 @@
-"""A whole session in virtual time: the very cores of the live processes, their datagrams, an emulated link, no sleeping.
+"""A whole session in virtual time: the cores of the live processes, their datagrams, an emulated link, no sleeping.
 
-At a frame border the order is that of theory section 6: every client senses and sends, what has arrived by now is
-delivered, the server steps, its answers that have arrived by now are delivered, every client acts. A link delay of
-exactly d frames therefore means d frames.
+At a frame border the order is that of theory section 6: every client senses and sends, what has arrived by now is delivered,
+the server steps, its answers that have arrived by now are delivered, every client acts. A link delay of exactly d frames
+therefore means d frames.
 
-Between two borders every client ticks on its own grid, exactly: those of one rate at the same moments, in seat order; a client
-hears what has come when it ticks itself. Borders are common to all, so all begin a frame together.
+Between two borders every client ticks on its own grid, exactly: those of one rate at the same moments, in seat order. A client
+receives what has arrived when it ticks itself. All begin a frame together.
 
-People may go and come, lose their address, or their server: `leave`, `come`, `lose_address`, `kill` and `restart`, each
-between two frames. A way to the server is an address here, and dialling gives another one.
+People may leave and return, lose their address, or their server: `leave`, `come`, `lose_address`, `kill` and `restart`, each
+between two frames. A network path is an address here, and path migration gives another one.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,18 +35,18 @@ from cogrip.sim.session.link import LinkEmulator
 
 Watch = Callable[["Laboratory"], None]
 Moment = tuple[tuple[int, int], ...]
-"""Who ticks at one time: seat numbers, each with the tick of the frame that it is for them."""
+"""Simultaneous ticks: seat numbers, each with its tick in the frame."""
 Record = Callable[[RecordedClient | RecordedServer, str], Sink]
-"""Where an end's recording goes: called with its core and, for a client, the person's name (else "")."""
+"""The sink of an end's recording, given its core and, for a client, the person's name (else "")."""
 
 
 def unrecorded(core: RecordedClient | RecordedServer, who: str) -> Sink:
-    """No recording."""
+    """Return a sink that records nothing."""
     return Nowhere()
 
 
 class Person:
-    """One user: device, core and the two directions of the link. visit: how often this person has come before."""
+    """One user: device, core and both directions of the link. visit: how often this person has been in the room before."""
 
     def __init__(self, settings: Settings, number: int, begins: int, visit: int = 0, bare: bool = False) -> None:
         user = settings.users[number]
@@ -55,7 +55,7 @@ class Person:
         self.visit = visit
         self.name = user.name
         self.going = self.gone = False
-        self.lost: set[str] = set()  # addresses that nothing comes or goes by any more
+        self.lost: set[str] = set()  # addresses that carry nothing any more
         self._address = f"person {number}" + (f" again {visit}" if visit else "")
         self.migration = PathMigration(self._address)
         device = make_for(user, settings.object.axes)
@@ -74,15 +74,15 @@ class Person:
 
     @property
     def address(self) -> str:
-        """Where the server hears this person from."""
+        """The address from which the server receives this person's datagrams."""
         return self.migration.path
 
     def ticks_at(self, tick: int) -> bool:
-        """Whether this person's loop runs at a tick of the session, counted at their rate."""
+        """Return whether this person's loop runs at a tick of the session, counted at their rate."""
         return tick >= self.begins and not self.gone
 
     def dial(self, now_ns: int, refused: bool) -> None:
-        """Another address, where the live client would dial anew."""
+        """Change the address where the live client would migrate to another path."""
         resuming = self.core.session.state == "resuming"
         if self.migration.due(now_ns, resuming, True, refused):
             self.migration.dialled(f"{self._address} dial {self.migration.dials + 1}", now_ns)
@@ -100,8 +100,8 @@ class Person:
 class Laboratory:
     """One session of `settings`. `run` to the end, or `frame` by frame.
 
-    bare: without the controllers of the device port, for experiments on what they are for (`BarePort`)
-    begins: each person's first tick, at their own rate, a whole number of frames; all begin together if it is empty.
+    bare: without the passivity controllers of the device port, for experiments on them (`BarePort`)
+    begins: each person's first tick, at their own rate, a whole number of frames; all begin together if it is empty
     tick: moments so far at which somebody ticked, or is ticking; with one rate for all, everybody's tick
     """
 
@@ -120,7 +120,7 @@ class Laboratory:
         self.now_ns = 0
         self.tick = 0
         self._network_hz = settings.rates.network_hz
-        self._frame = 0  # the one that comes next, or is under way
+        self._frame = 0  # the current one, or the next
         self._moments = moments_of([person.rates.ticks_per_frame for person in self.people])
         self.frames = max(1, round(settings.seconds * settings.rates.network_hz))
         for person in self.people:
@@ -137,7 +137,7 @@ class Laboratory:
         )  # fmt: skip
 
     def _call(self, person: Person) -> None:
-        """Hello and welcome over a perfect link; from then on the configured one."""
+        """Exchange hello and welcome over a perfect link; from then on the configured one holds."""
         now_ns = self.now_ns
         person.core.call(now_ns)
         while person.core.outbox:
@@ -156,16 +156,16 @@ class Laboratory:
         person.down = configured_link(link, "down", f"{seat.seed}/{seat.seat}/down")
         person.handle.open()
 
-    # Coming and going
+    # Leaving and returning
 
     def leave(self, number: int) -> None:
-        """This person lets the force go and then says goodbye, as the live client does."""
+        """Release this person's force, and then say goodbye, as the live client does."""
         person = self.people[number]
         person.going = True
         person.core.stop()
 
     def come(self, number: int) -> Person:
-        """Who had this seat before comes again, with a hand that begins anew."""
+        """Return a new person in this seat: the same one again, with a hand that begins anew."""
         before = self.people[number]
         begins = self._frame * before.rates.ticks_per_frame
         person = self.people[number] = Person(self.settings, number, begins, before.visit + 1, self._bare)
@@ -176,18 +176,18 @@ class Laboratory:
         return person
 
     def lose_address(self, number: int) -> None:
-        """Nothing comes or goes by this person's present address any more."""
+        """Drop everything to and from this person's present addresses from now on."""
         person = self.people[number]
         person.lost |= set(person.migration.paths)
 
     def kill(self) -> list[RoomCheckpoint]:
-        """The server is gone, between two steps and without a word. Returns what its next checkpoint would have held."""
+        """Kill the server between two steps, and return the checkpoint that it would have written next."""
         self.alive = False
         self.server.outbox.clear()
         return self.server.checkpoint()
 
     def restart(self, checkpoints: Sequence[RoomCheckpoint]) -> None:
-        """A new server at the old one's place. It is not recorded."""
+        """Start a new server in the old one's place. It is not recorded."""
         self.server = self._new_server()
         self.server.record(Nowhere())
         self.room = self.server.rooms[0]
@@ -195,7 +195,7 @@ class Laboratory:
             self.server.restore(checkpoint, self.now_ns)
         self.alive = True
 
-    # Words on their way
+    # Datagrams
 
     def _from_clients(self) -> None:
         for person in self.people:
@@ -237,7 +237,7 @@ class Laboratory:
                     person.core.receive(datagram, now_ns)
 
     def frame(self, each_tick: Watch | None = None) -> None:
-        """One network frame: everybody's M device ticks, the border first."""
+        """Run one network frame: everybody's M device ticks, the border first."""
         for moment in self._moments:
             number, step = moment[0]
             rates = self.people[number].rates
@@ -291,14 +291,14 @@ class Laboratory:
         each_frame: Watch | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        """To the end of the session, until it has diverged, or until `stopped` says so."""
+        """Run to the end of the session, until it has diverged, or until `stopped` returns True."""
         while self._frame < self.frames and not self.diverged and not stopped():
             self.frame(each_tick)
             if each_frame is not None:
                 each_frame(self)
 
     def close_ledger(self) -> None:
-        """Note what every end knows; nothing is recorded after."""
+        """Record every end's accounts; nothing is recorded after."""
         for number, person in enumerate(self.people):
             person.core.account(self.ticks(number))
         self.server.close_ledger()
@@ -308,7 +308,7 @@ class Laboratory:
 
     @property
     def diverged(self) -> str:
-        """Why the session has diverged, "" if it has not."""
+        """The reason why the session has diverged, or ""."""
         for person in self.people:
             if person.core.diverged:
                 return f"{person.name}: {person.core.diverged}"
@@ -316,19 +316,19 @@ class Laboratory:
 
     @property
     def seconds(self) -> float:
-        """Virtual time that has passed, in whole frames."""
+        """The virtual time that has passed, in whole frames [s]."""
         return self._frame / self._network_hz
 
     def ticks(self, number: int = 0) -> TickCount:
-        """Of one person's loop, in whole frames. In virtual time every tick is run, and none is late."""
+        """Return the tick count of one person's loop. In virtual time every tick is run, and none is late."""
         ticks = self._frame * self.people[number].rates.ticks_per_frame
         return TickCount(due=ticks, run=ticks)
 
 
 def moments_of(ticks_per_frame: Sequence[int]) -> tuple[Moment, ...]:
-    """A frame's moments in their order, for seats with so many ticks in it. The first is the border, where everybody ticks.
+    """Return a frame's moments in order, for seats with so many ticks in it; everybody ticks at the first, the border.
 
-    Two ticks that are not at one time are 1 / (M_i M_j network_hz) apart, 2.5 ns or more: in whole nanoseconds, too.
+    Two ticks that are not simultaneous are at least 1 / (M_i M_j network_hz) apart, 2.5 ns or more.
     """
     at: dict[Fraction, list[tuple[int, int]]] = {}
     for number, ticks in enumerate(ticks_per_frame):

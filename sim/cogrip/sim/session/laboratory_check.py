@@ -1,7 +1,7 @@
-"""Advice held against sessions in virtual time before it is given: what the linear model leaves out is in them.
+"""Sessions in virtual time that check advice before it is given: they include what the linear model leaves out.
 
 session   the settings as they stand, with their own hands and devices: passive and stable?
-felt      a static load on the same link (`methods/felt.py`), once a seed: what is felt at rest, jitter and loss included
+felt      a static load on the same link (`methods/felt.py`), once a seed: stiffness at rest, jitter and loss included
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from cogrip.sim.session.laboratory import Laboratory
 
 Values = tuple[float | None, ...]
 """Felt stiffness [N/m], one a seed; None where nothing came to rest."""
-LINES = 6  # of a network that draws its fates: as many people times seeds; one that does not is the same every time
+LINES = 6  # people times seeds, on a network that is random; others are the same with every seed
 MOST_SEEDS = 3
 SESSION_S, LONGEST_S = 6.0, 20.0  # longer where hands or outages begin late
-SHORT_S = 3.0  # a session that tells little
+SHORT_S = 3.0  # a shorter session says little
 EASED = ((1.0, 1.0), (1.0, 0.7), (0.75, 1.0), (0.75, 0.6), (0.5, 0.6))  # of b and K, the stiffest first
-MOST_CHANGES = 4  # that are tried in the laboratory before none is given
+MOST_CHANGES = 4  # tried in the laboratory
 DIRECTIONS: tuple[Literal["up", "down"], ...] = ("up", "down")
 _LEVELS: dict[Tone, Level] = {"good": "ok", "warn": "note", "bad": "warning"}
 _TONES: tuple[Tone, ...] = tuple(_LEVELS)
@@ -46,13 +46,13 @@ _TONES: tuple[Tone, ...] = tuple(_LEVELS)
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Sessions of some settings.
+    """The results of the sessions of some settings.
 
-    passive, stable: how the session was judged; said: the sentences of these, and of how it felt, that are not good
+    passive, stable: verdicts on the session; said: the sentences of these, and on the feel, that are not good
     felt_npm: of each person with a spring, in the order of the settings: a value a seed, None where nothing came to rest;
-    empty where no balanced load can be put on (one person alone at a free object)
+    empty where no balanced load exists (one person alone at a free object)
     begun_s: when the last of hands and the first of periodic outages have begun, of those that the settings' time reaches
-    stand_ins: people whose hardware a simulated device stood in for
+    stand_ins: people whose hardware a simulated device replaced
     """
 
     passive: Tone
@@ -65,7 +65,7 @@ class Check:
     stand_ins: tuple[str, ...]
 
     def missed(self, asked_npm: dict[str, float]) -> float | None:
-        """Return the largest |mean felt / asked - 1| of anybody; None where nobody's was measured, 1 where nothing rests."""
+        """Return the largest |mean felt / asked - 1| of anybody; None if nobody's was measured, 1 where nothing rests."""
         shares = [
             1.0 if None in values else abs(sum(value or 0.0 for value in values) / len(values) / asked_npm[name] - 1.0)
             for name, values in self.felt_npm.items()
@@ -75,7 +75,7 @@ class Check:
 
     @property
     def session(self) -> Finding:
-        """How the session was judged."""
+        """The finding on the session."""
         worst = max(self.passive, self.stable, key=_TONES.index)
         people = (
             f" ({', '.join(self.stand_ins)}: a simulated device stood in for the hardware)" if self.stand_ins else ""
@@ -89,15 +89,15 @@ class Check:
 
     @property
     def beyond(self) -> str:
-        """Say what of the settings the session did not reach, "" if it reached all."""
+        """What of the settings the session did not reach, "" if it reached all."""
         if self.begun_s > self.seconds:
             return f"what begins at {self.begun_s:g} s, hands or outages, is beyond it"
         return f"less than {SHORT_S:g} s tell little" if self.seconds < SHORT_S else ""
 
     def felt(self, expected_npm: Mapping[str, float] | None = None) -> tuple[Finding, ...]:
-        """Say what stiffness was felt; people of the same numbers in one sentence.
+        """Return findings on the felt stiffness; people of the same numbers share one.
 
-        expected_npm: by name, what it is held against; else what the settings ask for.
+        expected_npm: by name, the stiffness to compare with; else the one that the settings ask for.
         """
         if not self.felt_npm:
             text = "the felt stiffness was not measured: these people cannot hold the object still against each other"
@@ -115,18 +115,18 @@ class Check:
 
 
 def words(values: Values) -> str:
-    """Say what was felt, over the seeds."""
+    """Return the felt stiffness over the seeds in words."""
     where = f"in {len(values)} sessions over this link" if len(values) > 1 else "over this link"
-    told = [value for value in values if value is not None]
-    if len(told) < len(values):
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
         return f"never came to rest under a constant load {where}"
-    low, high = (plain(value, 3) for value in (min(told), max(told)))
+    low, high = (plain(value, 3) for value in (min(known), max(known)))
     return f"felt like {low if low == high else f'{low} to {high}'} N/m at rest {where}"
 
 
 def _level(values: Values, expected_npm: float) -> Level:
-    told = [value for value in values if value is not None]
-    return feel_level(sum(told) / len(told), expected_npm) if len(told) == len(values) else "warning"
+    known = [value for value in values if value is not None]
+    return feel_level(sum(known) / len(known), expected_npm) if len(known) == len(values) else "warning"
 
 
 def check(settings: Settings) -> Check:
@@ -138,7 +138,7 @@ def check(settings: Settings) -> Check:
     laboratory.run()
     summary = of_laboratory(laboratory)
     judged = passive(summary), stable(summary), felt_as_intended(summary)
-    # how soft it is, the static load says
+    # the static load measures how soft it is
     said = tuple(each.sentence for each in judged if each.tone != "good" and not each.sentence.startswith(SOFTER))
     felt: dict[str, list[float | None]] = {}
     asked: dict[str, float] = {}
@@ -165,7 +165,7 @@ def _draws(settings: Settings) -> bool:
 
 def _begun_s(settings: Settings) -> float:
     """Return when everything has begun that begins late: hands that wait, and outages."""
-    begun: list[tuple[float, float]] = []  # when each begins, and when it has begun
+    begun: list[tuple[float, float]] = []  # start and end of each beginning
     for user in settings.users:
         query = parse_address(f"sim:hand?hand={user.hand}").query | parse_address(address_of(user)).query
         begun += [(float(query[key]),) * 2 for key in ("delay_s", "start_s") if _is_number(query.get(key, ""))]
@@ -184,7 +184,7 @@ def _is_number(text: str) -> bool:
 
 
 def _stand_in(settings: Settings, user: User) -> User:
-    """A simulated device with the mass, resolution, friction and force of a hardware's record; others as they are."""
+    """Return the user with a simulated device of the mass, resolution, friction and force of a hardware's record."""
     if not is_real(user.device):
         return user
     record = make_for(user, settings.object.axes).capability
@@ -196,16 +196,13 @@ def _stand_in(settings: Settings, user: User) -> User:
 
 
 def checked_change(
-    settings: Settings,
-    now: Advice,
-    checked: Check,
-    progress: Callable[[int, int], None] = lambda tried, total: None,
+    settings: Settings, now: Advice, checked: Check, progress: Callable[[int, int], None] = lambda tried, total: None
 ) -> Change | None:
-    """Return the change that helps most by the model among those that sessions bear out; None for none.
+    """Return the change that helps most by the model among those that sessions confirm; None for none.
 
-    Borne out: passive and stable, or judged no worse than before, and the felt stiffness as measured nearer to what was asked;
-    where the change is for a further reach, no further from it; for fewer warnings that does not count. Its scores hold the
-    measured feel. A playout that follows the jitter is tried too, whatever the model, which knows none, says of it.
+    Confirmed: passive and stable, or judged no worse than before, and the measured felt stiffness nearer to the one asked for;
+    a change for a further reach must not take it further away; for fewer warnings it does not count. Its scores hold the
+    measured feel. A playout that follows the jitter is tried too, as the model knows no jitter.
     """
     table = to_builtins(settings)
     asked = {user.name: user.asked_npm for user in now.users}
@@ -222,9 +219,7 @@ def checked_change(
             for new, old in ((after.passive, checked.passive), (after.stable, checked.stable))
         )
         missed = after.missed(asked)
-        if worse and not fewer:
-            continue
-        if "bad" in (after.passive, after.stable):  # what is broken is not called helped
+        if (worse and not fewer) or "bad" in (after.passive, after.stable):
             continue
         if before is None or missed is None:
             return dataclasses.replace(change, measured=False)
@@ -243,10 +238,9 @@ def checked_change(
 def checked_stiffest(
     settings: Settings, progress: Callable[[int, int], None] = lambda tried, total: None
 ) -> tuple[Stiffest, Check] | None:
-    """Return the stiffest felt session that is passive and stable in the laboratory, too; None where the model finds none.
+    """Return the stiffest felt session that is passive and stable in the laboratory, too; None where there is none.
 
-    b and K come down until a session is; of a coupling that is not passive by construction only stability is asked. None also
-    where none of what was tried is.
+    b and K are lowered until a session is; of a coupling that is not passive by construction only stability is required.
     """
     found = stiffest(settings, progress)
     if found is None:

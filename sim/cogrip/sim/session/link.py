@@ -1,25 +1,25 @@
 """One direction of a network in virtual time: delay, jitter, loss, duplicates, reordering, a rate cap, outages. Sans-IO.
 
 The path of a datagram: outage -> bottleneck queue (rate_kbps) -> loss -> duplication -> delay + jitter (+ hold) -> arrival.
-A recorded trace adds its delay to all others, and its losses.
+A recorded trace adds its delay and its losses.
 
-Fates are drawn by datagram number, each impairment from its own stream of the seed: payloads, the times of send and due
-and the other impairments do not touch them. Two runs that differ in loss only have the same jitter, datagram by
-datagram, so comparisons are paired. Only outages, traces and the queue look at times, and they draw nothing: a datagram
-that an outage took has had its draw, and those after it have the fates they would have had.
+The fate of a datagram is drawn by its number, each impairment from its own stream of the seed: payload, times and the other
+impairments do not change it. Two runs that differ in loss alone have the same jitter, datagram by datagram, so comparisons are
+paired. Outages, traces and the queue depend on time, and draw nothing.
 
 Loss is the Gilbert-Elliott chain with a lossless good and a lossy bad state, stepped once a datagram:
-P(bad -> good) = 1 / burst_frames, P(good -> bad) = loss / (burst_frames (1 - loss)), started in its stationary law. So
-the rate of loss is `loss` and a run of losses is burst_frames datagrams long on average. Independent loss has runs of
-1 / (1 - loss); burst_frames = 1 asks for just that, and values in between, where losses would repel, are refused.
+P(bad -> good) = 1 / burst_frames, P(good -> bad) = loss / (burst_frames (1 - loss)), started in its stationary law. So the rate
+of loss is `loss`, and a run of losses is burst_frames datagrams long on average. Independent loss has runs of 1 / (1 - loss);
+burst_frames = 1 asks for that, and values in between, where losses would repel, are refused.
 """
 
 import heapq
 import math
 from collections.abc import Iterable, Iterator
 from random import Random
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
+from cogrip.protocol.link_profile import LinkProfile
 from cogrip.sim.session.delay_trace import LOST_NS, DelayTrace
 from cogrip.sim.session.outages import NEVER_NS, Outages
 
@@ -31,48 +31,8 @@ HEADER_BYTES = 28
 """IPv4 and UDP headers, which occupy a capped link as well as the payload does."""
 
 
-class LinkProfile(Protocol):
-    """What a link does to datagrams. Any object with these attributes will do."""
-
-    @property
-    def delay_ms(self) -> float:
-        """Constant one-way delay."""
-
-    @property
-    def jitter_ms(self) -> float:
-        """Mean of the extra delay, gamma of shape 2, drawn for every datagram: they may overtake one another."""
-
-    @property
-    def loss(self) -> float:
-        """Stationary rate of loss, 0 <= loss < 1."""
-
-    @property
-    def burst_frames(self) -> float:
-        """Mean length of a run of lost datagrams: 1 (independent) or at least 1 / (1 - loss)."""
-
-    @property
-    def duplicate(self) -> float:
-        """Probability that a datagram arrives twice; the copy draws its own jitter."""
-
-    @property
-    def reorder(self) -> float:
-        """Probability that a datagram is held back by HOLD_MS."""
-
-    @property
-    def rate_kbps(self) -> float:
-        """Bottleneck in kbit/s, 0 for none."""
-
-    @property
-    def outage_s(self) -> float:
-        """How long each periodic outage lasts, 0 for none."""
-
-    @property
-    def outage_every_s(self) -> float:
-        """From the origin to the first periodic outage's begin, and from begin to begin."""
-
-
 class Fate(NamedTuple):
-    """What happens to one datagram, the queue apart: extra_ns is jitter and hold, copy_extra_ns None without a copy."""
+    """The fate of one datagram, the queue apart: extra_ns is jitter and hold, copy_extra_ns None without a copy."""
 
     lost: bool
     extra_ns: int
@@ -81,14 +41,13 @@ class Fate(NamedTuple):
 
 
 COUNTERS = ("sent", "delivered", "lost", "duplicated", "held", "reordered", "outage", "queue_dropped", "in_flight")
-"""The names of what a link counts."""
 
 _CLEAR = Fate(False, 0, None, False)
 _LOST = Fate(True, 0, None, False)
 
 
 def check(profile: LinkProfile) -> None:
-    """Raises ValueError, naming value, bound and cure, for a profile no link can have."""
+    """Check a profile. Raises ValueError, naming value, bound and cure, for one that no link can have."""
     for name in ("delay_ms", "jitter_ms", "rate_kbps"):
         value = getattr(profile, name)
         if not 0.0 <= value < math.inf:
@@ -109,7 +68,7 @@ def check(profile: LinkProfile) -> None:
 
 
 def _losses(profile: LinkProfile, seed: str) -> Iterator[bool]:
-    """The Gilbert-Elliott chain, one step a datagram: True is lost."""
+    """Step the Gilbert-Elliott chain, once a datagram: True is lost."""
     draw = Random(f"{seed}/loss").random
     loss = profile.loss
     if profile.burst_frames == 1.0:
@@ -124,7 +83,7 @@ def _losses(profile: LinkProfile, seed: str) -> Iterator[bool]:
 
 
 def _jitters(jitter_ms: float, seed: str) -> Iterator[int]:
-    """Gamma of shape 2 and mean jitter_ms, in ns: the sum of two exponentials, always two draws."""
+    """Draw jitter in ns, gamma of shape 2 and mean jitter_ms: the sum of two exponentials, always two draws."""
     draw = Random(seed).random
     scale_ns = jitter_ms * 1e6 / 2.0
     log = math.log
@@ -133,7 +92,7 @@ def _jitters(jitter_ms: float, seed: str) -> Iterator[int]:
 
 
 def fates(profile: LinkProfile, seed: str) -> Iterator[Fate]:
-    """The fate of datagram 0, 1, 2, ... on this link, without end. Raises ValueError for an impossible profile."""
+    """Return the fates of datagrams 0, 1, 2, ... on this link, without end. Raises ValueError for an impossible profile."""
     check(profile)
     return _fates(profile, seed)
 
@@ -177,11 +136,11 @@ class LinkEmulator:
 
     __slots__ = (
         "_busy_ns",
+        "_check_ns",
         "_delay_ns",
         "_fates",
         "_flight",
         "_highest",
-        "_look_ns",
         "_ns_per_byte",
         "_origin_ns",
         "_outages",
@@ -204,15 +163,16 @@ class LinkEmulator:
         trace: DelayTrace | None = None,
         origin_ns: int | None = None,
     ) -> None:
-        """outages: by script, (start_s, length_s) of each. trace: delays and losses besides all others. origin_ns: what they
-        and the periodic outages count from; the time of the first datagram if none is given. Raises ValueError for an
-        impossible link.
+        """Prepare an idle link. Raises ValueError for an impossible one.
+
+        outages: by script, (start_s, length_s) of each, besides the profile's; trace: further delays and losses; origin_ns: the
+        time that these and the periodic outages count from, else that of the first datagram.
         """
         self._fates = fates(profile, seed)
         self._outages = Outages(profile.outage_s, profile.outage_every_s, outages)
         self._trace = trace
         self._origin_ns = origin_ns
-        self._look_ns = -NEVER_NS if self._outages else NEVER_NS  # until then the link is up
+        self._check_ns = -NEVER_NS if self._outages else NEVER_NS  # until then the link is up
         self._delay_ns = round(profile.delay_ms * 1e6)
         self._ns_per_byte = 8e6 / profile.rate_kbps if profile.rate_kbps else 0.0
         self._busy_ns: int | None = None  # when the bottleneck falls idle
@@ -229,12 +189,12 @@ class LinkEmulator:
 
     @property
     def in_flight(self) -> int:
-        """Datagrams and copies under way."""
+        """The number of datagrams and copies under way."""
         return len(self._flight)
 
     @property
     def next_ns(self) -> int | None:
-        """When the next datagram arrives; None when none is under way."""
+        """The time of the next arrival; None when nothing is under way."""
         return self._flight[0][0] if self._flight else None
 
     @property
@@ -243,11 +203,11 @@ class LinkEmulator:
         return {name: getattr(self, name) for name in COUNTERS}
 
     def send(self, payload: bytes, now_ns: int) -> None:
-        """Puts a datagram on the link at now_ns, which never falls."""
+        """Put a datagram on the link at now_ns, which never falls."""
         number = self.sent
         self.sent = number + 1
         lost, extra_ns, copy_extra_ns, held = next(self._fates)
-        if now_ns >= self._look_ns and self._down_at(now_ns):
+        if now_ns >= self._check_ns and self._down_at(now_ns):
             self.outage += 1
             return
         leaves_ns = now_ns
@@ -273,21 +233,21 @@ class LinkEmulator:
             heapq.heappush(self._flight, (arrival_ns + copy_extra_ns, number, 1, payload))
 
     def _down_at(self, now_ns: int) -> bool:
-        """Whether the link is down now; if not, `_look_ns` is when it next will be."""
+        """Return whether the link is down now; if not, `_check_ns` is when it next will be."""
         elapsed_ns = self._elapsed_ns(now_ns)
         if self._outages.down_at(elapsed_ns):
             return True
-        self._look_ns = now_ns - elapsed_ns + self._outages.next_begin_ns(elapsed_ns)
+        self._check_ns = now_ns - elapsed_ns + self._outages.next_begin_ns(elapsed_ns)
         return False
 
     def _elapsed_ns(self, now_ns: int) -> int:
-        """Since the link's origin, which is now if it has none yet."""
+        """Return the time since the link's origin, which is now if it has none yet."""
         if self._origin_ns is None:
             self._origin_ns = now_ns
         return now_ns - self._origin_ns
 
     def _queue(self, size: int, now_ns: int) -> int | None:
-        """When the datagram's last bit leaves the bottleneck, or None when the queue is full."""
+        """Return when the datagram's last bit leaves the bottleneck, or None when the queue is full."""
         starts_ns = now_ns if self._busy_ns is None or self._busy_ns < now_ns else self._busy_ns
         if starts_ns - now_ns > QUEUE_NS:
             return None
@@ -295,7 +255,7 @@ class LinkEmulator:
         return self._busy_ns
 
     def due(self, now_ns: int) -> list[bytes]:
-        """Takes out what has arrived by now_ns, in order of arrival, ties in order of sending."""
+        """Remove and return what has arrived by now_ns, in order of arrival, ties in order of sending."""
         flight = self._flight
         arrived: list[bytes] = []
         while flight and flight[0][0] <= now_ns:

@@ -1,6 +1,6 @@
 """A script of outages as a file: a line `start_s,length_s` or `start_s,length_s,way`, then a row for each.
 
-way: `up`, `down`, or empty for both. Rows in any order; those that overlap are one.
+way, the direction: `up`, `down`, or empty for both. Rows in any order; those that overlap are one.
 """
 
 import csv
@@ -10,14 +10,15 @@ from cogrip.protocol.link_profile import Direction
 from cogrip.sim.session.outages import MOST_S
 
 MOST_ROWS = 100_000
+_DIRECTIONS: dict[str, tuple[Direction, ...]] = {"up": ("up",), "down": ("down",), "": ("up", "down")}
 
 
 class ScriptError(ValueError):
-    """A script of outages that cannot be read, or says what cannot be."""
+    """A script of outages that cannot be read, or with impossible values."""
 
 
 def read_script(path: Path) -> dict[Direction, tuple[tuple[float, float], ...]]:
-    """(start_s, length_s) of each outage, by way. Raises ScriptError, naming file and line."""
+    """Return (start_s, length_s) of each outage, by direction. Raises ScriptError, naming file and line."""
     found: dict[Direction, list[tuple[float, float]]] = {"up": [], "down": []}
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -57,11 +58,7 @@ def _read_row(row: list[str]) -> tuple[float, float, tuple[Direction, ...]]:
             f"an outage of {length_s:g} s at {start_s:g} s: it must be longer than 0 and begin at 0 or later, both at most "
             f"{MOST_S:g} s"
         )
-    direction = texts[2] if len(texts) == 3 else ""
-    if direction == "up":
-        return start_s, length_s, ("up",)
-    if direction == "down":
-        return start_s, length_s, ("down",)
-    if direction:
-        raise ScriptError(f"way = {direction!r}: write up, down, or nothing for both")
-    return start_s, length_s, ("up", "down")
+    directions = _DIRECTIONS.get(texts[2] if len(texts) == 3 else "")
+    if directions is None:
+        raise ScriptError(f"way = {texts[2]!r}: write up, down, or nothing for both")
+    return start_s, length_s, directions

@@ -1,7 +1,6 @@
-"""When a link is down: every so often, and by script. Sans-IO.
+"""Outages of a link, periodic and by script. Sans-IO.
 
-Times count from the link's origin, which its owner knows. An outage holds from its begin on, at its end the link is up
-again; outages that touch or overlap are one.
+Times count from the link's origin. At an outage's end the link is up again; outages that touch or overlap are one.
 """
 
 from bisect import bisect_right
@@ -13,14 +12,14 @@ NEVER_NS = 1 << 62
 
 
 class Outages:
-    """Periodic: outage_s long at every multiple of outage_every_s but 0. By script: (start_s, length_s) of each."""
+    """Periodic outages, outage_s long at every multiple of outage_every_s but 0, and scripted (start_s, length_s)."""
 
     __slots__ = ("_begins", "_ends", "_every_ns", "_length_ns")
 
     def __init__(
         self, outage_s: float = 0.0, outage_every_s: float = 0.0, script: Iterable[tuple[float, float]] = ()
     ) -> None:
-        """Raises ValueError, naming value, bound and cure, for outages that no link can have."""
+        """Check and sort them. Raises ValueError, naming value, bound and cure, for outages that no link can have."""
         for name, value in (("outage_s", outage_s), ("outage_every_s", outage_every_s)):
             if not 0.0 <= value <= MOST_S:
                 raise ValueError(f"link {name} = {value} is outside 0 to {MOST_S:g}")
@@ -47,18 +46,18 @@ class Outages:
                 self._ends.append(end)
 
     def __bool__(self) -> bool:
-        """Whether there are any."""
+        """Return whether there are any."""
         return bool(self._length_ns or self._begins)
 
     def down_at(self, elapsed_ns: int) -> bool:
-        """Whether the link is down so long after its origin."""
+        """Return whether the link is down `elapsed_ns` after its origin."""
         if self._length_ns and elapsed_ns >= self._every_ns and elapsed_ns % self._every_ns < self._length_ns:
             return True
         last = bisect_right(self._begins, elapsed_ns) - 1
         return last >= 0 and elapsed_ns < self._ends[last]
 
     def next_begin_ns(self, elapsed_ns: int) -> int:
-        """When the first outage that begins after `elapsed_ns` does; NEVER_NS if none will."""
+        """Return when the first outage after `elapsed_ns` begins; NEVER_NS if none will."""
         found = NEVER_NS
         if self._length_ns:
             found = (elapsed_ns // self._every_ns + 1) * self._every_ns

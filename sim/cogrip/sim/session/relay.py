@@ -1,10 +1,10 @@
-"""A relay between any two programs that speak UDP: every client a flow of its own, each direction an emulated link. Sans-IO.
+"""A UDP relay between any two programs: every client is a flow, each direction an emulated link. Sans-IO.
 
-Flow number n is the n-th address that was heard, from 0. Its ways are emulated as the laboratory emulates those of seat n:
-the same profile and the seeds SEED/n/up and SEED/n/down, so the same fate for the same datagram number. What the laboratory
-counts from each link's first datagram (outages, traces) counts here from the first datagram of all: the network is one.
+Flow n is the n-th new address, from 0. Its directions are emulated as the laboratory emulates those of seat n: the same
+profile and the seeds SEED/n/up and SEED/n/down, so the same fate for the same datagram number. Outages and traces, which count
+from each link's first datagram in the laboratory, count from the first datagram of all here: the network is one.
 
-A driver feeds what its sockets give, asks `next_ns` when to come back, calls `due`, and sends what `outbox` holds.
+A driver feeds datagrams, asks `next_ns` when to call again, calls `due`, and sends what `outbox` holds.
 """
 
 import heapq
@@ -17,20 +17,20 @@ from cogrip.sim.session.link import COUNTERS, LinkEmulator
 
 Address = Hashable
 MakeLink = Callable[[int, Direction, int], LinkEmulator]
-"""Of flow number, way, and what outages and traces count from [ns]."""
+"""A link for a flow number, a direction, and the time that outages and traces count from [ns]."""
 
 MOST_FLOWS = 64
 IDLE_NS = 60_000_000_000
 MOST_HELD_BYTES = 64 << 20
-"""Of all datagrams under way, with what keeps them. Forty people at 128 Hz over the longest delay there is hold 54 MB."""
-KEEPING_BYTES = 200  # about what a datagram takes besides what is in it: objects, its place in the queue
+"""The bound of all datagrams under way. Forty people at 128 Hz over the longest delay hold 54 MB."""
+KEEPING_BYTES = 200  # about the memory of a datagram beside its content: objects, its place in the queue
 
 OWN_COUNTERS = ("crowded", "not_sent", "refused")
-"""Beside the link's: had no room in MOST_HELD_BYTES; the socket would not take it; an ICMP error told that nobody is there."""
+"""Counters beside the link's: no room in MOST_HELD_BYTES; refused by the socket; refused by an ICMP error."""
 
 
 class Lane:
-    """One direction of a flow: its link, and what became of its datagrams."""
+    """One direction of a flow: its link, and counters of its datagrams."""
 
     __slots__ = ("bytes_in", "bytes_out", "crowded", "direction", "flow", "link", "not_sent", "refused")
 
@@ -42,13 +42,13 @@ class Lane:
         self.crowded = self.not_sent = self.refused = 0
 
     def counters(self) -> dict[str, int]:
-        """Every counter by name."""
+        """Return every counter by name."""
         own = {name: getattr(self, name) for name in ("bytes_in", "bytes_out", *OWN_COUNTERS)}
         return {**self.link.counters, **own}
 
 
 class Flow:
-    """One client."""
+    """One client, and both directions of its path to the server."""
 
     __slots__ = ("address", "down", "heard_ns", "number", "up")
 
@@ -57,7 +57,7 @@ class Flow:
         self.address = address
         self.up = Lane(self, "up", make_link(number, "up", origin_ns))
         self.down = Lane(self, "down", make_link(number, "down", origin_ns))
-        self.heard_ns = 0  # when either end last was
+        self.heard_ns = 0  # time of the last datagram of either end
 
     @property
     def lanes(self) -> tuple[Lane, Lane]:
@@ -65,7 +65,7 @@ class Flow:
 
 
 class Relay:
-    """All flows. late: how long after its time each datagram was handed to `outbox`; what the emulation itself is off by."""
+    """All flows. late: by how much after its time each datagram was put into `outbox`, the error of the emulation."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Relay:
     ) -> None:
         self.flows: dict[Address, Flow] = {}
         self.outbox: deque[tuple[Lane, bytes]] = deque()
-        self.strangers = 0  # datagrams of addresses for which there was no flow left
+        self.beyond_limit = 0  # datagrams of addresses beyond the limit of flows
         self.expired = 0  # flows
         self.begun = 0  # flows
         self.held_bytes = 0
@@ -86,30 +86,28 @@ class Relay:
         self._idle_ns = idle_ns
         self._most_held_bytes = most_held_bytes
         self._origin_ns: int | None = None
-        self._turns: list[
-            tuple[int, int, int, Lane]
-        ] = []  # when a lane has something due: heap of (ns, flow, way, lane)
-        self._gone: dict[Direction, Counter[str]] = {"up": Counter(), "down": Counter()}  # what expired flows counted
+        self._turns: list[tuple[int, int, int, Lane]] = []  # heap of (ns when due, flow, direction, lane)
+        self._gone: dict[Direction, Counter[str]] = {"up": Counter(), "down": Counter()}  # counters of expired flows
 
     def from_client(self, datagram: bytes, address: Address, now_ns: int) -> Flow | None:
-        """A client's datagram. None where it is a stranger's for whom there is no place."""
+        """Accept a client's datagram, and return its flow; None for a new client beyond the limit of flows."""
         flow = self.flows.get(address)
         if flow is None:
             if len(self.flows) >= self._most_flows:
-                self.strangers += 1
+                self.beyond_limit += 1
                 return None
             if self._origin_ns is None:
                 self._origin_ns = now_ns
             flow = self.flows[address] = Flow(self.begun, address, self._make_link, self._origin_ns)
             self.begun += 1
-        self._take(flow.up, datagram, now_ns)
+        self._push(flow.up, datagram, now_ns)
         return flow
 
     def from_server(self, datagram: bytes, flow: Flow, now_ns: int) -> None:
-        """The server's datagram to that flow's client."""
-        self._take(flow.down, datagram, now_ns)
+        """Accept the server's datagram to that flow's client."""
+        self._push(flow.down, datagram, now_ns)
 
-    def _take(self, lane: Lane, datagram: bytes, now_ns: int) -> None:
+    def _push(self, lane: Lane, datagram: bytes, now_ns: int) -> None:
         lane.flow.heard_ns = now_ns
         size = len(datagram) + KEEPING_BYTES
         if self.held_bytes + 2 * size > self._most_held_bytes:
@@ -126,16 +124,16 @@ class Relay:
 
     @property
     def next_ns(self) -> int | None:
-        """When `due` will next have something; None while nothing is under way."""
+        """The time of the next arrival; None while nothing is under way."""
         return self._turns[0][0] if self._turns else None
 
     def due(self, now_ns: int) -> None:
-        """Puts what has arrived by now into `outbox`, in order of arrival over all flows."""
+        """Put what has arrived by now into `outbox`, in order of arrival over all flows."""
         turns = self._turns
         while turns and turns[0][0] <= now_ns:
             at_ns, number, direction, lane = heapq.heappop(turns)
             link = lane.link
-            if link.next_ns != at_ns:  # something that came later was due earlier, and took this turn's place
+            if link.next_ns != at_ns:  # a later datagram was due earlier, and took this turn
                 continue
             for datagram in link.due(at_ns):
                 self.outbox.append((lane, datagram))
@@ -146,7 +144,7 @@ class Relay:
                 heapq.heappush(turns, (link.next_ns, number, direction, lane))
 
     def expire(self, now_ns: int) -> list[Flow]:
-        """Ends flows that neither end was heard in for so long, once nothing of theirs is under way."""
+        """End flows without a datagram for so long, once nothing of theirs is under way, and return them."""
         over = [
             flow
             for flow in self.flows.values()
@@ -160,7 +158,7 @@ class Relay:
         return over
 
     def totals(self, direction: Direction) -> dict[str, int]:
-        """What that way counted over all flows, expired ones too, by name."""
+        """Return every counter of a direction over all flows, expired ones too, by name."""
         total = Counter(dict.fromkeys(("bytes_in", "bytes_out", *COUNTERS, *OWN_COUNTERS), 0))
         total.update(self._gone[direction])
         for flow in self.flows.values():

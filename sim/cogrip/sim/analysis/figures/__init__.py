@@ -1,1 +1,1 @@
-"""Figures of the analysis: a module a subject, a function a page; `page.save_page` writes picture and numbers together."""
+"""Figures of the analysis: a module a subject; `page.save_page` writes picture and numbers together."""

@@ -1,4 +1,4 @@
-"""Which decimator creates energy: S(w) of each, and the energy of actual runs, swept and worst."""
+"""The passivity of decimators: S(w) of each, and the energy of runs, swept and worst."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CASES = (
 
 
 def decimator_page() -> Page:
-    """S(w); then what each one keeps back of the energy that came, in a swept run and under its worst input."""
+    """Draw S(w), and the share of the energy that each one keeps back in a swept run and under its worst input."""
     M = RATES.ticks_per_frame
     sheet = Sheet(1, 3, row_in=3.6, widths=(1.0, 1.0, 1.0))
     gain_panel, swept_panel, worst_panel = sheet.panels[0]

@@ -1,4 +1,4 @@
-"""What a hand feels over frequency: rendered and ideal impedance in each condition, magnitude and phase."""
+"""The felt impedance over frequency: rendered and ideal in each condition, magnitude and phase."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _GIVES = {"facecolor": ALARM, "alpha": 0.1, "lw": 0}
 
 
 def feel_page(session: LinearSession, user: int) -> Page:
-    """Each condition with its ideal; the bare device's own impedance, which comes on top, beside them."""
+    """Draw each condition with its ideal, and the bare device's own impedance, which comes on top."""
     frequency = frequencies_hz(session.people[0].rates)
     found = conditions(session, user, frequency)
     device = device_impedance(session, user, 2.0 * np.pi * frequency)

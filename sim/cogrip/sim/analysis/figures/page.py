@@ -1,4 +1,4 @@
-"""A picture with the numbers behind it: PNG, SVG, CSV, and where there is one a JSON record of the question and its answer."""
+"""A figure with its numbers: PNG, SVG, CSV, and where there is one a JSON record of the query and its answer."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from cogrip.sim.runs.plots.style import png
 
 
 class FilesInTheWayError(FileExistsError):
-    """The folder holds the answer to another question under the same name."""
+    """The folder holds the answer to another query under the same name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Columns with their units in the names, and rows of numbers or words."""
+    """A table of numbers or words, with units in the columns' names."""
 
     columns: tuple[str, ...]
     rows: Sequence[Sequence[Any]]
 
     def csv(self) -> str:
+        """Return the table as CSV."""
         out = StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.columns)
@@ -37,7 +38,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """name is that of its files; caption says what is shown and what to look for."""
+    """A figure: the name of its files, a title, a caption on what to look for, and its numbers."""
 
     name: str
     title: str
@@ -47,7 +48,7 @@ class Page:
 
 
 def svg(figure: Figure) -> bytes:
-    """The picture as SVG; the same numbers give the same bytes."""
+    """Return the picture as SVG; the same numbers give the same bytes."""
     out = BytesIO()
     with mpl.rc_context({"svg.hashsalt": "cogrip", "svg.fonttype": "none"}):
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
@@ -55,17 +56,13 @@ def svg(figure: Figure) -> bytes:
 
 
 def save_page(folder: Path, page: Page, record: Mapping[str, Any] | None = None) -> list[Path]:
-    """Write a page's files; with a `record` its JSON too, of which `record["question"]` says what was asked.
+    """Write a page's files, with a `record` its JSON too, whose `record["question"]` is the query, and return their paths.
 
-    The same question may be answered again. Raises FilesInTheWayError, and writes nothing, where the folder holds the answer
-    to another one, or a file of that name that is no answer; OSError where it cannot be written.
+    The same query may be answered again. Raises OSError where it cannot be written; FilesInTheWayError, and writes nothing,
+    where the folder holds the answer to another query, or another file of that name.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    files: dict[str, bytes] = {
-        "png": png(page.figure),
-        "svg": svg(page.figure),
-        "csv": page.table.csv().encode(),
-    }
+    files: dict[str, bytes] = {"png": png(page.figure), "svg": svg(page.figure), "csv": page.table.csv().encode()}
     if record is not None:
         files["json"] = (json.dumps(record, indent=2, allow_nan=False) + "\n").encode()
         _refuse_others(folder, page.name, record)

@@ -1,4 +1,4 @@
-"""The paper's Fig. 4 and Fig. 6 from the lifted model, beside ours on the same axes, and how they depend on masses P omits."""
+"""The paper's Fig. 4 and Fig. 6 from the lifted model, beside ours, and their dependence on masses that P omits."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MASS_DELAYS_FRAMES = (0.0, 1.0, 4.0)
 
 
 def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: float = OBJECT_KG) -> Settings:
-    """P section VI: b = 20, B = 10 N s/m, no device damping, 1024 and 128 Hz; two users alike. The masses are ours."""
+    """Return P section VI: b = 20, B = 10 N s/m, no device damping, 1024 and 128 Hz; two users alike; masses are ours."""
     people = [
         {"name": name, "device": "sim:ideal", "hand": "push", "device_mass_kg": device_kg}
         for name in ("user 1", "user 2")
@@ -39,43 +39,43 @@ def paper_settings(scheme: Scheme, device_kg: float = DEVICE_KG, object_kg: floa
 
 
 def one_scheme(scheme: Scheme, name: str, heading: str) -> Page:
-    """One scheme's region at the four delays, for a light device and for theory section 6's, on the same axes."""
+    """Draw one scheme's region at the four delays, for a light device and for theory section 6's, on the same axes."""
     side = max(
         regions(paper_settings(scheme, device), DELAYS_FRAMES, estimated=False)[1][0] for device in SHOWN_DEVICES_KG
     )
     sheet = Sheet(1, len(SHOWN_DEVICES_KG), row_in=4.2)
     rows: list[list[Any]] = []
-    told = []
+    results = []
     for panel, device in zip(sheet.panels[0], SHOWN_DEVICES_KG, strict=True):
         found, box = regions(paper_settings(scheme, device), DELAYS_FRAMES, to_npm=(side, side), estimated=False)
         draw_regions(panel, found, box)
         title(panel, f"devices of {device:g} kg, object of {OBJECT_KG:g} kg")
         rows += [[device, *row] for row in region_rows(found, box)]
-        told.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
+        results.append(f"devices of {device:g} kg: " + ", ".join(f"{_alike(region):.0f}" for region in found) + " N/m")
     figure = sheet.finish("stiffness $K_1$ [kN/m]", ["stiffness $K_2$ [kN/m]"], _delays_legend(), columns=4)
     caption = (
         f"{heading}. Stable below and to the left of a line, idealised as in P: exact velocities; b = 20, B = 10 N s/m, "
         f"no device damping, object {OBJECT_KG:g} kg "
         "(P prints no masses: these are ours). Largest stable stiffness of two alike, at 0, 1, 2, 4 frames each way: "
-        f"{'; '.join(told)}. Every line is traced and verified on both sides."
+        f"{'; '.join(results)}. Every line is traced and verified on both sides."
     )
     return Page(name, heading, caption, figure, Table(("device_mass_kg", *COLUMNS), rows))
 
 
 def side_by_side() -> Page:
-    """The three schemes on the same axes: velocities as clients estimate them above, exact ones, as in P, below."""
+    """Draw the three schemes on the same axes: estimated velocities above, exact ones, as in P, below."""
     box = max(regions(paper_settings(scheme), DELAYS_FRAMES, estimated=False)[1] for scheme in ("paper", "coupling"))
     order: tuple[Scheme, ...] = ("coupling", "paper", "passive")
     sheet = Sheet(2, len(order), row_in=3.4)
     rows: list[list[Any]] = []
-    told: dict[bool, str] = {}
+    results: dict[bool, str] = {}
     for line, estimated in zip(sheet.panels, (True, False), strict=True):
         found = {scheme: _side(scheme, estimated, box) for scheme in order}
         for panel, scheme in zip(line, order, strict=True):
             draw_regions(panel, found[scheme], box)
             title(panel, f"{_SHORT[scheme]}, {'estimated velocity' if estimated else 'idealised'}")
             rows += [[scheme, estimated, *row] for row in region_rows(found[scheme], box)]
-        told[estimated] = "; ".join(
+        results[estimated] = "; ".join(
             f"{SCHEME_NAMES[scheme]} {', '.join(_words(region) for region in found[scheme])}" for scheme in order
         )
     figure = sheet.finish("$K_1$ [kN/m]", ["$K_2$ [kN/m]"] * 2, _delays_legend(), columns=4)
@@ -83,7 +83,7 @@ def side_by_side() -> Page:
         f"The same two users, devices of {DEVICE_KG:g} kg, object of {OBJECT_KG:g} kg, on the same axes. Above, devices give "
         "positions alone and clients estimate velocities, as they do at a real arm; below, the idealised session of P, with "
         "exact velocities. Largest stable stiffness of two alike at 0, 1, 2, 4 frames each way [N/m], estimated: "
-        f"{told[True]}; idealised: {told[False]}. With exact velocities P's claim of a larger region holds with delay; "
+        f"{results[True]}; idealised: {results[False]}. With exact velocities P's claim of a larger region holds with delay; "
         "without delay virtual coupling has the larger one. cogrip's server step, which solves the ports within the step, has "
         "no border of its own: "
         "what is left above is each device's sampled damper."
@@ -107,7 +107,7 @@ def _words(region: Region) -> str:
 
 
 def masses() -> Page:
-    """Largest stable stiffness of two users alike over the object's mass, for devices of several masses."""
+    """Draw the largest stable stiffness of two users alike over the object's mass, for devices of several masses."""
     shown: tuple[Scheme, ...] = ("paper", "coupling")
     sheet = Sheet(len(MASS_DELAYS_FRAMES), len(shown), row_in=2.3)
     rows: list[list[Any]] = []

@@ -1,4 +1,4 @@
-"""The stable region in the plane of two people's stiffnesses, one outline a delay (P Fig. 4 and 6)."""
+"""The figure of the stable region in the plane of two people's stiffnesses, one boundary a delay (P Fig. 4 and 6)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = ("delay_frames", "kind", "stiffness_0_npm", "stiffness_1_npm", "radius
 def region_page(
     regions: Sequence[Region], box_npm: tuple[float, float], conditions: str, estimated: bool = True
 ) -> Page:
-    """One panel with every delay's outline; the region is the side of the origin. conditions: under which it holds."""
+    """Draw one panel with every delay's boundary; the region is on the origin's side. conditions: under which it holds."""
     sheet = Sheet(1, 1, row_in=_PANEL_IN)
     session = regions[0].session
     draw_regions(sheet.panels[0, 0], regions, box_npm)
@@ -38,7 +38,7 @@ def region_page(
 
 
 def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, float]) -> None:
-    """Outlines in a panel whose axes are in kN/m."""
+    """Draw boundaries in a panel whose axes are in kN/m."""
     panel.set_xlim(0.0, box_npm[0] * 1e-3)
     panel.set_ylim(0.0, box_npm[1] * 1e-3)
     for number, region in enumerate(regions):
@@ -59,7 +59,7 @@ def draw_regions(panel: Axes, regions: Sequence[Region], box_npm: tuple[float, f
 
 
 def line_style(number: int) -> Style:
-    """Of line number n: colour and dashes, as some are told apart by one alone."""
+    """Return colour and dashes of line number n."""
     return {"color": colour(number), "lw": 1.8, "linestyle": LINES[number % len(LINES)]}
 
 
@@ -82,14 +82,14 @@ def _ms(region: Region) -> float:
 
 
 def extent(boundary: Boundary) -> str:
-    """How far a region goes, in words."""
+    """Return the extent of a region in words."""
     if boundary.open.all():
         return "stable everywhere here"
     if boundary.nowhere:
         return "stable at no stiffness"
-    equal = boundary.points_npm[np.abs(np.subtract(*boundary.points_npm.T)).argmin()]
-    beyond = "over " if boundary.open[np.abs(np.subtract(*boundary.points_npm.T)).argmin()] else ""
-    return f"to {beyond}{equal.min():.4g} N/m if both are alike"
+    diagonal = np.abs(np.subtract(*boundary.points_npm.T)).argmin()
+    beyond = "over " if boundary.open[diagonal] else ""
+    return f"to {beyond}{boundary.points_npm[diagonal].min():.4g} N/m if both are alike"
 
 
 def caption_of(regions: Sequence[Region], conditions: str) -> str:
@@ -112,20 +112,14 @@ def region_table(regions: Sequence[Region], box_npm: tuple[float, float]) -> Tab
 
 
 def region_rows(regions: Sequence[Region], box_npm: tuple[float, float]) -> list[list[Any]]:
-    """Every point of every outline, then the cells of the grids, if any."""
+    """Return every point of every boundary, then the cells of the grids, if any."""
     rows: list[list[Any]] = []
     for region in regions:
         boundary = region.boundary
-        for (k1, k2), open_, inside, outside in zip(
-            boundary.points_npm.tolist(),
-            boundary.open.tolist(),
-            boundary.inside.tolist(),
-            boundary.outside.tolist(),
-            strict=True,
-        ):
-            rows.append(
-                [region.delay_frames, "frame" if open_ else "outline", k1, k2, inside, "" if open_ else outside]
-            )
+        columns = (boundary.points_npm, boundary.open, boundary.inside, boundary.outside)
+        for (k1, k2), open_, inside, outside in zip(*(column.tolist() for column in columns), strict=True):
+            kind, beyond = ("frame", "") if open_ else ("outline", outside)
+            rows.append([region.delay_frames, kind, k1, k2, inside, beyond])
         if region.grid is not None:
             k1s, k2s = grid_axes(box_npm, len(region.grid))
             for k2, line in zip(k2s.tolist(), region.grid.tolist(), strict=True):
@@ -139,7 +133,7 @@ def region_rows(regions: Sequence[Region], box_npm: tuple[float, float]) -> list
 def region_record(
     regions: Sequence[Region], box_npm: tuple[float, float], settings: Settings, hands: bool, estimated: bool
 ) -> dict[str, Any]:
-    """The answer as JSON: what was asked, and every outline."""
+    """Return the answer as JSON: the query, and every boundary."""
     session = regions[0].session
     return {
         "question": {

@@ -12,7 +12,7 @@ from cogrip.sim.analysis.figures.wall_contact import wall_page
 
 
 class Entry(NamedTuple):
-    """A page's file name, and what makes it."""
+    """A page: its file name, and the function that draws it."""
 
     name: str
     make: Callable[[], Page]

@@ -1,7 +1,4 @@
-"""The paper's Fig. 5: a constant force presses a device against a wall;
-
-hand, proxy and force over time, and how stiff it feels.
-"""
+"""The paper's Fig. 5: a constant force presses a device against a wall: hand, proxy and force over time, and stiffness."""
 
 from __future__ import annotations
 
@@ -25,7 +22,6 @@ TD_MS = (10.0, 20.0)
 FORCE_N = 1.0
 SECONDS = 4.0
 SHOWN_S = 1.2
-ASKED_NPM = 1000.0
 DEVICE_DAMPING_NSPM = 1.0
 
 
@@ -45,10 +41,7 @@ class Contact:
 
 
 def wall_settings(td_ms: float, **overrides: Any) -> Settings:
-    """P section VII with the numbers of its section VI, the scheme apart;
-
-    the device has 1 N s/m, as a real one would, to come to rest.
-    """
+    """Return P section VII with the numbers of its section VI, the scheme apart; 1 N s/m of device damping to come to rest."""
     person = {
         "name": "user", "device": "sim:ideal", "hand": f"push&force_n={FORCE_N:g}&start_s=0.05",
         "device_damping_nspm": DEVICE_DAMPING_NSPM,
@@ -58,7 +51,7 @@ def wall_settings(td_ms: float, **overrides: Any) -> Settings:
 
 
 def contacts() -> list[Contact]:
-    """P's scheme, ours as it is, and ours with the line's compliance compensated, at both delays."""
+    """Run P's scheme, ours as it is, and ours with the line's compliance compensated, at both delays."""
     found = []
     for td_ms in TD_MS:
         found.append(_run("the paper's scheme", td_ms, wall_settings(td_ms, **scheme_overrides("paper"))))
@@ -70,13 +63,13 @@ def contacts() -> list[Contact]:
 
 
 def wall_page() -> Page:
-    """Fig. 5 at both delays, three ways."""
+    """Draw Fig. 5 at both delays, for three schemes."""
     found = contacts()
     sheet = Sheet(2, len(TD_MS), row_in=2.7)
     rows: list[list[Any]] = []
-    directions = zip(*(_of(found, td_ms) for td_ms in TD_MS), strict=True)
+    schemes = zip(*(_of(found, td_ms) for td_ms in TD_MS), strict=True)
     legend: list[tuple[str, Style]] = [
-        (_named(each), {**person_style(number), "lw": 1.4}) for number, each in enumerate(directions)
+        (_named(each), {**person_style(number), "lw": 1.4}) for number, each in enumerate(schemes)
     ]
     legend.append(("hand, and the force on it", {"color": INK, "lw": 1.4}))
     legend.append(("proxy at the wall", {"color": INK, "lw": 1.2, "linestyle": DASHED}))
@@ -95,30 +88,23 @@ def wall_page() -> Page:
             ]
         title(above, f"$T_d$ = {td_ms:g} ms each way")
     figure = sheet.finish("time [s]", ["hand and proxy [mm]", "force [N]"], legend, columns=3)
-    told = "; ".join(
+    results = "; ".join(
         f"{contact.name} at {contact.td_ms:g} ms: {contact.measured_npm:.0f} N/m measured, "
         f"{contact.predicted_npm:.0f} predicted"
         for contact in found
     )
     caption = (
-        f"K = 1000 N/m is asked for, {FORCE_N:g} N presses. {told}. P reports about 1000 N/m at both delays with b = 20; "
+        f"K = 1000 N/m is asked for, {FORCE_N:g} N presses. {results}. P reports about 1000 N/m at both delays with b = 20; "
         "its own equations give what is drawn here. A compensated line feels as stiff as asked; at 20 ms that takes a larger b."
     )
     columns = (
-        "run",
-        "td_ms",
-        "time_s",
-        "hand_m",
-        "proxy_m",
-        "force_n",
-        "measured_stiffness_npm",
-        "predicted_stiffness_npm",
-    )
+        "run", "td_ms", "time_s", "hand_m", "proxy_m", "force_n", "measured_stiffness_npm", "predicted_stiffness_npm",
+    )  # fmt: skip
     return Page("fig5", "Fig. 5: a wall touched through the line", caption, figure, Table(columns, rows))
 
 
 def _named(contacts: Sequence[Contact]) -> str:
-    """Name one way of holding on, with the impedance at each delay where that differs."""
+    """Return the name of a scheme's runs, with the impedance at each delay where that differs."""
     names = dict.fromkeys(contact.name for contact in contacts)
     if len(names) == 1:
         return next(iter(names))
@@ -136,13 +122,9 @@ def _run(name: str, td_ms: float, settings: Settings) -> Contact:
     person, world = laboratory.people[0], laboratory.room.world
 
     def watch(lab: Laboratory) -> None:
+        core = person.core
         rows.append(
-            (
-                lab.tick / settings.rates.device_hz,
-                person.core.position_m[0],
-                float(world.proxy(0)[0]),
-                person.core.force_n[0],
-            )
+            (lab.tick / settings.rates.device_hz, core.position_m[0], float(world.proxy(0)[0]), core.force_n[0])
         )
 
     laboratory.run(watch)
@@ -151,7 +133,7 @@ def _run(name: str, td_ms: float, settings: Settings) -> Contact:
 
 
 def _enough_impedance(td_ms: float) -> float:
-    """P's b = 20 where it will do, else the next ten that allows compensation."""
+    """Return P's b = 20 where it allows compensation, else the next ten that does."""
     for b in range(20, 200, 10):
         try:
             wall_settings(td_ms, **{"coupling.compensate": True, "coupling.impedance_nspm": float(b)})

@@ -1,6 +1,6 @@
-"""Methods of sharing an object over a network, compared under the same hands, networks and seeds.
+"""Comparison of coupling schemes ("methods") under the same hands, networks and seeds.
 
-`method` (what is compared), `hand` (the hands come to rest), `watch` (what is kept of a session), `measures` (what is read
-of it, with units and formulas), `felt` (stiffness under a static load), `case` (one session, pure), `query` (all of
-them), `table`, `latex`, `plots`, `page` (what is shown).
+`method` (what is compared), `hand` (hands that come to rest), `trace` (what is recorded of a session), `measures` (units and
+formulas), `felt` (stiffness under a static load), `case` (one session), `query` (all of them), `table`, `latex`, `plots`,
+`report` (the results).
 """

@@ -1,12 +1,12 @@
-"""The stiffness that each person feels at rest: a probe of its own, with a static load on the same link and coupling.
+"""Felt stiffness at rest, measured by a probe: a static load on the same link and coupling.
 
 Person i holds an ideal device against a constant force P_i, balanced over all people, until everything rests:
 
     K_felt,i = mean F_i / mean (x_i - x_o)        over the last LAST_S, x_i and x_o from where they began
 
-F_i is the force on the hand and x_o the object itself. The device has damping b of its own, which ends the line without
-echo, so that it comes to rest after a few round trips; at rest a damper carries no force, so K_felt is the method's alone.
-Frames that are lost under load let the hand creep, which makes what it feels softer the longer it pulls: that is in it.
+F_i is the force on the hand, x_o the object itself. The device has damping b of its own, a matched termination, so that it
+rests after a few round trips; a damper carries no force at rest, so K_felt is the method's alone. Frames lost under load let
+the hand creep, which softens what it feels; that is included.
 
 Theory section 4: waves make 1 / K_felt = 1 / K + (T_fwd + T_back + T_n) / (2 b).
 """
@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from cogrip.protocol.settings import Settings, User, coupling_of
-from cogrip.sim.experiments.methods.trace import Watch
+from cogrip.sim.experiments.methods.trace import TraceRecorder
 from cogrip.sim.session.laboratory import Laboratory
 
 LOAD_N = 1.0
@@ -32,7 +32,7 @@ SHAKING = 2.0  # swing of the force against the load, from which on nothing rest
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """Of one person. felt_npm is None where the probe diverged, or where the force on this hand never came to rest."""
+    """The felt stiffness of one person; None where the probe diverged, or the force on this hand never came to rest."""
 
     person: str
     asked_npm: float
@@ -40,23 +40,23 @@ class Felt:
 
     @property
     def error_percent(self) -> float | None:
-        """K_felt / K - 1 [%]: people of unlike K can be held against each other by it."""
+        """K_felt / K - 1 [%], comparable between people of different K."""
         return 100.0 * (self.felt_npm / self.asked_npm - 1.0) if self.felt_npm else None
 
     @property
     def added_mm_per_n(self) -> float | None:
-        """1 / K_felt - 1 / K [mm/N]: the softness that the method and the network have added, which of waves no K changes."""
+        """1 / K_felt - 1 / K [mm/N]: the compliance that method and network add; with waves it does not depend on K."""
         return 1e3 * (1.0 / self.felt_npm - 1.0 / self.asked_npm) if self.felt_npm else None
 
 
 def measure_felt(settings: Settings) -> tuple[Felt, ...]:
-    """Of every person with a spring. Empty where no balanced load can be put on."""
+    """Return the felt stiffness of every person with a spring; nothing where no balanced load exists."""
     loads = balanced_loads(settings)
     if loads is None:
         return ()
     probe = probe_settings(settings, loads)
     laboratory = Laboratory(probe)
-    watch = Watch(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
+    watch = TraceRecorder(laboratory, [(0.0,) * probe.object.axes] * len(probe.users))
     laboratory.run(watch.each_tick, watch.each_frame)
     trace = watch.trace()
     frames = round(LAST_S * probe.rates.network_hz)
@@ -74,7 +74,7 @@ def measure_felt(settings: Settings) -> tuple[Felt, ...]:
 
 
 def furthest_off(people: Sequence[Felt]) -> Felt | None:
-    """The person whose felt stiffness is off the K asked for by the largest share, or who feels none; None of nobody."""
+    """Return the person with the largest |K_felt / K - 1|, or one who feels none; None for nobody."""
     errors = [(person, person.error_percent) for person in people]
     return next(
         (person for person, error in errors if error is None),
@@ -83,9 +83,9 @@ def furthest_off(people: Sequence[Felt]) -> Felt | None:
 
 
 def balanced_loads(settings: Settings) -> Sequence[float] | None:
-    """The force with which each person pushes along the first axis [N]: +- LOAD_N, their sum 0 unless the object is fixed.
+    """Return the force of each person along the first axis [N]: +- LOAD_N, with sum 0 unless the object is fixed.
 
-    None where that cannot be: one person alone at a free object, or faces that are pushed from one side only.
+    None where that cannot be: one person alone at a free object, or faces pushed from one side only.
     """
     users, kind = settings.users, settings.object.kind
     if kind == "cube":
@@ -101,7 +101,7 @@ def balanced_loads(settings: Settings) -> Sequence[float] | None:
 
 
 def probe_settings(settings: Settings, loads_n: Sequence[float]) -> Settings:
-    """The same session under a static load, as long as it takes to settle."""
+    """Return the same session under a static load, long enough to settle."""
     directions = [settings.link.direction("up"), settings.link.direction("down")]
     round_trip_s = 1e-3 * sum(direction.delay_ms + 2.0 * direction.jitter_ms for direction in directions)
     users: list[User] = []

@@ -1,7 +1,7 @@
-"""A hand that comes to rest where it began, so that every session ends in the same way whatever its hands are.
+"""A hand that comes to rest where it began, so that every session ends in the same state.
 
 symbols, per axis: x_h home [m]; s displacement from home that the hand intends [m]; f = drive - K_h x_h, its drive beyond
-holding at home [N]; w weight of its motion, 1 until the rest begins, then 1 - (10 z^3 - 15 z^4 + 6 z^5) over z in FADE_S
+holding at home [N]; w weight of its motion: 1 before, then 1 - (10 z^3 - 15 z^4 + 6 z^5) over z in FADE_S, then 0
 
     intended  x_h + w s,  velocity  w ds/dt + dw/dt s        drive  K_h x_h + w f + B_h dw/dt s
 """
@@ -17,7 +17,7 @@ FADE_S = 0.5
 
 
 class RestingHand:
-    """`hand`, already open, until `rest_s`; from rest_s + FADE_S on it holds at home [m]."""
+    """A `Hand`, already open, that moves until `rest_s` and holds at home [m] from rest_s + FADE_S on."""
 
     def __init__(self, hand: Hand, home_m: Sequence[float], rate_hz: int, rest_s: float) -> None:
         self.stiffness_npm = hand.stiffness_npm
@@ -61,7 +61,7 @@ class RestingHand:
         return [base + w * (drive - base) + damping * (x - home) for drive, base, x, home in parts]
 
     def _weight(self, tick: int) -> tuple[float, float]:
-        """w, and its slope [1/s]."""
+        """Return w, and its slope [1/s]."""
         z = (tick - self._first) / self._fade
         if z >= 1.0:
             return 0.0, 0.0
@@ -70,12 +70,12 @@ class RestingHand:
 
 
 def let_rest(device: object, rate_hz: int, rest_s: float) -> Vector:
-    """Make the hand of an opened simulated device rest from `rest_s` on; gives where it began [m].
+    """Make the hand of an opened simulated device rest from `rest_s` on, and return its home [m].
 
     Raises TypeError for any other device.
     """
     if not isinstance(device, SimulatedDevice):
-        raise TypeError(f"{device!r} is no simulated device: its hand cannot be told to rest")
+        raise TypeError(f"{device!r} is no simulated device: its hand cannot be made to rest")
     home = tuple(device.plant.position_m)
     device.hand = RestingHand(device.hand, home, rate_hz, rest_s)
     return home

@@ -1,6 +1,6 @@
-"""A comparison's table in LaTeX, as a paper prints it: booktabs, symbols over a row of units, the best of each network in bold.
+"""The table of a comparison in LaTeX: booktabs, symbols over a row of units, the best of each network in bold.
 
-A number is the median over seeds, with the quartiles as index and exponent where they differ from it as printed. It is to fit
+A number is the median over seeds, with the quartiles as index and exponent where they differ from it as printed. It fits
 `\\textwidth` of two columns in `\\footnotesize`, and needs booktabs alone.
 """
 
@@ -10,16 +10,27 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cogrip.sim.experiments.methods.method import CLEAN, METHODS
-from cogrip.sim.experiments.methods.table import FELT, NONE, TABLE, Column, decimals, feels, first_seeds, unstable
+from cogrip.sim.experiments.methods.table import (
+    FELT,
+    NONE,
+    TABLE,
+    Column,
+    decimals,
+    feels,
+    first_seeds,
+    judgements,
+    unstable,
+)
 
 Row = Mapping[str, Any]
 LABEL = "tab:methods"
 _SYMBOLS = {column.measure: column.symbol for column in TABLE}
+_JUDGEMENTS = {"diverged": "div.", "oscillates": "osc.", "active": "act.", "not_passive": "n.p."}
 _TO_ITSELF = "error_clean_n"  # on the clean link it is 0 by what it means
 
 
 def latex(summary: Mapping[str, Any]) -> str:
-    """The whole table environment."""
+    """Return the whole table environment."""
     symbols = [f"${column.symbol}$" for column in TABLE]
     lines = [
         "% \\usepackage{booktabs}",
@@ -60,7 +71,7 @@ def _caption(summary: Mapping[str, Any]) -> str:
         "created_mj": "energy that came out of the network and no hand had put in",
         "peak_force_n": "largest force on a hand",
         "force_step_n": "its largest change in one device tick",
-        "coherence_rms_mm": "distance between the places at which two people are told the object is, rms over time",
+        "coherence_rms_mm": "distance between the object's positions as reported to two people, rms over time",
         "coherence_max_mm": "its maximum",
         "rest_mm": "distance left between hands at rest",
         FELT: f"$K_{{\\mathrm{{felt}}}}/K-1$ under a static load, of the person with the largest{first_seeds(seeds)}",
@@ -79,34 +90,26 @@ def _caption(summary: Mapping[str, Any]) -> str:
 
 
 def _stability(row: Row) -> str:
-    runs, words = row["runs"], []
-    if row["diverged"]:
-        words.append(f"div. {row['diverged']}/{runs} ({row['diverged_s']['median']:.2g}~s)")
-    if row["oscillates"]:
-        words.append(f"osc. {row['oscillates']}/{runs}")
-    if row["active"]:
-        words.append(f"act. {row['active']}/{runs}")
-    if row["not_passive"]:
-        words.append(f"n.p. {row['not_passive']}/{runs}")
+    words = judgements(row, _JUDGEMENTS, " ({:.2g}~s)")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
-    return ", ".join(words) or ("stable" if runs else "--")
+    return ", ".join(words) or ("stable" if row["runs"] else "--")
 
 
 def _hidden(row: Row, column: Column) -> bool:
-    """Whether the number says nothing of a whole session: of one that diverged only what it had created does."""
+    """Return whether a number is not shown: of a session that diverged only `created_mj` means anything."""
     if column.measure == FELT and (unstable(row) or not feels(row[FELT])):
         return True
     return column.measure != "created_mj" and bool(row["runs"]) and 2 * row["diverged"] >= row["runs"]
 
 
 def _holds(row: Row) -> bool:
-    """Whether more than half of the sessions neither diverged nor oscillate nor were active."""
+    """Return whether more than half of the sessions neither diverged, oscillated nor were active."""
     return bool(2 * (row["diverged"] + row["oscillates"] + row["active"]) < row["runs"])
 
 
 def _best(rows: Sequence[Row], column: Column) -> set[str]:
-    """Methods whose median is least, as printed; none where fewer than two can be held against each other, or all are equal."""
+    """Return the methods whose median is least, as printed; none where fewer than two compare, or all are equal."""
     found = {
         row["method"]: (size, _print(size, column))
         for row in rows
@@ -131,7 +134,7 @@ def _number(row: Row, column: Column, bold: bool) -> str:
 
 
 def _print(value: float, column: Column) -> str:
-    """Three digits, in the mathematics of TeX; where there are many zeros, as a power of ten."""
+    """Return three digits in TeX mathematics; a power of ten from 1e4 on."""
     if column.measure == FELT:
         return f"{value:.1f}".replace("-0.0", "0.0")
     if round(abs(value)) >= 1e4:

@@ -1,8 +1,8 @@
-"""What a comparison reads of each session, with units and formulas. Shapes and symbols are those of `watch.Trace`.
+"""The measures of a session in a comparison, with units and formulas. Shapes and symbols are those of `trace.Trace`.
 
-Everything is read in the same way whatever the method is: from forces on hands, from where hands and object are, and from
-what each person was told. Nothing asks a method for its own books, but for `margin_mj` (the least of its lines' margins)
-and `leak_mj` (what clients say that their devices' sampled dampers have given out: `created_mj` of waves is at most this).
+All are read alike for every method: from forces on hands, positions of hands and object, and the object's position as
+reported to each person. Only `margin_mj` (the least margin of a method's wave lines) and `leak_mj` (energy that the devices'
+sampled dampers gave out; with waves `created_mj` is at most this) are a method's own accounts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ACTIVE_SHARE = 0.1  # of what hands have put in, once what devices leak is taken
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """heading and unit for tables; what is measured, in a sentence; digits after the point."""
+    """The heading and unit of a measure, a sentence on what it is, and its digits after the point."""
 
     heading: str
     unit: str
@@ -45,8 +45,8 @@ MEASURES: Mapping[str, Measure] = {
     "force_step_n": Measure("largest step", "N", "The largest change of force on any hand from one tick to the next."),
     "coherence_rms_mm": Measure(
         "views apart, rms", "mm",
-        "How far apart two people are told that the object is at the same moment: root mean square over time, of the "
-        "pair that is furthest apart.",
+        "Distance between the object's positions as reported to two people at the same moment: root mean square over time, of "
+        "the pair that is furthest apart.",
     ),
     "coherence_max_mm": Measure("views apart, max", "mm", "The largest of these distances."),
     "hands_rms_mm": Measure(
@@ -85,22 +85,22 @@ FELT_MEASURES = ("felt_npm", "error_percent", "added_mm_per_n")  # of each perso
 
 
 def created_j(work_j: Array, object_j: Array) -> float:
-    """max over t of (object_j - work_j), at least 0 [J].
+    """Return max over t of (object_j - work_j), at least 0 [J].
 
-    Whatever lies between the hands and the object, springs, lines and servers, begins empty and cannot owe. So a passive
-    one has object_j(t) <= work_j(t) at every t; what goes beyond was made of nothing.
+    Springs, lines and servers between hands and object begin empty. Passive ones keep object_j(t) <= work_j(t) at every t; any
+    excess was created.
     """
     return max(0.0, float(np.max(object_j - work_j, initial=0.0)))
 
 
 def created_at_rest_j(trace: Trace) -> float:
-    """By how much `created_j` has grown over the last LAST_S of a session [J]."""
+    """Return the growth of `created_j` over the last LAST_S of a session [J]."""
     frames = max(1, round(LAST_S / trace.frame_s))
     return created_j(trace.work_j, trace.object_j) - created_j(trace.work_j[:-frames], trace.object_j[:-frames])
 
 
 def furthest(position_m: Array) -> tuple[float, float]:
-    """Of the pair furthest apart: root mean square over time, and the largest distance of any pair [m]; shape (m, n, a)."""
+    """Return, of the pair furthest apart, the rms over time, and the largest distance of any pair [m]; shape (m, n, a)."""
     rms = most = 0.0
     for one, other in combinations(range(position_m.shape[1]), 2):
         square = ((position_m[:, one] - position_m[:, other]) ** 2).sum(axis=1)
@@ -111,12 +111,12 @@ def furthest(position_m: Array) -> tuple[float, float]:
 
 
 def swing_n(force_n: Array) -> float:
-    """Largest less smallest force of any hand on any axis [N]; shape (k, n, a)."""
+    """Return the largest less the smallest force of any hand on any axis [N]; shape (k, n, a)."""
     return float(np.ptp(force_n, axis=0).max()) if len(force_n) else 0.0
 
 
 def force_error_n(force_n: Array, reference_n: Array) -> float | None:
-    """Root mean square over the ticks that both have, and over hands, of |F - F_ref| [N]; shapes (k, n, a)."""
+    """Return the rms of |F - F_ref| over the ticks that both have, and over hands [N]; shapes (k, n, a)."""
     ticks = min(len(force_n), len(reference_n))
     if not ticks:
         return None
@@ -124,7 +124,7 @@ def force_error_n(force_n: Array, reference_n: Array) -> float | None:
 
 
 def at_rest(trace: Trace) -> tuple[float, float]:
-    """Distance of hands [m] (of the means over LAST_S) and swing of forces [N], over the last LAST_S of a session."""
+    """Return the distance of hands [m] (of means) and the swing of forces [N] over the last LAST_S of a session."""
     frames = max(1, round(LAST_S / trace.frame_s))
     ticks = max(1, round(len(trace.force_n) * frames / max(1, len(trace.position_m))))
     middle = trace.position_m[-frames:].mean(axis=0, keepdims=True)
@@ -132,33 +132,30 @@ def at_rest(trace: Trace) -> tuple[float, float]:
 
 
 def is_oscillating(swing_n: float, created_mj: float) -> bool:
-    """Whether forces go on swinging between resting hands, fed by energy that is created meanwhile: both over LAST_S.
+    """Return whether forces swing between resting hands and energy is created meanwhile, both over LAST_S.
 
-    A device that saturates keeps what is unstable from growing until something leaves the workspace. A passive line may ring
-    for some round trips after its hands have come to rest, but creates nothing.
+    A saturated device keeps an unstable session from growing. A passive line may ring for a while, but creates nothing.
     """
     return swing_n > SWING_N and created_mj > SWING_MJ
 
 
 def put_in_j(work_j: Array) -> float:
-    """What hands have put in, frame by frame, whatever came out in others [J]; work_j as in `Trace`."""
+    """Return what hands have put in, frame by frame, whatever came out in other frames [J]; work_j as in `Trace`."""
     return float(np.maximum(0.0, np.diff(work_j, prepend=0.0)).sum())
 
 
 def is_active(created_mj: float, put_in_mj: float) -> bool:
-    """Whether so much was made of nothing that it drove the session, though in the end it came to rest.
+    """Return whether created energy drove the session, though it came to rest in the end.
 
-    created_mj: beyond what the devices' sampled dampers have given out (`leak_mj`): that is no method's doing.
+    created_mj: beyond what the devices' sampled dampers have given out (`leak_mj`), which is no method's doing.
     """
     return created_mj > max(SWING_MJ, ACTIVE_SHARE * put_in_mj)
 
 
 def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Array | None) -> dict[str, Any]:
-    """All columns but those of the felt stiffness. Of a session that diverged, up to then; its rest never came.
+    """Return all columns but those of the felt stiffness; of a session that diverged, up to then.
 
-    What is of two people is None of one alone.
-
-    clean, ideal: forces to hold against, (k, n, a); None where the ideal itself is not stable.
+    Measures of two people are None for one alone. clean, ideal: forces to compare with, (k, n, a); ideal is None if unstable.
     """
     rms, most = furthest(trace.view_m)
     users = people(summary)
@@ -166,8 +163,8 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
     apart_m, swing = at_rest(trace)
     seen = any(user.get("oscillates") is True for user in users)  # at a device port, whenever that was
     oscillates = not diverged and (seen or is_oscillating(swing, created_at_rest_j(trace) * 1e3))
-    felt_so = felt(summary)
-    softer = felt_so.sentence.startswith(SOFTER)  # the felt stiffness has a column of its own
+    judged = felt(summary)
+    softer = judged.sentence.startswith(SOFTER)  # the felt stiffness has a column of its own
     created_mj = created_j(trace.work_j, trace.object_j) * 1e3
     leak_mj = -1e3 * sum(min(0.0, user["energy"]["device_leak_j"]) for user in users)
     made_mj = created_mj - leak_mj  # by the method itself, at least
@@ -179,9 +176,7 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
         "oscillates": oscillates,
         "active": not diverged and not oscillates and is_active(made_mj, put_in_j(trace.work_j) * 1e3),
         "passive": summary["passive"],
-        "not_felt": felt_so.sentence
-        if felt_so.tone == "warn" and not softer and not diverged and not oscillates
-        else "",
+        "not_felt": judged.sentence if judged.tone == "warn" and not softer and not diverged and not oscillates else "",
         "margin_mj": worst[0] * 1e3 if worst else None,
         "leak_mj": leak_mj,
         "created_mj": created_mj,
@@ -200,5 +195,5 @@ def read(trace: Trace, summary: Summary, diverged: str, clean: Array, ideal: Arr
 
 
 def largest(values: Any) -> float | None:
-    """Of those that are numbers."""
+    """Return the largest of those values that are numbers, or None."""
     return max((float(value) for value in values if is_number(value)), default=None)

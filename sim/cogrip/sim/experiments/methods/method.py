@@ -1,6 +1,6 @@
-"""What is compared: methods and networks by name, and the settings of one session.
+"""The methods and networks of a comparison by name, and the settings of one session.
 
-A method is a table of overrides of the settings that were given; everything else (hands, object, K, B, b, rates) stays.
+A method is a table of overrides of the given settings; everything else (hands, object, K, B, b, rates) stays.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ OURS = "wave"
 
 
 class ChoiceError(ValueError):
-    """There is no method or network of that name; the text names near ones."""
+    """An unknown method or network; the text names near ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """`title` is for tables; `overrides` are settings by their path."""
+    """A coupling scheme: its title in tables, and its overrides of settings by their path."""
 
     title: str
     overrides: Mapping[str, Any]
@@ -62,7 +62,7 @@ NETWORKS: tuple[str, ...] = tuple(PROFILES)
 
 
 def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
-    """The names asked for, none twice, in their order. Raises ChoiceError."""
+    """Return the names asked for, without repeats, in their order. Raises ChoiceError."""
     found: dict[str, None] = {}
     for name in asked:
         if name not in known:
@@ -76,7 +76,7 @@ def choose(what: str, asked: Iterable[str], known: Sequence[str]) -> tuple[str, 
 
 
 def session_settings(base: Mapping[str, Any], method: str, network: str, seed: int) -> Settings:
-    """Settings of one session. network: a profile's name, CLEAN, or OWN for [link] as it stands. Raises SettingsError."""
+    """Return the settings of one session. network: a profile's name, CLEAN, or OWN for [link] itself. Raises SettingsError."""
     table = copied(base)
     if network != OWN:
         table["link"] = {} if network == CLEAN else {"profile": network}
@@ -87,7 +87,7 @@ def session_settings(base: Mapping[str, Any], method: str, network: str, seed: i
 
 
 def ideal_settings(base: Mapping[str, Any], seed: int) -> Settings:
-    """The object directly in the hands: springs K, B at the device rate, with no network between. Raises SettingsError."""
+    """Return the object directly in the hands: springs K, B at the device rate, without a network. Raises SettingsError."""
     table = copied(base)
     table["link"] = {}
     settings = resolve(table)
@@ -109,7 +109,7 @@ def ideal_settings(base: Mapping[str, Any], seed: int) -> Settings:
 
 
 def _drop_own(table: dict[str, Any], overrides: Mapping[str, Any]) -> None:
-    """A user's own value would stand above the method's."""
+    """Remove each user's own value, which would stand above the method's."""
     for key in overrides:
         section, _, name = key.partition(".")
         if section == "coupling" and name in User.__struct_fields__:
@@ -118,7 +118,7 @@ def _drop_own(table: dict[str, Any], overrides: Mapping[str, Any]) -> None:
 
 
 def _seed(table: dict[str, Any], seed: int) -> None:
-    """One seed for the network's fates and for hands that tremble, each of their own."""
+    """Set the seed of the network and, one derived from it each, of hands that tremble."""
     table["seed"] = seed
     for number, user in enumerate(table["users"]):
         for key in ("hand", "device"):
@@ -126,7 +126,7 @@ def _seed(table: dict[str, Any], seed: int) -> None:
 
 
 def _trembling(address: str, seed: int, number: int) -> str:
-    """The address with a tremor's seed in it, drawn from its own one, the session's and the person's number."""
+    """Return the address with a tremor's seed, derived from its own one, the session's and the person's number."""
     name, mark, query = address.partition("?") if address.startswith("sim:") else ("", "", address)
     items = query.split("&")
     if not any(item in ("tremor", "hand=tremor") for item in items):
@@ -137,7 +137,7 @@ def _trembling(address: str, seed: int, number: int) -> str:
 
 
 def described(settings: Settings) -> dict[str, Any]:
-    """Both directions of a session's link, in words of [link]."""
+    """Return both directions of a session's link, in the words of [link]."""
     return {direction: msgspec.to_builtins(_as_table(settings, direction)) for direction in ("up", "down")}
 
 

@@ -1,22 +1,23 @@
-"""Pictures of a comparison: networks across, a colour and a mark a method, a dot a session, a bar at the median."""
+"""Plots of a comparison: networks side by side, a colour and marker for each method, a dot a session, a bar at the median."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.measures import MEASURES
 from cogrip.sim.experiments.methods.method import METHODS
 from cogrip.sim.experiments.methods.query import Comparison
 from cogrip.sim.experiments.methods.table import feels, first_seeds
 from cogrip.sim.experiments.methods.table import unstable as unstable_row
-from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.runs.plots.style import (
     ALARM,
     COLOURS,
@@ -34,24 +35,34 @@ from cogrip.sim.runs.plots.style import (
 )
 from cogrip.sim.runs.summary_values import is_number
 
-_MARKS = "osD^v"
-_STRETCHES = 80  # of a session, a trace shows the least, the middle and the largest of each
-_WIDTH = 0.8  # of the room of a network that its methods take
-_LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # of values that spread more than this a logarithmic axis is drawn
-_DIVERGED: Style = {}
-_OSCILLATES: Style = {"alpha": 0.45, "hatch": "///", "edgecolor": "white", "lw": 0}
-_ACTIVE: Style = {"alpha": 0.25}
+_MARKERS = "osD^v"
+_STRETCHES = 80  # of a session, of each of which a trace shows minimum, median and maximum
+_WIDTH = 0.8  # share of a network's room that its methods take
+_LOG_FROM, _LOG_SPAN = 1e-3, 30.0  # values that spread more than this get a logarithmic axis
+_MARGIN = 1.2  # above the largest force of a row's stable sessions
+_LOOKS: Mapping[Literal["diverged", "oscillates", "active"], Style] = {
+    "diverged": {},
+    "oscillates": {"alpha": 0.45, "hatch": "///", "edgecolor": "white", "lw": 0},
+    "active": {"alpha": 0.25},
+}
 _MEDIAN: Style = {"color": INK, "lw": 1.6}
 _HOLLOW: Style = {"color": INK, "marker": "o", "mfc": "none", "ms": 5, "lw": 0}
-_BAND: Style = {"facecolor": FAINT, "alpha": 0.35, "lw": 0}
 _NONE: Style = {"marker": "x", "color": FAINT, "ms": 5, "lw": 0}
-_LOOKS = (("band: from the least to the largest", _BAND), ("diverged", {"color": ALARM, "lw": 1.0, "ls": DOTTED}))
-_MARKED = (("hollow: unstable session", _HOLLOW), ("median", _MEDIAN))
-_MARGIN = 1.2  # above the largest force of a row's stable sessions
+_TRACE_LEGEND: list[tuple[str, Style]] = [
+    ("band: from the least to the largest", {"facecolor": FAINT, "alpha": 0.35, "lw": 0}),
+    ("diverged", {"color": ALARM, "lw": 1.0, "ls": DOTTED}),
+]
+_DOT_LEGEND: list[tuple[str, Style]] = [("hollow: unstable session", _HOLLOW), ("median", _MEDIAN)]
+_MARKS = (
+    "A mark is a session, hollow if it diverged (measured up to then), oscillates or is active, a bar the median of a method; "
+    "methods stand beside each other in the order of the legend. On a logarithmic axis what is less than its first number "
+    "stands on its edge."
+)
+_Key = tuple[str, str]  # network, method
 
 
 class Plot(NamedTuple):
-    """name is that of its files; caption says what to look for."""
+    """A drawn plot: the name of its files, its heading, and a caption on what to look for."""
 
     name: str
     heading: str
@@ -59,111 +70,89 @@ class Plot(NamedTuple):
     figure: Figure
 
 
-class _Entry(NamedTuple):
-    name: str
-    heading: str
-    caption: str
-    draw: Callable[[], Figure]
-
-
 class Rows:
-    """Results by network, method and measure, of the sessions that could be run."""
+    """The results of the sessions that could be run, by network, method and measure; `summary` has the rows of `gather`."""
 
     def __init__(self, asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> None:
         self.asked = asked
-        self.summary = {(row["network"], row["method"]): row for row in summary["rows"]}
-        self._values: dict[tuple[str, str], list[dict[str, Any]]] = {}
-        for case in sorted(results):
+        self.summary: dict[_Key, Mapping[str, Any]] = {(row["network"], row["method"]): row for row in summary["rows"]}
+        self._measures: dict[_Key, list[dict[str, Any]]] = {key: [] for key in self.summary}
+        for case, result in sorted(results.items()):
             values = asked.values(case)
-            if not results[case].error:
-                self._values.setdefault((values["network"], values["method"]), []).append(results[case].measures)
+            if not result.error:
+                self._measures[values["network"], values["method"]].append(result.measures)
 
-    def traces(self, network: str, method: str) -> tuple[float, list[list[float]]] | None:
-        """Length [s] and sketched forces of the session that has them."""
-        for row in self._values.get((network, method), ()):
-            if row.get("trace"):
-                return float(row["trace"]["seconds"]), row["trace"]["force_n"]
-        return None
+    def traces(self, key: _Key) -> tuple[float, list[list[float]]] | None:
+        """Return length [s] and sketched forces of the session that has them."""
+        found = next((row["trace"] for row in self._measures[key] if row.get("trace")), None)
+        return (float(found["seconds"]), found["force_n"]) if found else None
 
-    def numbers(self, network: str, method: str, measure: str) -> list[float]:
-        return [value for value, _ in self.judged(network, method, measure)]
-
-    def judged(self, network: str, method: str, measure: str) -> list[tuple[float, bool]]:
-        """Each number with whether its session was unstable."""
-        found = self._values.get((network, method), ())
+    def judged(self, key: _Key, measure: str) -> list[tuple[float, bool]]:
+        """Return each number, and whether its session was unstable."""
         return [
             (float(row[measure]), row["diverged"] or row["oscillates"] or row["active"])
-            for row in found
+            for row in self._measures[key]
             if is_number(row[measure])
         ]
 
+    def numbers(self, measure: str) -> list[float]:
+        """Return every number of a measure."""
+        return [value for key in self.summary for value, _ in self.judged(key, measure)]
+
+    def places(self) -> Iterator[tuple[_Key, int, float]]:
+        """Yield network and method, the method's number, and its place on the axis."""
+        count = len(self.asked.methods)
+        for network, name in enumerate(self.asked.networks):
+            for number, method in enumerate(self.asked.methods):
+                yield (name, method), number, network + _WIDTH * ((number + 0.5) / count - 0.5)
+
 
 def draw_all(asked: Comparison, results: Mapping[int, Result], summary: Mapping[str, Any]) -> Iterator[Plot]:
-    """Every picture of which there is anything to draw."""
+    """Yield every plot of which there is anything to draw."""
     rows = Rows(asked, results, summary)
-    marks = (
-        "A mark is a session, hollow if it diverged (measured up to then), oscillates or is active, a bar the median of a "
-        "method; methods stand beside each other in the order of the legend. On a logarithmic axis what is less than its first "
-        "number stands on its edge."
-    )
-    entries = (
-        _Entry(
-            "stability",
-            "Stability and energy",
+    felt_seeds = first_seeds(len(asked.seeds))
+    entries: tuple[tuple[Callable[[Figure], Plot], Callable[[], Figure]], ...] = (
+        (partial(
+            Plot, "stability", "Stability and energy",
             "Above, the share of sessions that diverged, oscillate or are active; below, the most energy that the network "
-            f"had given out beyond what the hands had put in. {marks}",
-            partial(_stability, rows),
-        ),
-        _Entry(
-            "traces",
-            "Forces over time",
+            f"had given out beyond what the hands had put in. {_MARKS}",
+        ), partial(_stability, rows)),
+        (partial(
+            Plot, "traces", "Forces over time",
             f"The force on each hand in the sessions of seed {asked.seeds[0]}, a row a network, a column a method; a colour "
             "and a mark a person, the line the middle of a short stretch, the band from its least to its largest: a broad "
             "band is a force that oscillates. What ends early, at the dotted line, has diverged. A row is as high as its "
             "stable sessions need: others are cut off, and say how far they go.",
-            partial(_traces, rows),
-        ),
-        _Entry(
-            "forces",
-            "Forces",
-            f"The clean link stands first, as what to hold the others against. {marks}",
-            partial(_dots, rows, ("peak_force_n", "force_step_n")),
-        ),
-        _Entry(
-            "coherence",
-            "Position coherence",
-            "How far apart two people are told that the object is, how far apart their hands are, and how far apart once all "
-            f"hold still where they began. {marks}",
-            partial(_dots, rows, ("coherence_rms_mm", "coherence_max_mm", "hands_rms_mm", "rest_mm")),
-        ),
-        _Entry(
-            "errors",
-            "Force errors",
-            "How far forces are from those of the same hands on a clean link, and from those of the object in the hands "
-            f"alone. {marks}",
-            partial(_dots, rows, ("error_clean_n", "error_ideal_n")),
-        ),
-        _Entry(
-            "felt",
-            "Felt stiffness",
+        ), partial(_traces, rows)),
+        (partial(
+            Plot, "forces", "Forces", f"The clean link stands first, for comparison with the others. {_MARKS}",
+        ), partial(_dots, rows, ("peak_force_n", "force_step_n"))),
+        (partial(
+            Plot, "coherence", "Position coherence",
+            "Distance between the object's positions as reported to two people, between their hands, and between their hands "
+            f"once all hold still where they began. {_MARKS}",
+        ), partial(_dots, rows, ("coherence_rms_mm", "coherence_max_mm", "hands_rms_mm", "rest_mm"))),
+        (partial(
+            Plot, "errors", "Force errors",
+            "Difference of forces from those of the same hands on a clean link, and from those of the object in the hands "
+            f"alone. {_MARKS}",
+        ), partial(_dots, rows, ("error_clean_n", "error_ideal_n"))),
+        (partial(
+            Plot, "felt", "Felt stiffness",
             "The stiffness that each person feels under a static load, as a share of the K asked for that person, the line: a "
-            f"mark a person, in the order of the settings, the median over seeds{first_seeds(len(asked.seeds))}; the number is "
-            "that of the lowest mark, in N/m. A grey cross in the middle: the method is unstable, or was not measured; in "
-            "somebody's place: at least half of that person's probes never came to rest.",
-            partial(_felt, rows),
-        ),
-    )
-    for name, heading, caption, draw in entries:
-        try:
-            figure = draw()
-        except NotDrawnError:
-            continue
-        yield Plot(name, heading, caption, figure)
+            f"mark a person, in the order of the settings, the median over seeds{felt_seeds}; the number is that of the lowest "
+            "mark, in N/m. A grey cross in the middle: the method is unstable, or was not measured; in somebody's place: at "
+            "least half of that person's probes never came to rest.",
+        ), partial(_felt, rows)),
+    )  # fmt: skip
+    for plot, draw in entries:
+        with suppress(NotDrawnError):
+            yield plot(draw())
 
 
 def style_of(number: int) -> Style:
-    """Colour and mark of method number n."""
-    return {"color": colour(number), "marker": _MARKS[number % len(_MARKS)]}
+    """Return colour and marker of method number n."""
+    return {"color": colour(number), "marker": _MARKERS[number % len(_MARKERS)]}
 
 
 def _legend(rows: Rows) -> list[tuple[str, Style]]:
@@ -181,42 +170,30 @@ def _across(panel: Axes, networks: tuple[str, ...]) -> None:
     panel.tick_params(axis="x", length=0)
 
 
-def _place(rows: Rows, network: int, method: int) -> float:
-    count = len(rows.asked.methods)
-    return network + _WIDTH * ((method + 0.5) / count - 0.5)
-
-
 def _stability(rows: Rows) -> Figure:
-    asked = rows.asked
     sheet = Sheet(2, 1, row_in=2.6)
     shares, energy = sheet.panels[:, 0]
-    width = 0.8 * _WIDTH / len(asked.methods)
-    for network, name in enumerate(asked.networks):
-        for number, method in enumerate(asked.methods):
-            row, place = rows.summary[name, method], _place(rows, network, number)
-            foot = 0.0
-            for count, look in (
-                (row["diverged"], _DIVERGED),
-                (row["oscillates"], _OSCILLATES),
-                (row["active"], _ACTIVE),
-            ):
-                if count:
-                    share = 100.0 * count / row["runs"]
-                    shares.bar(place, share, width, bottom=foot, color=colour(number), **look)
-                    foot += share
-            if row["runs"] and not foot:
-                shares.plot(place, 0.0, **style_of(number), ms=5, clip_on=False, zorder=3)
+    width = 0.8 * _WIDTH / len(rows.asked.methods)
+    for key, number, place in rows.places():
+        row, foot = rows.summary[key], 0.0
+        for judgement, look in _LOOKS.items():
+            if count := row[judgement]:
+                share = 100.0 * count / row["runs"]
+                shares.bar(place, share, width, bottom=foot, color=colour(number), **look)
+                foot += share
+        if row["runs"] and not foot:
+            shares.plot(place, 0.0, **style_of(number), ms=5, clip_on=False, zorder=3)
     shares.set_ylim(0.0, 104.0)
     _scatter(rows, energy, "created_mj")
     for panel in (shares, energy):
-        _across(panel, asked.networks)
+        _across(panel, rows.asked.networks)
     legend = [
         *_legend(rows),
         ("diverged", {"facecolor": INK, "lw": 0}),
-        ("oscillates between hands at rest", {"facecolor": INK, **_OSCILLATES}),
-        ("active while they move", {"facecolor": INK, **_ACTIVE}),
+        ("oscillates between hands at rest", {"facecolor": INK, **_LOOKS["oscillates"]}),
+        ("active while they move", {"facecolor": INK, **_LOOKS["active"]}),
         ("mark on the axis: stable", {"lw": 0}),
-        *_MARKED,
+        *_DOT_LEGEND,
     ]
     return sheet.finish("network", ["unstable sessions [%]", "energy created [mJ]"], legend)
 
@@ -227,7 +204,7 @@ def _traces(rows: Rows) -> Figure:
     sheet = Sheet(len(asked.networks), len(asked.methods), row_in=1.25)
     found = False
     for network, panels in zip(asked.networks, sheet.panels, strict=True):
-        traces = {method: trace for method in asked.methods if (trace := rows.traces(network, method))}
+        traces = {method: trace for method in asked.methods if (trace := rows.traces((network, method)))}
         found = found or bool(traces)
         height = _height(rows, network, traces)
         for method, panel in zip(asked.methods, panels, strict=True):
@@ -240,11 +217,13 @@ def _traces(rows: Rows) -> Figure:
         raise NotDrawnError("no forces were kept")
     for method, panel in zip(asked.methods, sheet.panels[0], strict=True):
         title(panel, METHODS[method].title)
-    return sheet.finish("time [s]", [f"{network}\nforce [N]" for network in asked.networks], [*_people(asked), *_LOOKS])
+    return sheet.finish(
+        "time [s]", [f"{network}\nforce [N]" for network in asked.networks], [*_people(asked), *_TRACE_LEGEND]
+    )
 
 
 def _height(rows: Rows, network: str, traces: Mapping[str, tuple[float, list[list[float]]]]) -> float:
-    """Of a row: what its stable sessions need; where none is stable, all. 0 where there are no forces at all [N]."""
+    """Return the height of a row [N]: for its stable sessions, or for all if none is stable; 0 without any forces."""
     stable = [trace for method, trace in traces.items() if not unstable_row(rows.summary[network, method])]
     return _MARGIN * max((_largest(forces) for _, forces in stable or traces.values()), default=0.0)
 
@@ -254,7 +233,7 @@ def _largest(forces: list[list[float]]) -> float:
 
 
 def _trace(panel: Axes, seconds: float, forces: list[list[float]], whole_s: float, height: float) -> None:
-    """One session's forces; what it was cut off at, and when it ended if that was early."""
+    """Draw one session's forces, and say where it was cut off, and when it diverged."""
     stretches = max(2, round(_STRETCHES * seconds / whole_s))
     for person, values in enumerate(forces):
         times, style = np.linspace(0.0, seconds, len(values)), {**person_style(person), "lw": 1.0, "ms": 3.0}
@@ -273,7 +252,7 @@ def _trace(panel: Axes, seconds: float, forces: list[list[float]], whole_s: floa
 
 
 def _people(asked: Comparison) -> list[tuple[str, Style]]:
-    """Everybody, as far as colours go; of the others, how many they are."""
+    """Return entries of people, as many as there are colours, and the number of the others."""
     names = [str(user["name"]) for user in asked.base["users"]]
     legend: list[tuple[str, Style]] = [
         (label(name), {**person_style(number), "lw": 1.5}) for number, name in enumerate(names[:COLOURS])
@@ -284,7 +263,7 @@ def _people(asked: Comparison) -> list[tuple[str, Style]]:
 
 
 def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
-    drawn = [measure for measure in measures if _any(rows, measure)]
+    drawn = [measure for measure in measures if rows.numbers(measure)]
     if not drawn:
         raise NotDrawnError(f"no session has {', '.join(measures)}")
     sheet = Sheet(len(drawn), 1, row_in=2.4)
@@ -292,40 +271,34 @@ def _dots(rows: Rows, measures: tuple[str, ...]) -> Figure:
         _scatter(rows, panel, measure)
         _across(panel, rows.asked.networks)
     labels = [f"{MEASURES[measure].heading} [{MEASURES[measure].unit}]" for measure in drawn]
-    return sheet.finish("network", labels, [*_legend(rows), *_MARKED])
-
-
-def _any(rows: Rows, measure: str) -> bool:
-    return any(rows.numbers(*key, measure) for key in rows.summary)
+    return sheet.finish("network", labels, [*_legend(rows), *_DOT_LEGEND])
 
 
 def _scatter(rows: Rows, panel: Axes, measure: str) -> None:
-    """Dots spread over a method's room in the order of their seeds."""
-    asked = rows.asked
-    floor = _scale(panel, [value for key in rows.summary for value in rows.numbers(*key, measure)])
-    room = 0.7 * _WIDTH / len(asked.methods)
-    for network, name in enumerate(asked.networks):
-        for number, method in enumerate(asked.methods):
-            judged = rows.judged(name, method, measure)
-            if not judged:
-                continue
-            values = np.maximum(np.abs([value for value, _ in judged]), floor)
-            bad = np.array([unstable for _, unstable in judged])
-            places = _place(rows, network, number) + _spread(len(values), room)
-            look: Style = {**style_of(number), "ms": 3.6, "lw": 0, "alpha": 0.8, "clip_on": False}
-            panel.plot(places[~bad], values[~bad], **look, mew=0)
-            panel.plot(places[bad], values[bad], **look, mfc="none", mew=0.9)
-            middle, place = float(np.median(values)), _place(rows, network, number)
-            panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], **_MEDIAN, zorder=3)
+    """Draw a dot for each session, side by side in the order of their seeds, and the median."""
+    floor = _scale(panel, rows.numbers(measure))
+    room = 0.7 * _WIDTH / len(rows.asked.methods)
+    for key, number, place in rows.places():
+        judged = rows.judged(key, measure)
+        if not judged:
+            continue
+        values = np.maximum(np.abs([value for value, _ in judged]), floor)
+        bad = np.array([unstable for _, unstable in judged])
+        places = place + _spread(len(values), room)
+        look: Style = {**style_of(number), "ms": 3.6, "lw": 0, "alpha": 0.8, "clip_on": False}
+        panel.plot(places[~bad], values[~bad], **look, mew=0)
+        panel.plot(places[bad], values[bad], **look, mfc="none", mew=0.9)
+        middle = float(np.median(values))
+        panel.plot([place - 0.6 * room, place + 0.6 * room], [middle, middle], **_MEDIAN, zorder=3)
 
 
 def _spread(count: int, room: float) -> NDArray[np.float64]:
-    """Places of so many marks beside each other, around 0."""
+    """Return the places of so many marks beside each other, around 0."""
     return room * ((np.arange(count) + 0.5) / count - 0.5)
 
 
 def _scale(panel: Axes, values: Sequence[float]) -> float:
-    """The panel's axis, logarithmic where values spread far. Returns where it begins: what is less stands there."""
+    """Scale the panel's axis, logarithmic where values spread far, and return where it begins: lesser values stand there."""
     most = max((abs(value) for value in values), default=0.0)
     positive = [abs(value) for value in values if abs(value) >= _LOG_FROM]
     if not positive or most <= _LOG_SPAN * min(positive):
@@ -360,26 +333,24 @@ def _felt(rows: Rows) -> Figure:
     panel.set_ylim(top=max(160.0, 1.4 * max(everything)) if floor else max(115.0, 1.1 * max(everything)))
     panel.axhline(100.0, color=FAINT, lw=1.0, zorder=0)
     room = 0.6 * _WIDTH / len(asked.methods)
-    for network, name in enumerate(asked.networks):
-        for number, method in enumerate(asked.methods):
-            people, place = shares[name, method], _place(rows, network, number)
-            places = place + _spread(len(people), room)
-            felt = [(*found, float(at)) for found, at in zip(people, places, strict=True) if found]
-            none = [float(at) for found, at in zip(people, places, strict=True) if not found] if people else [place]
-            if none:
-                panel.plot(none, [0.04] * len(none), **_NONE, transform=panel.get_xaxis_transform())
-            if not felt:
-                continue
-            heights = [max(share, floor) for share, _, _ in felt]
-            lowest, stiffness, at = min(felt)
-            foot = max(lowest, floor)
-            panel.plot([at, at], [100.0, foot], color=colour(number), lw=1.2, alpha=0.4, zorder=1)
-            panel.plot([at for _, _, at in felt], heights, **style_of(number), ms=5, lw=0, mew=0, clip_on=False)
-            text = f"{stiffness:.{0 if stiffness >= 100.0 else 1}f}"
-            panel.annotate(
-                text, (at, foot), xytext=(0, -6), textcoords="offset points", ha="center", va="top",
-                fontsize=8, color=INK,
-            )  # fmt: skip
+    for key, number, place in rows.places():
+        people = shares[key]
+        places = place + _spread(len(people), room)
+        felt = [(*found, float(at)) for found, at in zip(people, places, strict=True) if found]
+        none = [float(at) for found, at in zip(people, places, strict=True) if not found] if people else [place]
+        if none:
+            panel.plot(none, [0.04] * len(none), **_NONE, transform=panel.get_xaxis_transform())
+        if not felt:
+            continue
+        lowest, stiffness, at = min(felt)
+        foot = max(lowest, floor)
+        panel.plot([at, at], [100.0, foot], color=colour(number), lw=1.2, alpha=0.4, zorder=1)
+        heights = [max(share, floor) for share, _, _ in felt]
+        panel.plot([at for _, _, at in felt], heights, **style_of(number), ms=5, lw=0, mew=0, clip_on=False)
+        panel.annotate(
+            f"{stiffness:.{0 if stiffness >= 100.0 else 1}f}", (at, foot), xytext=(0, -6), textcoords="offset points",
+            ha="center", va="top", fontsize=8, color=INK,
+        )  # fmt: skip
     panel.set_ylim(bottom=0.5 * floor if floor else -0.1 * panel.get_ylim()[1])  # room for crosses and numbers
     _across(panel, asked.networks)
     legend = [*_legend(rows), ("unstable, or not measured", _NONE), ("number: the lowest mark's [N/m]", {"lw": 0})]
@@ -387,7 +358,7 @@ def _felt(rows: Rows) -> Figure:
 
 
 def _felt_shares(row: Mapping[str, Any]) -> list[tuple[float, float] | None]:
-    """K_felt / K [%] and K_felt [N/m] of each person, None of who feels none."""
+    """Return K_felt / K [%] and K_felt [N/m] of each person, None for one who feels none."""
     return [
         (100.0 * person["felt_npm"]["median"] / person["asked_npm"], person["felt_npm"]["median"])
         if feels(person["felt_npm"])

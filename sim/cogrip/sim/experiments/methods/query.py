@@ -1,11 +1,11 @@
-"""A comparison from its question to its table: every method on every network, with every seed; what is finished is kept."""
+"""The query of a comparison: every method on every network, with every seed."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -14,7 +14,9 @@ from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.protocol.version import VERSION
-from cogrip.sim.experiments.methods.case import Job
+from cogrip.sim.experiments.experiment import Kind, Measure, Result
+from cogrip.sim.experiments.folder import FILES
+from cogrip.sim.experiments.methods.case import Job, measure_case
 from cogrip.sim.experiments.methods.hand import FADE_S
 from cogrip.sim.experiments.methods.measures import COLUMNS, LAST_S
 from cogrip.sim.experiments.methods.method import (
@@ -25,8 +27,6 @@ from cogrip.sim.experiments.methods.method import (
     ideal_settings,
     session_settings,
 )
-from cogrip.sim.experiments.sweep.case import Result
-from cogrip.sim.experiments.sweep.folder import FILES, Kind, SweepFolder
 from cogrip.sim.session.input_files import files_read
 
 COMPARISON = Kind("comparison", "comparison.json")
@@ -35,26 +35,26 @@ FELT_SEEDS = 5
 REST_SHARE, LEAST_REST_S, MOST_REST_S = 0.3, FADE_S + LAST_S, 3.0
 
 
-class Workers(Protocol):
-    """Whoever runs cells."""
-
-    def run(self, jobs: Sequence[Job]) -> Iterator[Result]: ...
-
-
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A checked question. Cells run over networks fastest, then methods, then seeds; the clean link is the first network."""
+    """A checked query. Cases run over networks fastest, then methods, then seeds; the clean link is the first network.
+
+    rest_s: when the hands begin to rest; files: digests of the files that sessions read, by path.
+    """
 
     base: Mapping[str, Any]
     methods: tuple[str, ...]
     networks: tuple[str, ...]
     seeds: tuple[int, ...]
     rest_s: float
-    files: Mapping[str, str]  # that sessions read, and the digest of what stands there
+    files: Mapping[str, str]
+    kind: Kind = COMPARISON
+    columns: tuple[str, ...] = COLUMNS
+    measure: Measure = measure_case
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """What names a cell."""
+        """The names of a case's values."""
         return "method", "network", "seed"
 
     @property
@@ -62,14 +62,14 @@ class Comparison:
         return len(self.seeds) * len(self.methods) * len(self.networks)
 
     def values(self, case: int) -> dict[str, Any]:
-        """Method, network and seed of a cell."""
-        rest, network = divmod(case, len(self.networks))
-        seed, method = divmod(rest, len(self.methods))
+        """Return method, network and seed of a case."""
+        seed_method, network = divmod(case, len(self.networks))
+        seed, method = divmod(seed_method, len(self.methods))
         return {"method": self.methods[method], "network": self.networks[network], "seed": self.seeds[seed]}
 
     @property
-    def asked(self) -> dict[str, Any]:
-        """What makes this comparison this one and no other: a method or network that has changed is another one."""
+    def query(self) -> dict[str, Any]:
+        """See `Experiment.query`: with a method or network that has changed it is another comparison."""
         return {
             "version": VERSION,
             "settings": dict(self.base),
@@ -80,12 +80,12 @@ class Comparison:
             },
             "seeds": list(self.seeds),
             "rest_s": self.rest_s,
-            "columns": list(COLUMNS),
+            "columns": list(self.columns),
             FILES: dict(self.files),
         }
 
     def jobs(self, finished: Mapping[int, Result]) -> list[Job]:
-        """What is still to be run. The felt stiffness is measured with the first FELT_SEEDS seeds, forces are drawn of one."""
+        """Return the cases still to be run. FELT_SEEDS seeds have the felt stiffness, one has its forces drawn."""
         base, felt = json.dumps(self.base), self.seeds[:FELT_SEEDS]
         return [
             Job(case, base, method, network, seed, self.rest_s, felt=seed in felt, drawn=seed == self.seeds[0])
@@ -94,13 +94,17 @@ class Comparison:
             for method, network, seed in [self.values(case).values()]
         ]
 
-    def at_once(self, jobs: Sequence[Job]) -> int:
-        """All networks of one method and seed go to one process, which runs their clean link once."""
+    @property
+    def batch(self) -> int:
+        """The jobs of one method and seed, all networks: one process runs their clean link once."""
         return len(self.networks)
 
 
 def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str], seeds: int) -> Comparison:
-    """Seeds are the settings' own and those after it. Raises ChoiceError for what cannot be compared; nothing is run."""
+    """Check a query; nothing is run. Seeds are the settings' own and those after it.
+
+    Raises ChoiceError for what cannot be compared.
+    """
     if seeds < 1:
         raise ChoiceError(f"{seeds} seeds: at least 1 is needed")
     for user in settings.users:
@@ -119,39 +123,17 @@ def prepare(settings: Settings, methods: Sequence[str], networks: Sequence[str],
     sessions = len(methods) * len(networks) * seeds
     if sessions > MOST_SESSIONS:
         raise ChoiceError(f"{sessions} sessions are more than {MOST_SESSIONS}: give fewer seeds, methods or profiles")
-    asked = Comparison(
-        msgspec.to_builtins(settings),
-        tuple(methods),
-        networks,
-        tuple(range(settings.seed, settings.seed + seeds)),
-        rest_s,
-        {},
-    )
+    base, first = msgspec.to_builtins(settings), settings.seed
+    comparison = Comparison(base, tuple(methods), networks, tuple(range(first, first + seeds)), rest_s, {})
     files: dict[str, str] = {}
-    for method in asked.methods:
-        for network in asked.networks:
+    for method in methods:
+        for network in networks:
             try:
-                files |= files_read(session_settings(asked.base, method, network, asked.seeds[0]))
+                files |= files_read(session_settings(base, method, network, first))
             except SettingsError as error:
                 raise ChoiceError(f"{method} on {network}: {error}") from None
     try:
-        ideal_settings(asked.base, asked.seeds[0])
+        ideal_settings(base, first)
     except SettingsError as error:
         raise ChoiceError(f"the object in the hands, without a network: {error}") from None
-    return replace(asked, files=dict(sorted(files.items())))
-
-
-def run_comparison(
-    asked: Comparison, folder: SweepFolder, workers: Workers, progress: Callable[[int], None] = lambda finished: None
-) -> int:
-    """Run the cells that the folder does not have, keep each as it comes, write table.csv; returns how many were run."""
-    kept = len(folder.finished)
-    progress(kept)
-    try:
-        for result in workers.run(asked.jobs(folder.finished)):
-            folder.add(result, asked.values(result.case))
-            progress(len(folder.finished))
-    finally:
-        folder.write_table(asked, COLUMNS)
-        folder.close()
-    return len(folder.finished) - kept
+    return replace(comparison, files=dict(sorted(files.items())))

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from cogrip.sim.analysis.figures.page import svg
+from cogrip.sim.experiments.experiment import Result
+from cogrip.sim.experiments.folder import as_text
 from cogrip.sim.experiments.methods.latex import latex
 from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.experiments.methods.method import METHODS
 from cogrip.sim.experiments.methods.plots import draw_all
 from cogrip.sim.experiments.methods.query import Comparison
 from cogrip.sim.experiments.methods.table import cells, gather, headings, markdown, note, unstable
-from cogrip.sim.experiments.sweep.case import Result
-from cogrip.sim.experiments.sweep.folder import as_text
 from cogrip.sim.runs.folder import SUMMARY, summary_text
 from cogrip.sim.runs.judgement import Tone
 from cogrip.sim.runs.plots.style import png

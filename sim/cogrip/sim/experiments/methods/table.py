@@ -1,4 +1,4 @@
-"""A comparison's results: gathered over seeds, and as the table of a paper (Markdown, rows of text for a terminal)."""
+"""The results of a comparison: statistics over seeds, and the table in Markdown and as rows of text."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cogrip.protocol.version import VERSION
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.methods.measures import FELT_MEASURES, MEASURES
 from cogrip.sim.experiments.methods.method import OURS
 from cogrip.sim.experiments.methods.query import FELT_SEEDS, Comparison
-from cogrip.sim.experiments.sweep.case import Result
 from cogrip.sim.runs.summary_values import is_number
 
 FELT = "felt_error_percent"
 NONE = "–"
+_JUDGEMENTS = {"diverged": "diverged", "oscillates": "oscillates", "active": "active", "not_passive": "not passive"}
 
 
 class Column(NamedTuple):
-    """A measure in the table: heading with its unit; its symbol in a paper, in LaTeX."""
+    """A measure in the table: its heading and unit, and its LaTeX symbol."""
 
     measure: str
     heading: str
@@ -41,23 +42,20 @@ TABLE = (
 
 
 def gather(asked: Comparison, results: Mapping[int, Result]) -> dict[str, Any]:
-    """`summary.json`: what was asked, and one row for every method on every network, over all seeds."""
+    """Return `summary.json`: the query, and one row for every method on every network, over all seeds."""
     rows = []
     for network in asked.networks:
         for method in asked.methods:
-            found = [
-                result
-                for cell, result in sorted(results.items())
-                if asked.values(cell)["method"] == method and asked.values(cell)["network"] == network
-            ]
-            rows.append({"network": network, "method": method, **_gathered(found)})
+            wanted = {"network": network, "method": method}
+            found = [result for case, result in sorted(results.items()) if wanted.items() <= asked.values(case).items()]
+            rows.append({**wanted, **_gathered(found)})
     return {
         "name": asked.base["name"],
         "sessions": asked.cases,
         "run": len(results),
         "version": VERSION,
         "measures": {name: {"unit": measure.unit, "what": measure.what} for name, measure in MEASURES.items()},
-        "asked": asked.asked,
+        "asked": asked.query,
         "rows": rows,
     }
 
@@ -83,7 +81,7 @@ def _gathered(results: Sequence[Result]) -> dict[str, Any]:
 
 
 def spread(values: Sequence[Any]) -> dict[str, float] | None:
-    """Median, quartiles, and the worst: the value furthest from 0. None where nobody has a number."""
+    """Return median, quartiles and the worst, the value furthest from 0; None without any number."""
     numbers = [float(value) for value in values if is_number(value)]
     if not numbers:
         return None
@@ -92,13 +90,13 @@ def spread(values: Sequence[Any]) -> dict[str, float] | None:
 
 
 def of_probes(values: Sequence[float | None]) -> dict[str, float] | None:
-    """The spread of the felt stiffness, of the `n` probes that came to rest of all; None where none did."""
+    """Return the spread of a felt stiffness, with `n` of the `of` probes that came to rest; None where none did."""
     found = spread(values)
     return found and {**found, "n": sum(map(is_number, values)), "of": len(values)}
 
 
 def _felt(sessions: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
-    """Each person over seeds; the K asked for is the same in all."""
+    """Return each person's felt stiffness over seeds; K is the same in all."""
     people = []
     for seeds in zip(*sessions, strict=True):
         found = {name: of_probes([seed[name] for seed in seeds]) for name in FELT_MEASURES}
@@ -109,7 +107,7 @@ def _felt(sessions: Sequence[Sequence[Mapping[str, Any]]]) -> list[dict[str, Any
 
 
 def feels(found: Mapping[str, float] | None) -> bool:
-    """Whether more than half of the probes came to rest: else the number would be that of the few that did."""
+    """Return whether more than half of the probes came to rest; otherwise the number would speak for a few."""
     return found is not None and 2 * found["n"] > found["of"]
 
 
@@ -122,35 +120,35 @@ def ours_failed(summary: Mapping[str, Any]) -> bool:
 
 
 def unstable(row: Mapping[str, Any]) -> bool:
-    """Whether half of the runs or more diverged or oscillate."""
+    """Return whether half of the runs or more diverged or oscillate."""
     return bool(row["runs"]) and 2 * (row["diverged"] + row["oscillates"]) >= row["runs"]
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """In words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, and how many could not be run.
+    """Return the stability in words: `stable`, `diverged 20/20 at 1.3 s`, `oscillates 3/20`, `active 3/20`, `not run 1`.
 
-    Behind it what else the judgements of runs say: `not passive 3/20`, `not as intended 3/20` (felt: limits, replaced frames).
+    Runs' other verdicts follow: `not passive 3/20`, `not as intended 3/20` (the felt verdict: limits, replaced frames).
     """
-    runs, words = row["runs"], []
-    if row["diverged"]:
-        words.append(f"diverged {row['diverged']}/{runs} at {row['diverged_s']['median']:.2g} s")
-    if row["oscillates"]:
-        words.append(f"oscillates {row['oscillates']}/{runs}")
-    if row["active"]:
-        words.append(f"active {row['active']}/{runs}")
-    if row["not_passive"]:
-        words.append(f"not passive {row['not_passive']}/{runs}")
-    if not words and runs:
+    words = judgements(row, _JUDGEMENTS, " at {:.2g} s")
+    if not words and row["runs"]:
         words.append("stable")
     if row["not_felt"]:
-        words.append(f"not as intended {row['not_felt']}/{runs}")
+        words.append(f"not as intended {row['not_felt']}/{row['runs']}")
     if row["failed"]:
         words.append(f"not run {row['failed']}")
     return ", ".join(words) or NONE
 
 
+def judgements(row: Mapping[str, Any], words: Mapping[str, str], when: str) -> list[str]:
+    """Return the count of each judgement that some run has, in the given words; `when` formats the time of divergence."""
+    texts = [f"{word} {row[key]}/{row['runs']}" for key, word in words.items() if row[key]]
+    if row["diverged"]:
+        texts[0] += when.format(row["diverged_s"]["median"])
+    return texts
+
+
 def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str:
-    """The median, and the worst behind it where it differs as shown."""
+    """Return the median, and the worst in brackets where it differs as shown."""
     found = row[column.measure]
     if found is None or (column.measure == FELT and (unstable(row) or not feels(found))):
         return NONE
@@ -160,7 +158,7 @@ def shown(row: Mapping[str, Any], column: Column, worst_too: bool = True) -> str
 
 
 def _short(value: float) -> str:
-    """Three digits; powers of ten as people write them where there are many zeros."""
+    """Return three digits; a power of ten from 1e5 on."""
     if round(abs(value)) >= 1e5:
         digits, _, power = f"{value:.1e}".partition("e")
         return f"{digits}e{int(power)}"
@@ -168,7 +166,7 @@ def _short(value: float) -> str:
 
 
 def decimals(value: float) -> int:
-    """Digits after the point, so that there are three at most: of what stands there once it is rounded (9.996 is 10.0)."""
+    """Return the digits after the point for three digits in all, counted after rounding (9.996 is 10.0)."""
     return _decimals(float(f"{value:.{_decimals(value)}f}"))
 
 
@@ -183,36 +181,36 @@ def _signed(value: float) -> str:
 
 
 def cells(row: Mapping[str, Any], worst_too: bool = True) -> list[str]:
-    """One row's text, from the verdict on."""
+    """Return one row's text, from the verdict on."""
     return [verdict(row), *(shown(row, column, worst_too) for column in TABLE)]
 
 
 def headings() -> list[str]:
+    """Return the headings of the table."""
     return ["profile", "method", "stability", *(f"{column.heading} [{column.unit}]" for column in TABLE)]
 
 
 def note(summary: Mapping[str, Any], worst: str = "worst in brackets") -> str:
-    """What stands under the table."""
+    """Return the note under the table."""
     seeds = len(summary["asked"]["seeds"])
     felt = f"felt{first_seeds(seeds)}"
     return (
         f"Median over {seeds} seed{'s' if seeds > 1 else ''} ({worst}). created: energy that came out and no hand had put in, "
-        "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance of what two "
-        "people are told of the object, "
-        "rms and max over time; rest: distance left between hands that hold still at the end; "
-        f"{felt}: stiffness felt under a static load against the K asked for, where more than half of the probes came to rest; "
-        "to clean, to ideal: rms force difference to the same method on a clean link, and to the object directly in the hands. "
-        "Sessions that diverged are measured up to then."
+        "encoders included; peak, step: largest force, and largest change of it in one tick; views: distance between the "
+        "object's positions as reported to two people, rms and max over time; rest: distance left between hands that hold "
+        f"still at the end; {felt}: stiffness felt under a static load against the K asked for, where more than half of the "
+        "probes came to rest; to clean, to ideal: rms force difference to the same method on a clean link, and to the object "
+        "directly in the hands. Sessions that diverged are measured up to then."
     )
 
 
 def first_seeds(seeds: int) -> str:
-    """What stands behind a felt stiffness, where it is not measured with all `seeds`."""
+    """Return the note behind a felt stiffness that is not measured with all `seeds`."""
     return f" (first {FELT_SEEDS} seeds)" if seeds > FELT_SEEDS else ""
 
 
 def markdown(summary: Mapping[str, Any]) -> str:
-    """The table in Markdown."""
+    """Return the table in Markdown."""
     lines = [_bars(headings()), _bars(["---", "---", "---", *["---:"] * len(TABLE)])]
     lines += [_bars([row["network"], row["method"], *cells(row)]) for row in summary["rows"]]
     return "\n".join([*lines, "", note(summary), ""])

@@ -1,4 +1,4 @@
-"""What is kept of a session while it runs, in memory: plain numbers appended, arrays at the end.
+"""The trace of a session, recorded in memory while it runs.
 
 Shapes: k ticks of the session, m frames, n people, a axes. Positions are relative to where each began.
 """
@@ -23,11 +23,11 @@ class Trace:
     """One session.
 
     force_n     (k, n, a)  force on each hand, held over the tick [N]
-    position_m  (m, n, a)  each hand at the end of each frame, from where it began [m]
-    view_m      (m, n, a)  where each person was last told that the object is, from where it began [m]
-    object_m    (m, a)     where it is [m]
+    position_m  (m, n, a)  each hand at the end of each frame [m]
+    view_m      (m, n, a)  the object's position as last reported to each person [m]
+    object_m    (m, a)     the object [m]
     work_j      (m,)       work of all hands against the forces on them so far: sum of F (x_{k+1} - x_k) [J]
-    object_j    (m,)       what reached the object so far: its kinetic energy, and what its own damping took [J]
+    object_j    (m,)       energy that reached the object so far: kinetic, and what its own damping took [J]
     """
 
     frame_s: float
@@ -43,7 +43,7 @@ _BUCKETS = 250
 
 
 def sketch(force_n: Array) -> list[list[float]]:
-    """To be drawn: each person's force on the first axis, the least and largest of _BUCKETS stretches in turn; (k, n, a)."""
+    """Return each person's force on the first axis for a plot: minimum and maximum of each of _BUCKETS stretches; (k, n, a)."""
     if not len(force_n):
         return []
     starts = np.unique(np.linspace(0, len(force_n), _BUCKETS, endpoint=False).astype(np.intp))
@@ -53,8 +53,8 @@ def sketch(force_n: Array) -> list[list[float]]:
     return rows
 
 
-class Watch:
-    """`each_tick` and `each_frame` are the laboratory's; `trace` once it has run."""
+class TraceRecorder:
+    """Recorder of a trace: hand `each_tick` and `each_frame` to `Laboratory.run`, then call `trace`."""
 
     def __init__(self, laboratory: Laboratory, starts_m: Sequence[Sequence[float]]) -> None:
         """starts_m: where each hand begins, shape (n, a)."""
@@ -65,10 +65,12 @@ class Watch:
         self._starts = np.array(starts_m)
 
     def each_tick(self, laboratory: Laboratory) -> None:
+        """Record the forces of a tick."""
         for person in laboratory.people:
             self._forces.extend(person.core.force_n)
 
     def each_frame(self, laboratory: Laboratory) -> None:
+        """Record positions and work at a frame's end."""
         work, axes = 0.0, self._axes
         for person in laboratory.people:
             core = person.core
@@ -79,6 +81,7 @@ class Watch:
         self._work.append(work)
 
     def trace(self) -> Trace:
+        """Return what was recorded."""
         people, axes, settings = self._people, self._axes, self._laboratory.settings
         world = self._laboratory.room.world
         both = 2 * people * axes
@@ -86,8 +89,8 @@ class Watch:
         each = rows[:, :both].reshape(-1, people, 2, axes)
         position, view = each[:, :, 0], each[:, :, 1]
         if settings.coupling.kind in OWN_FRAME:
-            told = view.any(axis=2, keepdims=True)  # before, they see it where it began
-            view = np.where(told, view - np.asarray(world.offset), view)
+            reported = view.any(axis=2, keepdims=True)  # before, they see it where it began
+            view = np.where(reported, view - np.asarray(world.offset), view)
         place, speed = rows[:, both : both + axes], rows[:, both + axes :]
         frame_s = 1.0 / settings.rates.network_hz
         moved = np.diff(place, axis=0, prepend=np.zeros((1, axes)))

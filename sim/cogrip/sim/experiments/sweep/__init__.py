@@ -1,5 +1,4 @@
-"""Many sessions, or many linear models, over a grid of settings: spread over processes, kept cell by cell, resumed, drawn.
+"""Sweeps: sessions, or linear models, over a grid of settings.
 
-`grid` (what is varied), `measures` (what is read), `case` (one cell, pure), `local` and `ray_cluster` (where cells
-run: the only modules here with processes), `folder` (what is kept), `picture`.
+`grid` (what is varied), `measures` (what is read), `query` (both, checked, and one case of it), `picture`.
 """

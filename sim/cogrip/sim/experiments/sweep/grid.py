@@ -1,9 +1,10 @@
-"""What a sweep varies: axes of values for settings, and their product, cell by cell."""
+"""The grid of a sweep: axes of values for settings, and their product, case by case."""
 
 from __future__ import annotations
 
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,12 +18,12 @@ MOST_CELLS = 100_000
 
 
 class GridError(ValueError):
-    """What was asked to be varied cannot be; the text names it, its value, the bound and the cure."""
+    """A grid that cannot be; the text names the axis, its value, the bound and the cure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A settings key and its values, in order; `log` if they were asked for on a logarithmic scale."""
+    """A settings key and its values, in order; `log`: asked for on a logarithmic scale."""
 
     key: str
     values: tuple[Any, ...]
@@ -34,7 +35,10 @@ class Axis:
 
 
 def parse_axis(text: str) -> Axis:
-    """`key=a:b:n` (n values, ends included), `key=a:b:nlog`, or `key=v,v,v` (numbers, words, true, false). Raises GridError."""
+    """Parse `key=a:b:n` (n values, ends included), `key=a:b:nlog`, or `key=v,v,v` (TOML values, or bare words).
+
+    Raises GridError.
+    """
     key, equals, spec = (part.strip() for part in text.partition("="))
     if not equals or not key or not spec:
         raise GridError(
@@ -77,6 +81,7 @@ def _span(key: str, spec: str, text: str) -> Axis:
 
 
 def _value(text: str) -> Any:
+    """Return a TOML value, or the text itself as a bare word."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -89,10 +94,9 @@ class Grid:
     """The product of the axes over base settings; the last axis runs fastest. Raises GridError, or SettingsError for a cell."""
 
     def __init__(self, base: Mapping[str, Any], axes: Sequence[Axis]) -> None:
-        keys = [axis.key for axis in axes]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise GridError(f"--vary {key}: stands twice; give all its values at once")
+        key, count = Counter(axis.key for axis in axes).most_common(1)[0] if axes else ("", 0)
+        if count > 1:
+            raise GridError(f"--vary {key}: stands twice; give all its values at once")
         if not axes:
             raise GridError("nothing to vary: give at least one --vary key=...")
         self.base = base
@@ -107,26 +111,23 @@ class Grid:
         return tuple(axis.key for axis in self.axes)
 
     def values(self, case: int) -> dict[str, Any]:
-        """What cell number `case` sets."""
-        found: dict[str, Any] = {}
-        for axis in reversed(self.axes):
-            case, index = divmod(case, len(axis.values))
-            found[axis.key] = axis.values[index]
-        return {axis.key: found[axis.key] for axis in self.axes}
+        """Return what case number `case` sets."""
+        indices = np.unravel_index(case, [len(axis.values) for axis in self.axes])
+        return {axis.key: axis.values[index] for axis, index in zip(self.axes, indices, strict=True)}
 
     def settings(self, case: int) -> Settings:
-        """Raises SettingsError for values that cannot be set."""
+        """Return the settings of a case. Raises SettingsError."""
         return resolve(self.base, self.values(case))
 
     def each_value(self) -> Iterator[Settings]:
-        """Settings in which each value of each axis stands once, the other axes at their first: a sum, not a product."""
+        """Yield settings with each value of each axis once, the other axes at their first value."""
         first = self.values(0)
         for axis in self.axes:
             for value in axis.values:
                 yield resolve(self.base, {**first, axis.key: value})
 
     def check(self) -> None:
-        """Resolve every cell before any is run. Raises GridError with the cell's values."""
+        """Resolve every case before any is run. Raises GridError with the case's values."""
         for case in self:
             try:
                 self.settings(case)

@@ -1,27 +1,27 @@
-"""What a sweep reads of each cell: paths into `summary.json`, or numbers of the lifted model, by name.
+"""Measures of a sweep: paths into `summary.json`, or names of numbers of the lifted model.
 
-A path is keys and list indices with dots between, as `users.0.peak_force_n`; `*` takes every item of a list, a column each.
+A path is keys and list indices with dots between, as `users.0.peak_force_n`; `*` stands for every item of a list.
 """
 
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from cogrip.sim.analysis.measures import LIFTED
+from cogrip.sim.runs.folder import finite
 
 DEFAULT = ("passive", "diverged", "users.*.peak_force_n", "users.*.energy.line_margin_j", "object.travel_m")
 PREFIX = "lifted."
 
 
 class MeasureError(ValueError):
-    """There is no such measure; the text names near ones."""
+    """An unknown measure; the text names near ones."""
 
 
 def expanded(measures: Sequence[str], example: Mapping[str, Any]) -> tuple[str, ...]:
-    """Every column's path, `*` taken apart, checked against an example summary. Raises MeasureError."""
+    """Return the path of every column, `*` expanded by an example summary. Raises MeasureError."""
     columns: list[str] = []
     for measure in measures:
         if measure.startswith(PREFIX):
@@ -37,25 +37,21 @@ def expanded(measures: Sequence[str], example: Mapping[str, Any]) -> tuple[str, 
 
 
 def needs_session(measures: Sequence[str]) -> bool:
+    """Return whether any measure is read of a session."""
     return not all(measure.startswith(PREFIX) for measure in measures)
 
 
 def leaves(value: Any, path: str = "") -> Iterator[str]:
-    """Every path of a summary that leads to a number, a word, a truth value or null."""
-    items: Iterator[tuple[Any, Any]]
-    if isinstance(value, Mapping):
-        items = iter(value.items())
-    elif isinstance(value, list):
-        items = enumerate(value)
-    else:
+    """Yield the path of every number, string, boolean and null of a summary."""
+    if not isinstance(value, Mapping | list):
         yield path
         return
-    for key, item in items:
+    for key, item in value.items() if isinstance(value, Mapping) else enumerate(value):
         yield from leaves(item, f"{path}.{key}" if path else str(key))
 
 
 def read(summary: Mapping[str, Any], column: str) -> Any:
-    """The value at a path, None where a cell has none; a number that is not finite is None too."""
+    """Return the value at a path; None where there is none, or no finite number."""
     value: Any = summary
     for part in column.split("."):
         try:
@@ -63,10 +59,6 @@ def read(summary: Mapping[str, Any], column: str) -> Any:
         except (KeyError, IndexError, TypeError):
             return None
     return finite(value)
-
-
-def finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _matches(pattern: Sequence[str], path: Sequence[str]) -> bool:

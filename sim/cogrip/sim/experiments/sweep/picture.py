@@ -1,7 +1,7 @@
-"""A sweep as a picture: a heat map over two varied settings, one panel for each value of a third; a line over one.
+"""The picture of a sweep: a heat map over two varied settings, one panel for each value of a third; a line over one.
 
-What is coloured is what was computed: a map ends at the first and last value of each setting, and a cell without a number
-is hatched. A map of one number says so in place of a scale of colours.
+A map ends at the first and last value of each setting; a case without a number is hatched; a map of one number says so in
+place of a colour bar.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from cogrip.sim.analysis.state_space import Array
-from cogrip.sim.experiments.sweep.case import Result
+from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.sweep.grid import Axis, Grid
 from cogrip.sim.experiments.sweep.measures import PREFIX
 from cogrip.sim.runs.plots.style import FAINT, INK, Legend, NotDrawnError, Sheet, Style, label, title
@@ -36,7 +36,7 @@ _UNITS = {
 
 
 def draw_measure(grid: Grid, results: Mapping[int, Result], measure: str) -> Figure:
-    """One measure over the grid. Raises NotDrawnError where it is no number, or too much is varied."""
+    """Draw one measure over the grid. Raises NotDrawnError where it is no number, or too much is varied."""
     values = np.full(grid.cases, np.nan)
     truth = False
     for case, result in results.items():
@@ -75,7 +75,7 @@ def draw_measure(grid: Grid, results: Mapping[int, Result], measure: str) -> Fig
 
 
 def labelled(grid: Grid, key: str, unit: str | None = None) -> str:
-    """Name a setting or measure as an axis does: `anna: stiffness [N/m]` of `users.0.stiffness_npm`."""
+    """Return a setting's or measure's name as on an axis: `anna: stiffness [N/m]` of `users.0.stiffness_npm`."""
     if unit is None:
         unit = "1"
         for ending in sorted(_UNITS, key=len, reverse=True):
@@ -90,15 +90,15 @@ def labelled(grid: Grid, key: str, unit: str | None = None) -> str:
 
 
 def _legend(values: Array, results: Mapping[int, Result], truth: bool) -> list[tuple[str, Style]]:
-    """Say how many cells have no number and why, and where there is but one number, which."""
+    """Return entries on cases without a number and why, and on the number where there is only one."""
     failed = sum(bool(result.error) for result in results.values())
     counts = {
         "not computed": len(values) - len(results),
         "failed": failed,
         "without a number": int(np.isnan(values).sum()) - failed - (len(values) - len(results)),
     }
-    told = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
-    legend: list[tuple[str, Style]] = [(f"of {len(values)} cells: {told}", _EMPTY)] if told else []
+    missing = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+    legend: list[tuple[str, Style]] = [(f"of {len(values)} cells: {missing}", _EMPTY)] if missing else []
     if _flat(values):
         value = float(np.nanmean(values))
         text = ("no", "yes")[round(value)] if truth else f"{value:.6g}"
@@ -179,7 +179,7 @@ def _maps(
 
 
 def _places(axis: Axis) -> tuple[Array, Array]:
-    """Where the values of an axis stand, and the edges between them, of which the outermost are the outermost values.
+    """Return the places of an axis' values, and the edges between them; the outermost edges are the outermost values.
 
     Words stand at whole numbers, in the middle of a cell each.
     """

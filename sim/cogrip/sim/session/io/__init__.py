@@ -1,1 +1,1 @@
-"""Drivers of the laboratory's parts: the only sockets and clocks here."""
+"""The socket driver of the relay."""

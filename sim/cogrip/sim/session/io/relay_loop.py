@@ -1,13 +1,14 @@
 """The live relay: one thread, one socket for the clients, and one towards the server for each of them.
 
-It sleeps in `select` until something comes or is due, hands on at once what is not delayed, and asks for the same real-time
-measures as the loops of client and server. What it adds by itself is told by `python3 dev.py bench relay`.
+It sleeps in `select` until a datagram arrives or is due, forwards at once what is not delayed, and asks for the same real-time
+measures as the loops of client and server. `python3 dev.py bench relay` measures the delay that it adds.
 """
 
 import errno
 import select
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from ipaddress import ip_address
@@ -19,22 +20,22 @@ from cogrip.protocol.io.receive_buffer import OVERRUN, enlarge, overrun
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.session.relay import Flow, Lane, Relay
 
-MOST_BYTES = 65_535  # of a datagram: what programs send is theirs to know
+MOST_BYTES = 65_535  # of a datagram
 MOST_AT_ONCE = 32  # datagrams of one socket before what is due gets its turn
-LOOK_S = 0.1  # between two looks at whether to stop
+POLL_S = 0.1  # between two checks of `stop`
 CHORES_NS = 1_000_000_000
 
 
 class RelayError(Exception):
-    """The relay cannot listen. The text says why and what to do."""
+    """The relay cannot listen; the text says why and what to do."""
 
 
 class PlaceError(RelayError):
-    """There is no such place, and there will be none."""
+    """An address that does not exist."""
 
 
 def resolve(flag: str, host: str, port: int) -> tuple[socket.AddressFamily, Any]:
-    """Family and address of a place, looked up once. Raises PlaceError."""
+    """Return family and address of a host and port. Raises PlaceError."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError) as error:
@@ -45,9 +46,9 @@ def resolve(flag: str, host: str, port: int) -> tuple[socket.AddressFamily, Any]
 
 @dataclass(slots=True)
 class LiveRelay:
-    """Everything between `listen` and `to`. `open`, then `run` until `stop` is set; `close` where it is not run.
+    """The loop between `listen` and `to`: `open`, then `run` until `stop` is set; `close` where it is not run.
 
-    each_second: called so often, with the time [ns]; it must be quick, for nothing is relayed meanwhile.
+    each_second: called every second with the time [ns]; it must be quick, for nothing is relayed meanwhile.
     """
 
     relay: Relay
@@ -57,14 +58,14 @@ class LiveRelay:
     say: Callable[[str], None]
     each_second: Callable[[int], None] = lambda now_ns: None
     seconds: float | None = None
-    counts: dict[str, int] = field(init=False, default_factory=dict)
+    counts: Counter[str] = field(init=False, default_factory=Counter)
     measures: list[Measure] = field(init=False, default_factory=list)
     bound: tuple[str, int] = field(init=False, default=("", 0))
     far: tuple[str, int] = field(init=False, default=("", 0))
     started_ns: int = field(init=False, default=0)
     _clients: socket.socket = field(init=False)
     _far: tuple[socket.AddressFamily, Any] = field(init=False)
-    _ways: dict[Flow, socket.socket] = field(init=False, default_factory=dict)
+    _sockets: dict[Flow, socket.socket] = field(init=False, default_factory=dict)
     _flows: dict[socket.socket, Flow] = field(init=False, default_factory=dict)
     _overran: int = field(init=False, default=0)  # of sockets that are closed
 
@@ -98,7 +99,7 @@ class LiveRelay:
         return own == other
 
     def close(self) -> None:
-        for each in (self._clients, *self._ways.values()):
+        for each in (self._clients, *self._sockets.values()):
             each.close()
 
     def run(self) -> None:
@@ -112,7 +113,7 @@ class LiveRelay:
             overran = self._overrun()
             self.close()
             if overran:
-                self._count(OVERRUN, overran)
+                self.counts[OVERRUN] += overran
 
     @property
     def elapsed_s(self) -> float:
@@ -128,9 +129,9 @@ class LiveRelay:
             if end_ns is not None and now_ns >= end_ns:
                 self.stop.reason = "the time is over"
                 break
-            wait_s = LOOK_S if next_ns is None else min(LOOK_S, max(0.0, (next_ns - now_ns) * 1e-9))
+            wait_s = POLL_S if next_ns is None else min(POLL_S, max(0.0, (next_ns - now_ns) * 1e-9))
             for ready in select.select([self._clients, *self._flows], [], [], wait_s)[0]:
-                self._hear(ready, buffer)
+                self._receive(ready, buffer)
             now_ns = clock()
             next_ns = relay.next_ns
             if next_ns is not None and next_ns <= now_ns:
@@ -142,7 +143,7 @@ class LiveRelay:
                     self._end(flow)
                 self.each_second(now_ns)
 
-    def _hear(self, ready: socket.socket, buffer: memoryview) -> None:
+    def _receive(self, ready: socket.socket, buffer: memoryview) -> None:
         relay, clock = self.relay, time.monotonic_ns
         flow = self._flows.get(ready)
         for _ in range(MOST_AT_ONCE):
@@ -150,89 +151,84 @@ class LiveRelay:
                 size, address = ready.recvfrom_into(buffer)
             except BlockingIOError:
                 return
-            except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
+            except OSError as error:  # of an earlier datagram; this one is not lost
                 self._failed(flow.up if flow is not None else None, error)
                 return
             datagram, now_ns = bytes(buffer[:size]), clock()
             if flow is not None:
                 relay.from_server(datagram, flow, now_ns)
-            elif (heard := relay.from_client(datagram, address, now_ns)) is not None and heard not in self._ways:
-                self._begin(heard)
+            elif (client := relay.from_client(datagram, address, now_ns)) is not None and client not in self._sockets:
+                self._begin(client)
             if (next_ns := relay.next_ns) is not None and next_ns <= now_ns:
                 relay.due(now_ns)
                 self._flush()
 
     def _begin(self, flow: Flow) -> None:
-        """A way to the server for a new client."""
+        """Open the socket towards the server for a new client."""
         try:
-            direction = socket.socket(self._far[0], socket.SOCK_DGRAM)
-            direction.setblocking(False)
-            enlarge(direction)
-            direction.connect(self._far[1])
+            server = socket.socket(self._far[0], socket.SOCK_DGRAM)
+            server.setblocking(False)
+            enlarge(server)
+            server.connect(self._far[1])
         except OSError as error:
             self._failed(flow.up, error)
             return
-        self._ways[flow] = direction
-        self._flows[direction] = flow
-        self.say(f"flow {flow.number}: {_text(flow.address)} by way of {_text(direction.getsockname())}")
+        self._sockets[flow] = server
+        self._flows[server] = flow
+        self.say(f"flow {flow.number}: {_text(flow.address)} by way of {_text(server.getsockname())}")
 
     def _end(self, flow: Flow) -> None:
         self.say(f"flow {flow.number}: {_text(flow.address)} was idle for too long, and is over")
-        direction = self._ways.pop(flow, None)
-        if direction is not None:
-            self._overran += overrun(direction)
-            del self._flows[direction]
-            direction.close()
+        server = self._sockets.pop(flow, None)
+        if server is not None:
+            self._overran += overrun(server)
+            del self._flows[server]
+            server.close()
 
     def _flush(self) -> None:
         outbox = self.relay.outbox
         while outbox:
             lane, datagram = outbox.popleft()
             if lane.direction == "up":
-                self._put_up(lane, datagram)
+                self._send_up(lane, datagram)
                 continue
             try:
                 self._clients.sendto(datagram, lane.flow.address)  # type: ignore[call-overload]  # the socket's own
             except OSError as error:
                 lane.not_sent += 1
-                self._count(f"to a client: {error.strerror}")
+                self.counts[f"to a client: {error.strerror}"] += 1
 
-    def _put_up(self, lane: Lane, datagram: bytes) -> None:
-        direction = self._ways.get(lane.flow)
-        if direction is None:
+    def _send_up(self, lane: Lane, datagram: bytes) -> None:
+        server = self._sockets.get(lane.flow)
+        if server is None:
             lane.not_sent += 1
             return
         try:
-            direction.send(datagram)
-        except (
-            ConnectionRefusedError
-        ) as error:  # an earlier one found no one; the socket has told that, and takes the next
+            server.send(datagram)
+        except ConnectionRefusedError as error:  # of an earlier datagram, reported now; the socket takes the next
             self._failed(lane, error)
             try:
-                direction.send(datagram)
+                server.send(datagram)
             except OSError as again:
                 self._failed(lane, again)
                 lane.not_sent += 1
         except OSError as error:
             lane.not_sent += 1
-            self._count(f"to the server: {error.strerror}")
+            self.counts[f"to the server: {error.strerror}"] += 1
 
     def _failed(self, lane: Lane | None, error: OSError) -> None:
-        """Trouble that an earlier datagram had, as ICMP told it."""
+        """Count the failure of an earlier datagram, as ICMP reported it."""
         if lane is not None and isinstance(error, ConnectionRefusedError):
             lane.refused += 1
         else:
-            self._count(f"{'to a client' if lane is None else 'to the server'}: {error.strerror}")
-
-    def _count(self, name: str, more: int = 1) -> None:
-        self.counts[name] = self.counts.get(name, 0) + more
+            self.counts[f"{'to a client' if lane is None else 'to the server'}: {error.strerror}"] += 1
 
     def _overrun(self) -> int:
-        return self._overran + sum(overrun(each) for each in (self._clients, *self._ways.values()))
+        return self._overran + sum(overrun(each) for each in (self._clients, *self._sockets.values()))
 
 
 def _is_ours(family: socket.AddressFamily, address: Any) -> bool:
-    """Whether it is an address of this machine: only those can be bound."""
+    """Return whether an address is of this machine: only those can be bound."""
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((address[0], 0, *address[2:]))
