@@ -15,8 +15,8 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.receiver import receiver as line
 from cogrip.protocol.line.sender import Frame, LineSender
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.ports import WavePort
 from cogrip.server.seat_limits import SeatLimits
+from cogrip.server.wave_port import WavePort
 
 M, FRAME_S = 8, 1 / 128
 HELD_N, ROOT = 9.7, 40**0.5
@@ -214,7 +214,7 @@ class Ends:
         self.client.end_frame()
         mark = (self.client.made_j, self.client.port_j, 0)
         assert self.port._receiver.receive(*self.client._sender.contents(), mark)
-        self.port.take(1)
+        self.port.pop(1)
 
 
 def test_a_force_that_is_held_for_hours_is_no_energy_made() -> None:

@@ -38,6 +38,7 @@ from cogrip.protocol.session import (
 )
 from cogrip.protocol.settings import digest
 from cogrip.server.core import ServerCore
+from cogrip.server.inputs import Kick, Stop
 
 from tests.protocol.two_ends import MS, SETTINGS, exchange, hello, seated, server, waves
 
@@ -177,21 +178,21 @@ def test_a_goodbye_without_an_answer_ends_too() -> None:
 
 def test_a_server_that_stops_says_why() -> None:
     client, core = seated()
-    core.stop("maintenance")
+    core.handle(Stop("maintenance"), 1)
     exchange(client, core, 1)
     assert (client.state, client.failed, client.ended) == ("closed", "the server said goodbye: maintenance", "")
 
 
 def test_a_server_that_is_told_to_end_is_no_failure() -> None:
     client, core = seated()
-    core.stop("the server was stopped (SIGTERM)")
+    core.handle(Stop("the server was stopped (SIGTERM)"), 1)
     exchange(client, core, 1)
     assert (client.state, client.failed, client.ended) == ("closed", "", "the server was stopped (SIGTERM)")
 
 
 def test_a_kick_that_talks_of_a_stop_is_a_kick() -> None:
     client, core = seated()
-    core.kick("anna", reason="the server was stopped")
+    core.handle(Kick("anna", reason="the server was stopped"), 1)
     exchange(client, core, 1)
     assert client.failed.startswith("the server said goodbye: ")
     assert not client.ended

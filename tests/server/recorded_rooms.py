@@ -12,17 +12,24 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
-from cogrip.protocol.recording.records import Command
+from cogrip.protocol.recording.records import Input
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.recorder import COMMAND, KINDS, RecordedServer, server_topics
+from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
+from cogrip.server.recorder import INPUT, KINDS, RecordedServer, server_topics
 
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 
 FRAME_NS = 1_000_000_000 // 128
 STEP = len(KINDS)
-ADDRESSES = [("127.0.0.1", 4001), ("127.0.0.1", 4002), ("::1", 4003, 0, 0), "person 3", ("10.0.0.7", 65535)]
+ADDRESSES: list[str | tuple[str | int, ...]] = [
+    ("127.0.0.1", 4001),
+    ("127.0.0.1", 4002),
+    ("::1", 4003, 0, 0),
+    "person 3",
+    ("10.0.0.7", 65535),
+]
 TICKET = "secret-of-a-seat-"
 TOKEN = "secret-of-a-room-1234"
 Word = tuple[int, str, int, float]  # who, what, which of that kind, how large
@@ -66,9 +73,11 @@ class Server(RecordedEnd):
         self.tickets = [""]
 
     def ticks_in(self, noted: Sequence[Put]) -> int:
-        """Steps that were noted one by one, and those of rooms at rest."""
-        commands = [msgspec.json.decode(payload, type=Command) for topic, _, payload in noted if topic == COMMAND]
-        return sum(topic >= STEP for topic, *_ in noted) + sum(command.count for command in commands)
+        """Return the number of steps, those of deserted rooms too."""
+        inputs = [
+            decode(msgspec.json.decode(payload, type=Input).value) for topic, _, payload in noted if topic == INPUT
+        ]
+        return sum(topic >= STEP for topic, *_ in noted) + sum(each.steps for each in inputs if isinstance(each, Idle))
 
     def hello(self, who: int, **changed: object) -> bytes:
         given: dict[str, object] = {
@@ -134,6 +143,9 @@ class Server(RecordedEnd):
                     self._welcomed(ADDRESSES.index(address), answer.session)  # type: ignore[arg-type]
         self.core.outbox.clear()
 
+    def handle(self, given: ServerInput) -> None:
+        self.core.handle(given, self.now_ns)
+
     def _welcomed(self, who: int, session: int) -> None:
         if self.session[who] != session:
             self.session[who] = session
@@ -158,7 +170,7 @@ class Server(RecordedEnd):
 
 
 def scripted() -> Server:
-    """A session with every kind of message and every command, in two rooms."""
+    """A session with every kind of message and every input, in two rooms."""
     server = Server(a_room("lab", "ab", object={"axes": 2}), a_room("hall", "z", object={"axes": 2}))
     server.hear((0, "hello", 0, 0.0), (1, "hello", 0, 0.0), (1, "hello", 0, 0.0), (4, "newer", 0, 0.0))
     server.hear((2, "hello by name", 2, 0.0), (3, "hello", 0, 0.0), (4, "garbage", 7, 0.0))
@@ -171,17 +183,17 @@ def scripted() -> Server:
     server.run(10, (1, 4))
     server.hear((2, "by token", 1, 0.0), (3, "by token", 2, 0.0))
     server.run(8, (1, 4))
-    server.core.unbind_address(ADDRESSES[1])
+    server.handle(UnbindAddress(ADDRESSES[1]))
     server.tick(0)
     server.hear((3, "comes back with another device", 1, 0.0), (3, "comes back", 1, 0.0))
     server.run(6, (3, 4))
-    server.core.kick("b", "lab", "too wild")
+    server.handle(Kick("b", "lab", "too rough"))
     server.hear((0, "looks on", 0, 0.0), (2, "next", 0, 0.1))
-    server.core.revoke(["p", "q"])
+    server.handle(Revoke(("p", "q")))
     server.tick(0)
-    server.core.stop("the time is over")
+    server.handle(Stop("the time is over"))
     server.hear((4, "leave", 0, 0.0))
-    server.core.close_ledger()
+    server.handle(CloseLedger())
     return server
 
 

@@ -3,9 +3,9 @@
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.ports import StatePort
-from cogrip.server.room import MOST_EARLIER, Seat
+from cogrip.server.participants import MOST_EARLIER, Seat
 from cogrip.server.seat_limits import SeatLimits
+from cogrip.server.state_port import StatePort
 
 SETTINGS = resolve({"coupling": {"kind": "coupling"}, "users": [{"name": "anna"}]})
 

@@ -69,7 +69,7 @@ def hold(room: Room, frames: range, number: int = 0) -> None:
 
 
 def take_seat(room: Room, number: int = 0) -> None:
-    room.take_seat(number, 1, 1, ("127.0.0.1", number), 0, PHANTOM)
+    room.take_seat(number, 1, 1, 0, PHANTOM)
 
 
 def maker(*rooms: Room) -> SnapshotMaker:

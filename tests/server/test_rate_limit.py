@@ -42,7 +42,7 @@ def test_sizes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("question", "budget", "says"),
+    ("query", "budget", "says"),
     [
         ("contact", "address", "address budget"),
         ("contact", "contacts", "contact budget"),
@@ -103,7 +103,7 @@ def test_one_address_spends_its_own_budget_whatever_its_port() -> None:
     assert doors.contact(BEN, 1) == doors.handshake(BEN, 1) == ""
 
 
-@pytest.mark.parametrize(("question", "budget"), [("contact", "contacts"), ("handshake", "handshakes")])
+@pytest.mark.parametrize(("query", "budget"), [("contact", "contacts"), ("handshake", "handshakes")])
 def test_each_class_of_addresses_has_a_budget_of_its_own(query: str, budget: str) -> None:
     doors = rate_limiter(**{budget: Budget(10, 4)})
     ask = getattr(doors, query)

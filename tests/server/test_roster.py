@@ -1,10 +1,11 @@
-"""Who is there, as a keeper is told."""
+"""The roster, as an administrator sees it."""
 
 import msgspec
 
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Heartbeat, Leave, Stamp
 from cogrip.protocol.session import ClientSession
+from cogrip.server.inputs import UnbindAddress
 from cogrip.server.io.control import MOST_ANSWER_BYTES, Answer
 from cogrip.server.roster import MOST_PRESENT, RosterEntry, people_of
 
@@ -34,7 +35,7 @@ def test_an_observer_is_listed_behind_the_seats_and_who_lost_the_address_is_away
     looks = ClientSession(hello("", 9, role="observer"))
     looks.call(0)
     exchange(looks, core, 0, "there")
-    core.unbind_address("anna's")
+    core.handle(UnbindAddress("anna's"), 90 * S)
     first, second = people_of(core.rooms, 90 * S)
     assert (first.name, first.seat, first.address) == ("anna", 0, "away")
     assert (second.name, second.seat, second.address, second.since_s, second.lost) == (

@@ -200,7 +200,7 @@ def test_how_far_a_hand_may_have_gone_in_silence_is_the_same_at_every_rate(netwo
 @pytest.mark.parametrize(("network_hz", "views"), [(32, 32), (48, 24), (64, 32), (128, 32), (1000, 31), (1024, 32)])
 def test_views_are_no_more_than_a_picture_needs_at_any_rate(network_hz: int, views: int) -> None:
     room = Room(resolve({"rates": {"device_hz": 8 * network_hz, "network_hz": network_hz}}))
-    room.observer_slots.enter(1, 1, "x", 0)
+    room.observer_slots.enter(1, 1, 0)
     sent = sum(len(room.observer_slots.views(step, room.world, [], 0)) for step in range(1, network_hz + 1))
     assert sent == views <= VIEWS_HZ
 

@@ -1,6 +1,5 @@
 """The server without I/O: who gets a seat, what is dropped and under which name, how people leave."""
 
-from collections import deque
 from itertools import count
 
 import numpy as np
@@ -9,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol import messages
+from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, digest, resolve
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
-from cogrip.server.room import Address
+from cogrip.server.inputs import Stop
 from cogrip.sim.session.laboratory import Laboratory
 
 FRAME_NS = 1_000_000_000 // 128
@@ -38,7 +38,9 @@ class Desk:
 
     def heard(self, address: Address) -> list[messages.AnyMessage]:
         mine = [messages.decode(datagram) for to, datagram in self.core.outbox if to == address]
-        self.core.outbox = deque((to, datagram) for to, datagram in self.core.outbox if to != address)
+        others = [(to, datagram) for to, datagram in self.core.outbox if to != address]
+        self.core.outbox.clear()
+        self.core.outbox.extend(others)
         return mine
 
     def hello(self, address: Address, name: str = "", nonce: int = 1, **changed: object) -> messages.AnyMessage:
@@ -338,14 +340,14 @@ def test_stopping_says_farewell_to_everyone() -> None:
     desk = Desk(room("one"), room("two"))
     desk.seat("x")
     assert isinstance(desk.hello("y", room="two"), Welcome)
-    desk.core.stop("closing time")
+    desk.core.handle(Stop("closing time"), desk.now_ns)
     for address in "xy":
         (farewell,) = desk.heard(address)
         assert isinstance(farewell, Farewell)
         assert farewell.reason == "closing time"
         assert farewell.room is not None
     assert all(seat.state == "free" for one in desk.core.rooms for seat in one.seats)
-    desk.core.stop("again")
+    desk.core.handle(Stop("again"), desk.now_ns)
     assert not desk.core.outbox
 
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.small_room import SmallGripWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 

@@ -28,6 +28,7 @@ from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator
 from cogrip.server.events import OF_STRANGERS, ServerEvent
 from cogrip.server.rate_limit import Buckets, Budget
@@ -134,7 +135,7 @@ class LiveServer:
             with self._socket:
                 self._loop(pacers)
                 self._farewell()
-            self.core.close_ledger()
+            self.core.handle(inputs.CloseLedger(), time.monotonic_ns())
         finally:
             release(measures)
             self.core.record(Nowhere())
@@ -230,7 +231,7 @@ class LiveServer:
                 )
 
     def _farewell(self) -> None:
-        self.core.stop(f"the server was {self.stop.reason}")
+        self.core.handle(inputs.Stop(f"the server was {self.stop.reason}"), time.monotonic_ns())
         self._send()
         until_ns = time.monotonic_ns() + LINGER_NS
         while (now_ns := time.monotonic_ns()) < until_ns and self.core.awaits_accounts:
@@ -256,11 +257,11 @@ class LiveServer:
                 self._received += count
                 break
             except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
-                self.core.socket_failed(str(error.strerror))
+                self.core.handle(inputs.SocketFailed(str(error.strerror)), now_ns)
                 continue
             carried = unseal(datagram, address, now_ns)
             while renewed:
-                self.core.unbind_address(renewed.popleft())
+                self.core.handle(inputs.UnbindAddress(renewed.popleft()), now_ns)  # type: ignore[arg-type]
             for message in carried:
                 take(message, address, now_ns)
         else:
@@ -282,7 +283,7 @@ class LiveServer:
             try:
                 put(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
-                self.core.socket_failed(str(error.strerror))
+                self.core.handle(inputs.SocketFailed(str(error.strerror)), time.monotonic_ns())
 
 
 def _cannot_listen(host: str, port: int, error: OSError) -> ServeError:

@@ -18,12 +18,12 @@ ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
 
 
 class StiffnessAdapter:
-    """`heed` once a frame. `told` is what people should hear of, `withheld` how many changes they do not hear of at
+    """`update` once a frame. `reported` is what people should hear of, `withheld` how many changes they do not hear of at
     once: taken by setting them back."""
 
     __slots__ = (
         "_aim", "_every", "_frames", "_goal", "_grows", "_heard", "_loops", "_seat", "_seen", "_used", "_words",
-        "_words_every", "reached", "told", "withheld",
+        "_words_every", "reached", "reported", "withheld",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, loops: LoopMeter) -> None:
@@ -39,10 +39,10 @@ class StiffnessAdapter:
         self._words_every = WORD_EVERY_S * seat.rates.network_hz
         self._heard = True  # `reached` as people heard it last
         self.reached = True
-        self.told = ""
+        self.reported = ""
         self.withheld = 0
 
-    def heed(self) -> float | None:
+    def update(self) -> float | None:
         """The stiffness to aim at from now on [N/m], None if nothing changes."""
         self._frames += 1
         if self._frames % self._words_every == 0 and self._words < WORDS:
@@ -78,7 +78,7 @@ class StiffnessAdapter:
         if self._words and self._used is not None and self.reached is not self._heard:
             self._words -= 1
             self._heard = self.reached
-            self.told = self._text(self._used)
+            self.reported = self._text(self._used)
 
     def _text(self, loop: int) -> str:
         coupling, compliance_mpn = self._seat.coupling, self._seat.line_compliance(loop)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
@@ -77,7 +78,7 @@ class Housekeeping:
                     )
                     checkpoint_file.remove(writer.path)
                 elif data is not None:
-                    core.restore(decode(data), time.monotonic_ns())
+                    core.handle(inputs.Restore(decode(data)), time.monotonic_ns())
             except (CheckpointError, StateError, OSError) as error:
                 self._trouble(f"{writer.path}: room {room} begins anew: {error}")
         while core.events:
@@ -101,7 +102,7 @@ class Housekeeping:
         if self._control is not None:
             for request in self._control.poll(now_ns):
                 self._obey(request)
-        kept = [(seat.session, seat.ticket) for room in self._server.core.rooms for seat in room.seats]
+        kept = [(seat.session, seat.ticket_hash) for room in self._server.core.rooms for seat in room.seats]
         if kept != self._kept:  # whoever has just sat down must be known to the next server as well
             self._kept = kept
             self._write_checkpoints(self._server.core.rooms)
@@ -184,7 +185,9 @@ class Housekeeping:
 
     def _end_revoked(self) -> int:
         revoked = self._authenticator.revoked() if self._authenticator is not None else set()
-        return self._server.core.revoke(revoked) if revoked else 0
+        if not revoked:
+            return 0
+        return self._server.core.handle(inputs.Revoke(tuple(sorted(revoked))), time.monotonic_ns())
 
     def _obey(self, request: Request) -> None:
         assert self._control is not None
@@ -206,7 +209,7 @@ class Housekeeping:
         tokens = {
             who.token for room, who in core.roster() if who.name == order.user and order.room in ("", room.name)
         } - {""}
-        if not core.kick(order.user, order.room, order.reason):
+        if not core.handle(inputs.Kick(order.user, order.room, order.reason), time.monotonic_ns()):
             here = ", ".join(who.name for _, who in core.roster())
             return f"nobody here is {order.user!r}; there is: {here or 'nobody'}", False
         if order.revoke and self._authenticator is not None:

@@ -1,4 +1,4 @@
-"""The messages of a recording in the order in which they happened, with a view ahead to what a core was told when it asked."""
+"""The messages of a recording in the order in which they happened, with a view ahead to the answers that a core was given."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import msgspec
 
 from cogrip.protocol.recording.reader import Damage, Message, Recording
-from cogrip.protocol.recording.records import Asked, Gap, kind_of
+from cogrip.protocol.recording.records import Answer, Gap, kind_of
 
-_asked = msgspec.json.Decoder(Asked).decode
+_answer = msgspec.json.Decoder(Answer).decode
 
 
 class UntoldError(Exception):
@@ -27,7 +27,7 @@ class ReplayInput:
         self.last_ns = 0
         self._messages = self._read()
         self._ahead: deque[Message] = deque()
-        self._answers: deque[Asked] = deque()
+        self._answers: deque[Answer] = deque()
 
     def _read(self) -> Iterator[Message]:
         recording = self.recording
@@ -47,8 +47,8 @@ class ReplayInput:
 
     def _take(self, message: Message) -> None:
         self._ahead.append(message)
-        if self.kinds[message.topic] == "asked":
-            self._answers.append(_asked(message.payload))
+        if self.kinds[message.topic] == "answer":
+            self._answers.append(_answer(message.payload))
 
     def __iter__(self) -> Iterator[Message]:
         while True:
@@ -63,8 +63,8 @@ class ReplayInput:
             self.last_ns = message.time_ns
             yield message
 
-    def asked(self) -> Asked:
-        """What the core was told when it asked: the next such answer. Raises UntoldError if there is none."""
+    def answer(self) -> Answer:
+        """Return the next answer that the core was given. Raises UntoldError if there is none."""
         while not self._answers:
             following = next(self._messages, None)
             if following is None:

@@ -72,4 +72,4 @@ def _compare(replay_input: ReplayInput, play: Play, comparison: Comparison, clos
             comparison.finish()
     except UntoldError:
         if closed and replay_input.hole is None:
-            comparison.untold(replay_input.last_ns, f"/{replay_input.recording.header.who}/asked")
+            comparison.untold(replay_input.last_ns, f"/{replay_input.recording.header.who}/answer")
