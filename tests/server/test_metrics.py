@@ -86,7 +86,7 @@ def test_a_snapshot_says_what_the_room_knows():
     )  # 40 ms there and back, 3.99 s ahead
     for tick in (0, 1, 5):
         pacer.take(pacer.due_ns(tick) + 300_000)
-    snapshot = SnapshotMaker([room], {"lab": pacer}, "1.2.3").look(
+    snapshot = SnapshotMaker([room], {"lab": pacer}, "1.2.3").make(
         2.5, {"malformed": 3, "rate": 1}, {"malformed": 4}, rtt_ns={("lab", 0): 41_000_000}, datagrams=(7, 8)
     )
     (seen,) = snapshot.rooms
@@ -132,15 +132,15 @@ def test_tick_times_are_in_seconds_and_skips_are_counted():
 
 def test_least_margins_stay_when_the_seat_is_left_and_taken_again():
     room = a_room()
-    look = maker(room).look
+    make = maker(room).make
     take_seat(room)
     room.seats[0].line_margin_j = -0.25
-    assert look(0.5).rooms[0].least_line_margin_j == -0.25
+    assert make(0.5).rooms[0].least_line_margin_j == -0.25
     room.leave_seat(0, "leave")
-    left = look(1.0).rooms[0]
+    left = make(1.0).rooms[0]
     assert (left.seated, left.least_line_margin_j, left.seats[0].line_margin_j) == (0, -0.25, -0.25)
     take_seat(room)
-    again = look(1.5).rooms[0]
+    again = make(1.5).rooms[0]
     assert (again.least_line_margin_j, again.seats[0].line_margin_j) == (-0.25, 0.0)
 
 
@@ -148,12 +148,12 @@ def test_least_margins_stay_when_the_seat_is_left_and_taken_again():
 def test_every_room_gets_new_percentiles_in_turn(count):
     rooms = [a_room(f"r{number}", ("anna",)) for number in range(count)]
     pacers = {room.name: Pacer(128, 0) for room in rooms}
-    look = SnapshotMaker(rooms, pacers, "1").look
-    look(0.0)
+    make = SnapshotMaker(rooms, pacers, "1").make
+    make(0.0)
     for pacer in pacers.values():
         pacer.take(1_000_000)
     needed = -(-count // REFRESHED_ROOMS)
-    seen = [look(number * 0.5) for number in range(needed)]
+    seen = [make(number * 0.5) for number in range(needed)]
     assert all(room.late.max_s == pytest.approx(1e-3) for room in seen[-1].rooms)
     assert len([room for room in seen[0].rooms if room.late.max_s]) == min(count, REFRESHED_ROOMS)
 
@@ -163,8 +163,8 @@ def test_looking_is_not_recorded():
     core = scripted().core
     puts: list[object] = []
     core.record(type("Sink", (), {"put": lambda self, *message: puts.append(message)})())
-    look = maker(*core.rooms).look
-    assert look(1.0, core.dropped) == look(1.0, core.dropped)
+    make = maker(*core.rooms).make
+    assert make(1.0, core.dropped) == look(1.0, core.dropped)
     assert puts == []
     core.rooms[0].account()
     assert puts, "as an account is"
@@ -176,7 +176,7 @@ def test_what_is_not_finite_is_said_as_such():
     room.world.position = np.array([nan])
     room.travel_m = inf
     room.diverged = "the object left the workspace at (nan,) m"
-    back = decode(encode(maker(room).look(1.0)))
+    back = decode(encode(maker(room).make(1.0)))
     assert back.rooms[0].position_m == (None,)
     assert back.rooms[0].travel_m is None
     samples = scraped(back)
@@ -294,7 +294,7 @@ def test_names_units_and_help_are_what_prometheus_asks_for():
     room = a_room()
     take_seat(room)
     hold(room, range(5))
-    for family in families(maker(room).look(1.0, {"malformed": 1}, datagrams=(1, 1))):
+    for family in families(maker(room).make(1.0, {"malformed": 1}, datagrams=(1, 1))):
         assert family.name.startswith("cogrip_")
         assert family.documentation.endswith(".")
         assert not family.name.endswith("_total"), "the format adds it"

@@ -15,7 +15,7 @@ from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Kick, Restore, Revoke, Stop
 from cogrip.server.room import RESERVED_NS
-from cogrip.server.roster import people_of
+from cogrip.server.roster import roster_of
 
 from tests.server.test_server_core import Desk, hello, room, waves
 
@@ -169,7 +169,7 @@ def test_a_long_device_address_is_known_whole_and_comes_back() -> None:
     desk = Guarded()
     first = desk.welcome("x", device=device)
     assert desk.core.events[-1].text.endswith(f"with {device}")
-    assert [each.device for each in people_of(desk.core.rooms, desk.now_ns)] == [device]
+    assert [each.device for each in roster_of(desk.core.rooms, desk.now_ns)] == [device]
     assert isinstance(desk.again("y", first.ticket, device=device), Welcome)
     other = device.replace("start_s=2", "start_s=3")
     assert isinstance(desk.again("z", first.ticket, device=other), Refuse), "it is a part of the record"

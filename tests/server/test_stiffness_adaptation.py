@@ -10,7 +10,7 @@ from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
-from cogrip.server.stiffness_adaptation import FOLLOW_S, WORD_EVERY_S, WORDS, StiffnessAdapter
+from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
 from cogrip.server.worlds.small_room import SmallGripWorld
@@ -113,13 +113,13 @@ def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others(
     followed.hear(5, 200)
     heard = swing(followed, 600)
     at_once = [frame for frame, _ in heard if frame < 8 * 128]
-    assert len(at_once) == WORDS
-    assert WORDS < len(heard) <= WORDS + 600 // WORD_EVERY_S
+    assert len(at_once) == REPORTS
+    assert REPORTS < len(heard) <= REPORTS + 600 // REPORT_EVERY_S
     for number, (_, words) in enumerate(heard):  # each says something else than the one before
         assert ("out of reach" in words) == (number % 2 == 0)
     changes = 600 - 1  # one in each second but the first
-    assert followed.adapter.withheld >= changes - WORDS - 600 // WORD_EVERY_S
-    assert followed.adapter.withheld <= changes - WORDS
+    assert followed.adapter.withheld >= changes - REPORTS - 600 // REPORT_EVERY_S
+    assert followed.adapter.withheld <= changes - REPORTS
 
 
 @pytest.mark.parametrize("loop", [5, 13])
@@ -127,8 +127,8 @@ def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
     followed = Followed()
     followed.hear(5, 200)
     heard = swing(followed, 9)
-    assert len(heard) == WORDS
-    followed.hear(loop, 3 * WORD_EVERY_S * 128)
+    assert len(heard) == REPORTS
+    followed.hear(loop, 3 * REPORT_EVERY_S * 128)
     reached = loop == 5
     assert followed.adapter.reached is reached
     assert followed.adapter.reported == "" if reached else "out of reach" in followed.adapter.reported
@@ -147,8 +147,8 @@ def test_what_was_not_said_is_counted_by_name() -> None:
         core.tick(room, second)
         told += sum(event.event == "stiffness" for event in core.events)
         core.events.clear()
-    assert told == WORDS
-    assert core.dropped == {"stiffness word": 39 - WORDS}
+    assert told == REPORTS
+    assert core.dropped == {"stiffness word": 39 - REPORTS}
 
 
 @given(st.lists(st.tuples(st.integers(1, 4096), st.integers(1, 400)), max_size=12))
