@@ -68,7 +68,7 @@ def test_it_takes_a_seat_holds_and_comes_back_by_its_ticket(start, sealed, tmp_p
         ticket, session = anna.session.welcome.ticket, anna.session.welcome.session
         again = person(link, "anna", 2, ticket)  # from another port, with another handshake and no token
         held_again = joined(again)
-        server.hear("anna goes on from")
+        server.hear("anna resumed from")
         assert again.session.welcome.session == session
         held_again.run(0.5)
         assert held_again.tally().received > 30

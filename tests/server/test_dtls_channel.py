@@ -22,7 +22,7 @@ from cogrip.server.io.dtls_channel import (
     MOST_ASKED,
     MOST_LEFT,
     MOST_UNSEATED,
-    TOLD,
+    REPORTED,
     WAITS_NS,
     DtlsListener,
 )
@@ -404,11 +404,11 @@ def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(folder: P
     wire = Wire(folder)
     for number in range(50):
         wire.inject(messages.padded(HELLO), ("10.0.0.7", number))
-    assert len(wire.listener.events) == TOLD.burst
+    assert len(wire.listener.events) == REPORTED.burst
     assert wire.listener.dropped == {"refused: sealed": 50}
     wire.now_ns += 1_000_000_000
     wire.inject(messages.padded(HELLO), ("10.0.0.7", 99))
-    assert len(wire.listener.events) == TOLD.burst + 1
+    assert len(wire.listener.events) == REPORTED.burst + 1
 
 
 def test_a_flood_of_hellos_from_forged_addresses_keeps_nobody_out_who_was_in(folder: Path) -> None:

