@@ -50,7 +50,7 @@ def draw(world: World, random: np.random.Generator) -> None:
     world.velocity = random.uniform(-1.0, 1.0, world.axes)
     world.external_force = random.uniform(-5.0, 5.0, world.axes)
     world.side = random.choice([-1.0, 1.0], count)
-    world.roster[:] = True
+    world.holding[:] = True
 
 
 def grip(count: int, dimensions: int, seed: int) -> tuple[GripWorld, Array]:
@@ -286,11 +286,11 @@ def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, see
     for _ in range(200):
         user = int(random.integers(count))
         if random.random() < 0.1:
-            if world.roster[user]:
+            if world.holding[user]:
                 world.leave(user)
             else:
                 world.join(user, random.uniform(-0.3, 0.3, dimensions))
-        u = np.where(world.roster[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
+        u = np.where(world.holding[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
         budget += came_in(u, world.step(u))
         assert stored(world) <= budget + 1e-12 * (1.0 + abs(budget))
         assert np.all(world.stiffness <= world.target_stiffness * (1.0 + 1e-12))
