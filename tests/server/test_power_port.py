@@ -41,7 +41,7 @@ class Seat:
     def step(self, message: Power | None) -> tuple[float, ...]:
         if message is not None:
             assert self.port.receive(message)
-        if not self.world.roster[0]:
+        if not self.world.holding[0]:
             assert self.port.origin is not None
             self.world.join(0, self.world.position + self.port.origin)
         (answer,) = self.world.advance([self.port.pop(1)])

@@ -174,7 +174,7 @@ class CoresFrame:
         N = len(self.seats)
         world = make_world(self.seats)
         world.stiffness, world.damping = world.target_stiffness.copy(), world.target_damping.copy()
-        world.roster[:] = True
+        world.holding[:] = True
         place = 0.0
         if not self.session.fixed:
             world.position, world.velocity = server[N : N + 1].copy(), server[N + 1 : N + 2].copy()
