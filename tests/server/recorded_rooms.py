@@ -39,7 +39,7 @@ def a_room(name: str = "lab", people: str = "ab", **tables: object) -> Settings:
     return resolve({"name": name, "users": [{"name": person} for person in people], **tables})
 
 
-class Door:
+class Tokens:
     """Lets a token in as what its first letter says; none as well."""
 
     def admit(self, hello: Hello) -> Grant | Denied:
@@ -60,8 +60,8 @@ class Server(RecordedEnd):
         sessions, asked = count(2**63 - 1000), count(1)
         tickets = count(1)
         core = RecordedServer(
-            self.rooms, "test", lambda: next(sessions), Door(), lambda: f"{TICKET}{next(tickets):05}",
-            lambda ticket: f"mark{zlib.crc32(ticket.encode()):08x}",
+            self.rooms, "test", lambda: next(sessions), Tokens(), lambda: f"{TICKET}{next(tickets):05}",
+            lambda ticket: f"hash{zlib.crc32(ticket.encode()):08x}",
         )  # fmt: skip
         super().__init__(core, server_topics([room.name for room in self.rooms]))
         for room in self.core.rooms:  # the pacer of a live loop tells more every time
@@ -108,7 +108,7 @@ class Server(RecordedEnd):
         return datagram
 
     def hellos(self, who: int, number: int) -> dict[str, Callable[[], bytes]]:
-        """Of those who may sit down, and of those who may not."""
+        """Return the hellos of people who may join and of people who may not."""
         names = [user.name for room in self.rooms for user in room.users]
         return {
             "hello": lambda: self.hello(who),
@@ -123,7 +123,7 @@ class Server(RecordedEnd):
             "newer": lambda: self.hello(who).replace(b"cogrip\x03", b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
             "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
-            "looks on": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
+            "observes": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
             "comes back": lambda: self.hello(who, ticket=self.tickets[-1 - number % len(self.tickets)]),
             "comes back with another device": lambda: self.hello(
                 who, ticket=self.tickets[-1 - number % len(self.tickets)], device="sim:phantom"
@@ -152,7 +152,7 @@ class Server(RecordedEnd):
             self.lines[who] = LineSender(self.rooms[0].object.axes, 4)
 
     def tick(self, number: int, words: Sequence[Word] = (), frames: int = 1, later_ns: int = FRAME_NS) -> None:
-        """What came is heard, then a room is stepped."""
+        """Receive what came, then step a room."""
         self.now_ns += later_ns
         self.hear(*words)
         room = self.core.rooms[number % len(self.core.rooms)]
@@ -188,7 +188,7 @@ def scripted() -> Server:
     server.hear((3, "comes back with another device", 1, 0.0), (3, "comes back", 1, 0.0))
     server.run(6, (3, 4))
     server.handle(Kick("b", "lab", "too rough"))
-    server.hear((0, "looks on", 0, 0.0), (2, "next", 0, 0.1))
+    server.hear((0, "observes", 0, 0.0), (2, "next", 0, 0.1))
     server.handle(Revoke(("p", "q")))
     server.tick(0)
     server.handle(Stop("the time is over"))

@@ -180,7 +180,7 @@ def test_a_message_that_is_left_out_is_found(at: int) -> None:
 
 
 def test_an_answer_that_is_left_out_before_one_of_another_kind_is_found() -> None:
-    """Answers are told in their order: without it a session's number is told where a loop's ticks are asked for."""
+    """Answers are given in order: without it a session's number would be given for a loop's ticks."""
     out_of_step = [at for at, then in pairwise(SCRIPT.places("answer")) if _tells_ticks(at) and not _tells_ticks(then)]
     assert out_of_step
     for at in out_of_step:

@@ -20,7 +20,7 @@ def claimed(margin_j: float) -> ClientAccount:
     )
 
 
-def test_claims_crowd_no_sitting_out_that_was_measured_as_bad() -> None:
+def test_claims_push_out_no_seat_session_that_was_measured_as_bad() -> None:
     seat = Seat(seat_settings(SETTINGS, 0))
     seat.last = measured(-0.7)
     seat.close_seat_session()

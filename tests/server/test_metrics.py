@@ -1,4 +1,4 @@
-"""What monitoring sees: snapshots of a room, the verdict on them, the process that serves both, alive, killed and stopped."""
+"""Metrics: snapshots of a room, health, and the process that serves both, alive, killed and stopped."""
 
 import http.client
 import json
@@ -54,7 +54,7 @@ def a_room(name: str = "lab", people: tuple[str, ...] = ("anna", "ben")) -> Room
 
 
 def waves(frame: int, value: float = 0.1) -> Waves:
-    """Frame `frame` alone, honest in its books."""
+    """Frame `frame` alone, with a true energy ledger."""
     made_j = (frame + 1) * value * value * FRAME_NS * 0.5e-9
     return Waves(1, frame, (value,), (frame * value,), (frame * value * value,), made_j, 0.0, 0, Stamp(1), (0.0, 0.0))
 
@@ -158,7 +158,7 @@ def test_every_room_gets_new_percentiles_in_turn(count):
     assert len([room for room in seen[0].rooms if room.late.max_s]) == min(count, REFRESHED_ROOMS)
 
 
-def test_looking_is_not_recorded():
+def test_a_snapshot_is_not_recorded():
     """A replay would be asked for what nobody had asked."""
     core = scripted().core
     puts: list[object] = []
@@ -347,7 +347,7 @@ OWN_THREADS = 2  # of the process: one takes snapshots in, one listens
 
 
 def threads_of(pid: int) -> int:
-    """How many threads the process has that serves pages."""
+    """Return the number of threads of the metrics process."""
     return len(os.listdir(f"/proc/{pid}/task"))
 
 
@@ -477,7 +477,7 @@ def test_an_asker_who_hangs_up_is_counted(site):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the threads of another process in /proc")
 def test_so_many_connections_are_answered_at_once_and_no_more(site):
-    """The others are closed unheard; once there is room again everybody is answered."""
+    """The others are closed at once; when there is room again everybody is answered."""
     site.feed.put(state(1.0))
     site.await_uptime(1.0)
     held = [socket.create_connection(("127.0.0.1", site.feed.port), timeout=LIMIT_S) for _ in range(MOST_AT_ONCE)]

@@ -93,7 +93,7 @@ def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
     nothing_is_judged_after_a_gap(SCRIPT, min(at, len(SCRIPT.noted)))
 
 
-def test_a_room_where_nobody_sits_writes_nothing_until_somebody_comes() -> None:
+def test_a_deserted_room_writes_nothing_until_somebody_joins() -> None:
     server = Server(a_room("lab", "ab"), a_room("hall", "z"))
     server.run(50, ())
     assert server.noted == []
@@ -125,7 +125,7 @@ def test_a_scripted_session_has_everything() -> None:
 
 
 def test_no_secret_stands_in_a_recording() -> None:
-    """Tickets are there by their marks, tokens by the ids of their grants."""
+    """Only hashes of tickets and ids of tokens are recorded."""
     noted = b" ".join(payload for *_, payload in SCRIPT.noted)
     datagrams = b" ".join(
         msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data
@@ -134,7 +134,7 @@ def test_no_secret_stands_in_a_recording() -> None:
     for secret in (TICKET.encode(), TOKEN.encode()):
         assert secret not in noted
         assert secret not in datagrams
-    assert b"mark" in datagrams
+    assert b"hash" in datagrams
 
 
 def test_a_restored_server_plays_again() -> None:
@@ -160,7 +160,7 @@ def test_a_core_starts_from_what_the_header_says() -> None:
 
 
 def test_what_the_socket_refused_is_an_input_too() -> None:
-    """It stands in the books that are closed at the end."""
+    """It is part of the ledger at the end."""
     server = Server()
     server.hear((0, "hello", 0, 0.0))
     server.run(5, (0,))

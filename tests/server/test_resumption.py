@@ -46,7 +46,7 @@ class Guarded(Desk):
         self.authenticator = Tokens()
         self.core = ServerCore(
             rooms or (room(),), "test", lambda: next(sessions), self.authenticator, lambda: f"{server}ticket-{next(tickets)}",
-            lambda ticket: f"mark of {ticket}",
+            lambda ticket: f"hash of {ticket}",
         )  # fmt: skip
         self.now_ns = 1_000_000_000
 
@@ -72,7 +72,7 @@ class Guarded(Desk):
         ({"token": "r", "room": "lab"}, "room", "for room 'hall', not 'lab'"),
     ],
 )
-def test_who_has_no_right_is_refused_in_words(changed: dict[str, object], code: str, words: str) -> None:
+def test_a_hello_without_admission_is_refused_in_words(changed: dict[str, object], code: str, words: str) -> None:
     desk = Guarded()
     refuse = desk.refused("x", **changed)
     assert refuse.code == code
@@ -97,7 +97,7 @@ def test_a_token_for_one_seat_gives_that_seat() -> None:
     assert desk.refused("y", token="b", nonce=2).code == "taken"
 
 
-def test_a_seat_goes_on_from_another_address_with_the_same_session() -> None:
+def test_a_seat_is_resumed_from_another_address_with_the_same_session() -> None:
     desk = Guarded()
     first = desk.welcome("x")
     desk.say(waves(first.session, 0, 0.1), "x")
@@ -117,7 +117,7 @@ def test_a_seat_goes_on_from_another_address_with_the_same_session() -> None:
     assert not desk.heard("x")
 
 
-def test_who_was_silent_too_long_sits_down_again_with_a_new_line() -> None:
+def test_a_client_that_was_silent_too_long_resumes_with_a_new_line() -> None:
     desk = Guarded()
     first = desk.welcome("x")
     desk.say(waves(first.session, 0, 0.1), "x")
@@ -164,7 +164,7 @@ def test_a_ticket_does_not_open_a_seat_for_another_device_record(changed: dict[s
     assert desk.core.knows("x")
 
 
-def test_a_long_device_address_is_known_whole_and_comes_back() -> None:
+def test_a_long_device_address_is_known_whole_and_resumes() -> None:
     device = "replay:/var/lab/2026/anna/the third of the runs#user=anna&start_s=2"
     desk = Guarded()
     first = desk.welcome("x", device=device)
@@ -220,7 +220,7 @@ def test_an_observer_sees_the_object_and_who_holds_it() -> None:
     assert views[-1].proxies_m == tuple(desk.core.rooms[0].world.proxy(0).tolist())
 
 
-def test_a_player_may_look_on_where_it_asks_to() -> None:
+def test_a_player_may_observe_on_request() -> None:
     desk = Guarded()
     assert desk.welcome("x", role="observer").role == "observer"
     assert not any(seat.port for seat in desk.core.rooms[0].seats)
@@ -256,7 +256,7 @@ def test_places_for_observers_are_counted_per_room() -> None:
     assert isinstance(desk.again("q", "ticket-1", token="o"), Welcome)
 
 
-def test_an_observer_goes_on_from_another_address() -> None:
+def test_an_observer_resumes_from_another_address() -> None:
     desk = Guarded()
     first = desk.welcome("o", token="o")
     again = desk.again("p", first.ticket)
@@ -309,7 +309,7 @@ def test_a_seat_is_kept_for_so_long_and_no_longer() -> None:
     assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
 
 
-def test_whoever_finds_no_free_seat_hears_how_many_are_kept_and_for_how_long() -> None:
+def test_a_refusal_says_how_many_seats_are_reserved_and_for_how_long() -> None:
     before, _ = moved()
     before.welcome("y", name="ben", nonce=2)
     (checkpoint,) = before.core.checkpoint()
@@ -370,11 +370,11 @@ def test_a_checkpoint_of_a_later_version_is_refused() -> None:
 def test_secrets_are_in_no_checkpoint() -> None:
     before, player = moved()
     data = encode(before.core.checkpoint()[0])
-    assert b"mark of" in data
-    assert player.ticket.encode() not in data.replace(b"mark of " + player.ticket.encode(), b"")
+    assert b"hash of" in data
+    assert player.ticket.encode() not in data.replace(b"hash of " + player.ticket.encode(), b"")
 
 
-def test_a_seat_that_was_ended_is_told_again_while_it_goes_on() -> None:
+def test_the_farewell_of_a_seat_that_was_ended_is_repeated_while_it_sends() -> None:
     """Else a lost farewell would undo a kick: the client would fall silent, and come back by its token."""
     desk = Guarded()
     player = desk.welcome("x")
@@ -386,7 +386,7 @@ def test_a_seat_that_was_ended_is_told_again_while_it_goes_on() -> None:
     assert desk.heard("x") == [first] * 5
 
 
-def test_whoever_says_hello_too_often_is_not_heard() -> None:
+def test_hellos_have_a_budget() -> None:
     desk = Guarded()
     for nonce in range(20):
         desk.core.receive(messages.padded(hello(token="p", nonce=nonce + 1)), "x", desk.now_ns)
@@ -412,7 +412,7 @@ def test_an_address_that_changed_seats_keeps_the_new_one() -> None:
     assert "not seated" not in desk.core.dropped
 
 
-def test_sitting_down_anew_brings_in_no_more_power() -> None:
+def test_taking_the_seat_anew_brings_in_no_more_power() -> None:
     desk = Guarded(room(admission={"power_w": 0.01}))
     player = desk.welcome("x")
     here, number, brought_j = desk.core.rooms[0], 0, 0.0
@@ -459,8 +459,8 @@ def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left() -> None
     assert desk.core.rooms[0].diverged  # of this run it stays true
 
 
-def test_a_sitting_is_not_judged_by_what_others_did_before() -> None:
-    """After a year of work through one seat the books of the next sitting are as exact as those of the first."""
+def test_a_seat_session_begins_with_an_empty_energy_ledger() -> None:
+    """After a year of work the ledger of the next session is as exact as that of the first."""
     desk = Guarded()
     player, here = desk.welcome("x"), desk.core.rooms[0]
     for number in range(64):
@@ -474,7 +474,7 @@ def test_a_sitting_is_not_judged_by_what_others_did_before() -> None:
     assert list(here.world.worked()) == [0.0, 1.0], "and nobody else's are touched"
 
 
-def test_who_brings_nothing_in_is_silent_whatever_they_say() -> None:
+def test_a_client_whose_waves_do_not_fit_counts_as_silent() -> None:
     """Waves that do not fit keep no seat; heartbeats do: a device may take long to open."""
     desk = Guarded(room(people=("anna", "ben", "carl")))
     fits, unfit, waits = [desk.welcome(name, name=name, nonce=n) for n, name in enumerate(("anna", "ben", "carl"), 1)]

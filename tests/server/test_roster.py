@@ -14,7 +14,7 @@ from tests.protocol.two_ends import MS, exchange, hello, seated, server, waves
 S = 1_000 * MS
 
 
-def test_a_person_is_listed_from_sitting_down_to_leaving() -> None:
+def test_a_person_is_listed_from_joining_to_leaving() -> None:
     _, core = seated(now_ns=5 * S)
     [anna] = roster_of(core.rooms, 7 * S)
     assert anna == RosterEntry("anna", "lab", "anna's", 2.0, 0, "sim:phantom", None, None, None, 0, False)

@@ -1,4 +1,4 @@
-"""What a seat may bring in: never more than a device with its record could, whatever its player sends."""
+"""Seat limits: a player brings in at most what a device with its record could."""
 
 from math import hypot, sqrt
 
@@ -84,7 +84,7 @@ def test_no_player_brings_in_more_power_than_the_limit(steps: list[tuple[float, 
 
 @given(st.floats(0.0, 100.0), st.floats(0.01, 5.0))
 def test_a_hand_that_holds_still_is_never_limited(force_n: float, power_w: float) -> None:
-    """At rest u = F / sqrt(2b) comes and v = -u goes, whatever the force."""
+    """A hand at rest: u = F / sqrt(2b) comes and v = -u goes, whatever the force."""
     bound = limiter(power_w=power_w)
     u = force_n / sqrt(40.0)
     level = 0.0
@@ -145,7 +145,7 @@ def state(number: int, place: float, speed: float = 0.0) -> State:
 
 
 def believes(bound: StateLimiter, told: State) -> bool:
-    """As a port does, whose receiver takes it."""
+    """Judge a state as a port does, whose receiver accepts it."""
     fits = bound.fits(told)
     if fits:
         bound.took(told)

@@ -134,7 +134,7 @@ def test_a_client_that_does_not_fit(changed: dict[str, object], code: str, words
 
 
 def test_a_device_is_held_against_its_own_seats_rate() -> None:
-    """Whoever names no seat gets the first that the device fits; a name gets its own seat or the reason."""
+    """A hello without a name gets the first seat that the device fits; a name gets its own seat or the reason."""
     fast = resolve({"name": "lab", "users": [{"name": "anna", "device_hz": 4096}, {"name": "ben"}]})
     desk = Desk(fast)
     refuse = desk.refused("x", name="anna", rate_hz=4095.0)
@@ -149,7 +149,7 @@ def test_a_device_is_held_against_its_own_seats_rate() -> None:
     assert welcome.settings.rates == Rates(4096, 128)
 
 
-def test_another_protocol_version_is_told_so() -> None:
+def test_another_protocol_version_is_refused_in_words() -> None:
     desk = Desk()
     future = [1, "cogrip", 99, "future", 7, "whatever", {"new": "things"}]
     assert desk.say(messages.encode(future), "x") == [], "short ones get no answer in any version"
@@ -177,14 +177,14 @@ def test_a_client_that_starts_again_at_its_address_loses_its_old_seat() -> None:
 
 
 def test_a_short_hello_is_not_answered() -> None:
-    """Or a stranger's forged address would get more than the stranger sent."""
+    """Else a forged address would get more than was sent."""
     desk = Desk()
     assert desk.say(messages.encode(hello()), "x") == []
     assert desk.core.dropped == {"short hello": 1}
     assert desk.core.rooms[0].seats[0].state == "free"
 
 
-def test_no_answer_to_a_stranger_is_longer_than_the_question() -> None:
+def test_no_answer_to_an_unauthenticated_peer_is_longer_than_the_request() -> None:
     desk = Desk(room("n" * 40, people=tuple(letter * 40 for letter in "abcd")))
     for name in ("", "a" * 40, "z" * 40):
         query = messages.padded(hello(name=name))

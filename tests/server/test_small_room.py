@@ -1,4 +1,4 @@
-"""A room of few people is stepped in plain floats: the same answers, the same energy as by the arrays."""
+"""Rooms of few people in plain floats: the same answers and the same energy as with arrays."""
 
 from fractions import Fraction
 

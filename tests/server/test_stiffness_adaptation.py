@@ -1,4 +1,4 @@
-"""A spring that follows the measured delay: how it is told to, and that it never makes energy of it."""
+"""Stiffness adaptation to the measured delay, without making energy."""
 
 import numpy as np
 import pytest
@@ -196,7 +196,7 @@ def people(count: int, axes: int, kind: str, follow: bool, random: np.random.Gen
 
 
 def stored_j(world: World) -> float:
-    """Of object and springs."""
+    """Return the energy of object and springs."""
     kinetic = 0.5 * world.mass_kg * float((world.velocity**2).sum())
     if isinstance(world, PushWorld):
         depth = np.maximum(0.0, world.side * (world.hand[:, 0] - world.position[0]))

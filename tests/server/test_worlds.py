@@ -226,7 +226,7 @@ def test_a_face_lets_go_exactly_at_its_break_point(aside: float, touches: bool) 
 
 @given(users, axes, seeds, st.integers(1, 40), st.sampled_from(["faces", "wall"]))
 def test_push_never_creates_energy(count: int, dimensions: int, seed: int, steps: int, kind: str) -> None:
-    """At every step, and so over all of them: what is stored never exceeds what was there and what came in."""
+    """Stored energy never exceeds what was there and what came in, at every step."""
     world, _ = push(count, dimensions, seed, kind)
     random = np.random.default_rng(seed + 1)
     budget = stored(world)

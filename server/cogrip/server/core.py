@@ -91,7 +91,7 @@ class ServerCore:
 
     @property
     def awaits_accounts(self) -> bool:
-        """Whether a client whose seat was ended by `Stop` has not sent its account yet."""
+        """Return whether a client whose seat was ended by `Stop` has not sent its account yet."""
         return any(seat.last is not None and seat.account is None for room in self.rooms for seat in room.seats)
 
     def checkpoint(self) -> list[RoomCheckpoint]:

@@ -21,7 +21,7 @@ class ObserverSlots:
 
     @property
     def full(self) -> bool:
-        """Whether every slot is taken."""
+        """Return whether every slot is taken."""
         return len(self.observers) >= self.places
 
     def enter(self, session: int, nonce: int, now_ns: int) -> Observer:

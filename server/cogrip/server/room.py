@@ -147,7 +147,7 @@ class Room:
 
     @property
     def deserted(self) -> bool:
-        """Whether there is neither a seat session nor an observer."""
+        """Return whether there is neither a seat session nor an observer."""
         return not self.observer_slots.observers and not any(seat.port for seat in self.seats)
 
     def silent(self, now_ns: int) -> list[Seat]:

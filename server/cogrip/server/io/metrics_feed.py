@@ -74,7 +74,7 @@ class MetricsFeed:
 
     @property
     def answered(self) -> bool:
-        """Whether the process has answered."""
+        """Return whether the process has answered."""
         return self._answered
 
     def put(self, snapshot: Snapshot) -> None:

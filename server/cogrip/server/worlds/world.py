@@ -120,12 +120,12 @@ class World(ABC):
 
     @property
     def left_workspace(self) -> bool:
-        """Whether the object is outside the workspace, or not a number."""
+        """Return whether the object is outside the workspace, or not a number."""
         return not all(abs(place) <= WORKSPACE_M for place in self.motion()[: self.axes])
 
     @property
     def out_of_reach(self) -> bool:
-        """Whether nobody can hold the object where it is, or it is not a number."""
+        """Return whether nobody can hold the object where it is, or it is not a number."""
         return not all(abs(place) <= REACH_M for place in self.motion()[: self.axes])
 
 
