@@ -19,19 +19,18 @@ from pathlib import Path
 
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import (
-    CHANGE_CIPHER_SPEC,
-    DATA,
     HANDSHAKE,
     RECORD_HEADER_BYTES,
     ClientRecords,
 )
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES
+from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
+from cogrip.server.io.dtls_peer import Peer, is_of_handshake, is_of_session
 from cogrip.server.io.free_memory import trim
-from cogrip.server.rate_limit import Buckets, Budget, RateLimiter, network_of
+from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
 
 MOST_OPEN = 1024
@@ -81,9 +80,9 @@ class DtlsListener:
         self._context = server_context(identity, lambda _: self._cookies[0], lambda _, cookie: self._fits(cookie))
         self._listener = Association(self._context, server=True)
         self._event_budget = Buckets(1, REPORTED)
-        self._half: dict[Address, _Peer] = {}
-        self._open: dict[Address, _Peer] = {}
-        self._unseated: dict[Address, _Peer] = {}  # open, without a seat
+        self._half: dict[Address, Peer] = {}
+        self._open: dict[Address, Peer] = {}
+        self._unseated: dict[Address, Peer] = {}  # open, without a seat
         self._sweep_ns = 0
         self._handshakes = 0  # handshakes since `trim`
 
@@ -107,7 +106,7 @@ class DtlsListener:
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         peer = self._open.get(address)
-        if peer is not None and peer.seated and _of_session(datagram):  # nearly all: a short cut of the general case
+        if peer is not None and peer.seated and is_of_session(datagram):  # nearly all: a short cut of the general case
             reason = self._rate_limiter.peer(address, now_ns)
             if not reason:
                 return self._decrypt(peer, datagram, address, now_ns)
@@ -135,7 +134,7 @@ class DtlsListener:
         if reason:
             self._drop(reason)
             return ()
-        if half is not None and (peer is None or _of_handshake(datagram)):
+        if half is not None and (peer is None or is_of_handshake(datagram)):
             return self._continue_handshake(half, datagram, address, now_ns)
         assert peer is not None
         if not peer.seated and not self._may_request(peer, address, now_ns):
@@ -145,13 +144,13 @@ class DtlsListener:
             self._repeat(peer, address)
         return self._decrypt(peer, passed, address, now_ns) if passed else ()
 
-    def _repeat(self, peer: "_Peer", address: Address) -> None:
+    def _repeat(self, peer: Peer, address: Address) -> None:
         """Repeat the last flight: a client that has not received it repeats its own (RFC 6347 section 4.2.4)."""
         if peer.repeats < MOST_REPEATS and not peer.has_received:
             peer.repeats += 1
             self.outbox.extend([(address, datagram) for datagram in peer.last_flight])
 
-    def _decrypt(self, peer: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+    def _decrypt(self, peer: Peer, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         received = self._bounded(peer.association.feed(datagram), address, now_ns)
         if not received:
             self._drop("not of this seal")
@@ -170,7 +169,7 @@ class DtlsListener:
                 return received[:place]
         return received
 
-    def _may_request(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
+    def _may_request(self, peer: Peer, address: Address, now_ns: int) -> bool:
         """Return whether a peer may send: without a seat only some datagrams, as each refusal costs the server time."""
         if self._update_seated(peer, address, now_ns):
             return True
@@ -181,7 +180,7 @@ class DtlsListener:
         self.close(address)
         return False
 
-    def _update_seated(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
+    def _update_seated(self, peer: Peer, address: Address, now_ns: int) -> bool:
         """Return whether this association has a seat now, and note a change."""
         seated = self._seated(address)
         if seated != peer.seated:
@@ -222,7 +221,7 @@ class DtlsListener:
     def _drop(self, reason: str) -> None:
         self.dropped[reason] += 1
 
-    def _take(self, peer: "_Peer", address: Address, *, last: bool = False) -> None:
+    def _take(self, peer: Peer, address: Address, *, last: bool = False) -> None:
         """Send what an association has to send. last: this is the end of a handshake."""
         datagrams = peer.association.take()
         if last:
@@ -276,9 +275,9 @@ class DtlsListener:
         if not complete:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(_Peer(self._listener, nonce, address, now_ns, records), address)
+        self._admit(Peer(self._listener, nonce, address, now_ns, records, MOST_ASKED), address)
 
-    def _admit(self, peer: "_Peer", address: Address) -> None:
+    def _admit(self, peer: Peer, address: Address) -> None:
         self._listener = Association(self._context, server=True)
         self._handshakes += 1
         peer.had_seat = self._rate_limiter.was_seated(address, peer.since_ns)
@@ -308,7 +307,7 @@ class DtlsListener:
         else:
             self.close(oldest.address)
 
-    def _continue_handshake(self, half: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+    def _continue_handshake(self, half: Peer, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         association = half.association
         half.requests += 1
         if half.requests > MOST_SHAKING:
@@ -343,12 +342,12 @@ class DtlsListener:
         self._open[address] = self._unseated[address] = half
         return received
 
-    def _fail(self, peer: "_Peer", address: Address, now_ns: int) -> None:
+    def _fail(self, peer: Peer, address: Address, now_ns: int) -> None:
         reason = peer.association.failed
         self._drop(f"handshake failed: {reason}")
         self._report(f"refused {place_text(address)}: {reason}", address, "seal", now_ns)
 
-    def _end(self, address: Address, peer: "_Peer") -> None:
+    def _end(self, address: Address, peer: Peer) -> None:
         del self._open[address]
         self._unseated.pop(address, None)
         self._drop(f"seal ended: {peer.association.failed}")
@@ -382,44 +381,3 @@ class DtlsListener:
     def _fits(self, cookie: bytes) -> bool:
         now, before = self._cookies
         return hmac.compare_digest(cookie, now) or hmac.compare_digest(cookie, before)
-
-
-class _Peer:
-    """Association with its handshake's nonce, and the time since its last change of state."""
-
-    __slots__ = (
-        "address", "association", "had_seat", "has_received", "last_flight", "most_requests", "network", "nonce", "records",
-        "repeats", "requests", "seated", "since_ns",
-    )  # fmt: skip
-
-    def __init__(
-        self, association: Association, nonce: bytes, address: Address, now_ns: int, records: ClientRecords
-    ) -> None:
-        self.association = association
-        self.nonce = nonce
-        self.address = address
-        self.network = network_of(address)
-        self.records = records
-        self.since_ns = now_ns
-        self.seated = False  # at the last check
-        self.had_seat = False  # or its address had one lately
-        self.has_received = False  # a message
-        self.requests = 0  # datagrams of this handshake, then those without a seat
-        self.most_requests = MOST_ASKED
-        self.last_flight: Sequence[bytes] = ()
-        self.repeats = 0  # of the last flight
-
-
-def _of_session(datagram: bytes) -> bool:
-    """Return whether a datagram is one encrypted record of messages, by its header."""
-    return (
-        RECORD_HEADER_BYTES < len(datagram) <= MAX_DATAGRAM_BYTES
-        and datagram[0] == DATA
-        and bool(datagram[3] or datagram[4])
-        and len(datagram) == RECORD_HEADER_BYTES + int.from_bytes(datagram[11:13], "big")
-    )
-
-
-def _of_handshake(datagram: bytes) -> bool:
-    """Return whether a datagram can only be of a handshake: all but messages, and encrypted alerts."""
-    return datagram[0] in (CHANGE_CIPHER_SPEC, HANDSHAKE) or not (datagram[3] or datagram[4])
