@@ -18,7 +18,7 @@ from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.jitter_buffer import Frames
 from cogrip.protocol.settings import resolve
-from cogrip.server.ports import WavePort
+from cogrip.server.wave_port import WavePort
 from cogrip.sim.session.laboratory import Laboratory
 
 CLEAN = "clean link"

@@ -39,7 +39,7 @@ from tests.bench.impaired_network.matrix import (
 from tests.bench.impaired_network.room import NETWORKS
 from tests.bench.own_settings import refuse_own
 
-MOST_TOLD = 10
+MOST_EVENTS = 10
 LEAST_WIDTH = 132
 ROOMS = 8  # kinds of rooms: seeds that are so far apart have the same
 DRAWN = "each room is another, by its seed"
@@ -163,11 +163,11 @@ def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str
     console.print(_session_table(sessions, seconds - rest_from_s(seconds)))
     if cubes:
         console.print(_loose_table(cubes))
-    for job, why in failures[:MOST_TOLD]:
+    for job, why in failures[:MOST_EVENTS]:
         what = f"{job.network}, {job.people} people, K = {job.stiffness_npm:g}, seed {job.seed}"
         console.print(f"✗ {what}{f', loose, {job.scheme}' if job.scheme else ''}: {why}", markup=False)
-    if len(failures) > MOST_TOLD:
-        console.print(f"... and {len(failures) - MOST_TOLD} more")
+    if len(failures) > MOST_EVENTS:
+        console.print(f"... and {len(failures) - MOST_EVENTS} more")
     console.print(f"{len(pairs)} of {asked} sessions run; {len(failures)} did not show what they must")
     if json:
         write_json(finite({"impaired": msgspec.to_builtins(sessions), "loose": msgspec.to_builtins(cubes)}), json)

@@ -18,8 +18,8 @@ from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame, LineSender
 from cogrip.protocol.messages import Stamp
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.ports import WavePort
 from cogrip.server.seat_limits import SeatLimits
+from cogrip.server.wave_port import WavePort
 
 M, FRAME_S = 8, 1 / 128
 HELD_N, ROOT = 9.7, 40**0.5
@@ -215,7 +215,7 @@ class Ends:
         self.client.end_frame()
         message = self.client.message(1, Stamp(0), (0.0,), (0.0,), (0.0,))
         assert self.port.receive(msgspec.structs.replace(message, made_j=message.made_j - hidden_j))
-        self.port.take(1)
+        self.port.pop(1)
 
 
 def test_a_force_that_is_held_for_hours_is_no_energy_made() -> None:

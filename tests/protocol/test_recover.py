@@ -84,11 +84,11 @@ def played(path: Path) -> Verdict:
 
 
 def ticks_in(source: Path, messages: Sequence[Message]) -> int:
-    """Ticks of a client, or steps of a server: also those that are only counted, as nobody sat there."""
+    """Return the ticks of a client, or the steps of a server, those of deserted rooms too."""
     kinds = [kind_of(topic) for topic in open_recording(source).topics]
-    commands = [msgspec.json.decode(each.payload) for each in messages if kinds[each.topic] == "command"]
-    resting: int = sum(command["count"] for command in commands if command["verb"] == "rest")
-    return resting + sum(kinds[message.topic] in ("tick", "step") for message in messages)
+    inputs = [msgspec.json.decode(each.payload) for each in messages if kinds[each.topic] == "input"]
+    idle: int = sum(msgspec.json.decode(each["value"])["steps"] for each in inputs if each["kind"] == "idle")
+    return idle + sum(kinds[message.topic] in ("tick", "step") for message in messages)
 
 
 def saved(source: Path, data: bytes, folder: Path, cut: bool | None = None) -> Recovered:

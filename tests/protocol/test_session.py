@@ -35,6 +35,7 @@ from cogrip.protocol.session import (
 )
 from cogrip.protocol.settings import digest
 from cogrip.server.core import ServerCore
+from cogrip.server.inputs import Kick, Stop
 
 from tests.protocol.two_ends import MS, SETTINGS, exchange, hello, seated, server, waves
 
@@ -182,14 +183,14 @@ def test_a_goodbye_without_an_answer_ends_too() -> None:
 )
 def test_a_server_that_stops_says_why(reason: str, failed: str, ended: str) -> None:
     client, core = seated()
-    core.stop(reason)
+    core.handle(Stop(reason), 1)
     exchange(client, core, 1)
     assert (client.state, client.failed, client.ended) == ("closed", failed, ended)
 
 
 def test_a_kick_that_talks_of_a_stop_is_a_kick() -> None:
     client, core = seated()
-    core.kick("anna", reason="the server was stopped")
+    core.handle(Kick("anna", reason="the server was stopped"), 1)
     exchange(client, core, 1)
     assert client.failed.startswith("the server said goodbye: ")
     assert not client.ended

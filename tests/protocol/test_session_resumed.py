@@ -15,6 +15,7 @@ from cogrip.protocol.session import (
     ClientSession,
 )
 from cogrip.server.core import ServerCore
+from cogrip.server.inputs import Kick, Restore
 
 from tests.protocol.two_ends import MS, exchange, hello, seated, server, waves
 
@@ -87,9 +88,8 @@ def test_another_address_takes_the_seat_along() -> None:
 
 def test_a_server_that_was_started_anew_gives_another_session() -> None:
     client, core = quiet()
-    again = server(tickets=True)
-    again._new_session = lambda: 777
-    again.restore(core.checkpoint()[0], 5)
+    again = server(tickets=True, first_session=777)
+    again.handle(Restore(core.checkpoint()[0]), 5)
     exchange(client, again, 5 + QUIET_NS, "anna's")
     assert client.welcome is not None
     assert (client.state, client.welcome.session, client.resumed, client.renewed) == ("seated", 777, 0, 1)
@@ -111,7 +111,7 @@ def test_a_seat_that_timed_out_is_had_again_by_its_ticket() -> None:
 
 def test_one_who_was_kicked_does_not_come_back() -> None:
     client, core = quiet()
-    core.kick("anna")
+    core.handle(Kick("anna"), 5)
     core.outbox.clear()
     second = ClientSession(hello(nonce=8))
     second.connect(6)

@@ -21,9 +21,9 @@ def hello(name: str = "anna", nonce: int = 7, **other: object) -> Hello:
     return msgspec.structs.replace(made, **other)
 
 
-def server(tickets: bool = False) -> ServerCore:
-    """Sessions are numbered from 100, tickets are called ticket-1, ticket-2 ..., where there are any."""
-    numbers, made = count(100), count(1)
+def server(tickets: bool = False, first_session: int = 100) -> ServerCore:
+    """Sessions are numbered from `first_session`, tickets are called ticket-1, ticket-2 ..., where there are any."""
+    numbers, made = count(first_session), count(1)
     return ServerCore(
         [SETTINGS], "1", lambda: next(numbers), new_ticket=lambda: f"ticket-{next(made)}" if tickets else ""
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A sealed server and its callers on one wire, in virtual time, with faults as verbs.
+"""Encrypted server and its clients on one wire, in virtual time, with faults as verbs.
 
 OpenSSL's own timers run on the machine's clock and never fire in so short a time: what is repeated here, the call repeats.
 """
@@ -59,7 +59,7 @@ class Wire:
         return call
 
     def seal(self, address: Address = ANNA) -> DtlsClient:
-        """Someone calls until there is a seal."""
+        """Let a client connect until it has an association."""
         call = self.call(address)
         self.until(lambda: call.ready(PEER) and self.listener.ready(address))
         return call

@@ -1,4 +1,4 @@
-"""A million strangers: seeded mutations of real traffic against the plain and the sealed door.
+"""A million unauthenticated peers: seeded mutations of real traffic against unencrypted and encrypted channel.
 
     python -m tests.server.fuzzed_channels sealed 1000000
 
@@ -61,8 +61,8 @@ def mutated(chance: random.Random, datagram: bytes, others: Sequence[bytes]) -> 
     return bytes(changed[: MAX_DATAGRAM_BYTES + 8])
 
 
-def plain_traffic() -> list[bytes]:
-    """Hellos and waves, as a plain port hears them."""
+def unencrypted_traffic() -> list[bytes]:
+    """Return hellos and waves as an unencrypted port receives them."""
     traffic = []
     for number in range(8):
         hello = make_hello(
@@ -75,7 +75,7 @@ def plain_traffic() -> list[bytes]:
     return traffic
 
 
-def sealed_traffic(wire: Wire) -> list[tuple[Address, bytes]]:
+def encrypted_traffic(wire: Wire) -> list[tuple[Address, bytes]]:
     """Every flight of handshakes that were done, in both directions, and what was said after them; with whose it was."""
     for address in (ANNA, BEN):
         wire.seal(address)
@@ -84,12 +84,12 @@ def sealed_traffic(wire: Wire) -> list[tuple[Address, bytes]]:
     return [(address, datagram) for _, address, datagram in wire.log]
 
 
-def fuzz_plain(datagrams: int, seed: int) -> dict[str, int]:
-    """Strangers, and a seated peer whose address is used by others, at the plain door. Returns the drops."""
+def fuzz_unencrypted(datagrams: int, seed: int) -> dict[str, int]:
+    """Send to an unencrypted channel, also from the address of a seated peer. Returns the drops."""
     chance = random.Random(seed)
     seated: Address = ("10.0.0.1", 4001)
     authenticator = UnencryptedListener(RateLimiter(b"s" * 16, LIMITS), lambda address: address == seated)
-    traffic = plain_traffic()
+    traffic = unencrypted_traffic()
     now_ns = passed = 0
     for _ in range(datagrams):
         now_ns += FLOOD_NS
@@ -111,11 +111,11 @@ def fuzz_plain(datagrams: int, seed: int) -> dict[str, int]:
     return authenticator.dropped
 
 
-def fuzz_sealed(datagrams: int, folder: Path, seed: int, *, limited: bool = True) -> dict[str, int]:
-    """The same at the sealed door, while a handshake of others goes on now and then. Returns the drops."""
+def fuzz_encrypted(datagrams: int, folder: Path, seed: int, *, limited: bool = True) -> dict[str, int]:
+    """Send to an encrypted channel, during handshakes of others too. Returns the drops."""
     chance = random.Random(seed)
     wire = Wire(folder, LIMITS if limited else NO_LIMITS)
-    standing = [*sealed_traffic(wire), *((BEN, datagram) for datagram in plain_traffic())]
+    standing = [*encrypted_traffic(wire), *((BEN, datagram) for datagram in unencrypted_traffic())]
     traffic, everything = standing, [datagram for _, datagram in standing]
     wire.heard.clear()
     for number in range(datagrams):
@@ -169,10 +169,10 @@ def _visit(wire: Wire, guest: Address) -> list[tuple[Address, bytes]]:
 
 
 def fuzz_call(datagrams: int, folder: Path, seed: int) -> dict[str, int]:
-    """What a server says, mutated, into calls that are open and calls that are at their handshake. Returns the drops."""
+    """Send mutated datagrams of a server to clients with and without an association. Returns the drops."""
     chance = random.Random(seed)
     wire = Wire(folder)
-    said = [datagram for _, datagram in sealed_traffic(wire)] + plain_traffic()
+    said = [datagram for _, datagram in encrypted_traffic(wire)] + unencrypted_traffic()
     anna, calling, dropped = wire.calls[ANNA], wire.call(), dict[str, int]()
     wire.heard.clear()
     for number in range(datagrams):
@@ -199,7 +199,7 @@ def fuzz_call(datagrams: int, folder: Path, seed: int) -> dict[str, int]:
 
 
 def resident_bytes() -> int:
-    """What this process holds in memory."""
+    """Return the resident memory of this process."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * 4096
 
@@ -210,10 +210,10 @@ def main(authenticator: str, datagrams: int) -> None:
 
         def run(count: int, seed: int) -> dict[str, int]:
             if authenticator == "plain":
-                return fuzz_plain(count, seed)
+                return fuzz_unencrypted(count, seed)
             if authenticator == "call":
                 return fuzz_call(count, Path(folder), seed)
-            return fuzz_sealed(count, Path(folder), seed, limited=authenticator != "open")
+            return fuzz_encrypted(count, Path(folder), seed, limited=authenticator != "open")
 
         run(20_000, 0)
         before, begun_ns = resident_bytes(), time.perf_counter_ns()

@@ -12,17 +12,24 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Hello, Leave, Stamp, Welcome
-from cogrip.protocol.recording.records import Command
+from cogrip.protocol.recording.records import Input
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.recorder import COMMAND, KINDS, RecordedServer, server_topics
+from cogrip.server.inputs import CloseLedger, Idle, Kick, Revoke, ServerInput, Stop, UnbindAddress, decode
+from cogrip.server.recorder import INPUT, KINDS, RecordedServer, server_topics
 
 from tests.recorded_end import Put, RecordedEnd, mangled, next_frame, well_formed
 
 FRAME_NS = 1_000_000_000 // 128
 STEP = len(KINDS)
-ADDRESSES = [("127.0.0.1", 4001), ("127.0.0.1", 4002), ("::1", 4003, 0, 0), "person 3", ("10.0.0.7", 65535)]
+ADDRESSES: list[str | tuple[str | int, ...]] = [
+    ("127.0.0.1", 4001),
+    ("127.0.0.1", 4002),
+    ("::1", 4003, 0, 0),
+    "person 3",
+    ("10.0.0.7", 65535),
+]
 TICKET = "secret-of-a-seat-"
 TOKEN = "secret-of-a-room-1234"
 Word = tuple[int, str, int, float]  # who, what, which of that kind, how large
@@ -32,7 +39,7 @@ def a_room(name: str = "lab", people: str = "ab", **tables: object) -> Settings:
     return resolve({"name": name, "users": [{"name": person} for person in people], **tables})
 
 
-class Door:
+class Tokens:
     """Lets a token in as what its first letter says; none as well."""
 
     def admit(self, hello: Hello) -> Grant | Denied:
@@ -53,8 +60,8 @@ class Server(RecordedEnd):
         sessions, asked = count(2**63 - 1000), count(1)
         tickets = count(1)
         core = RecordedServer(
-            self.rooms, "test", lambda: next(sessions), Door(), lambda: f"{TICKET}{next(tickets):05}",
-            lambda ticket: f"mark{zlib.crc32(ticket.encode()):08x}",
+            self.rooms, "test", lambda: next(sessions), Tokens(), lambda: f"{TICKET}{next(tickets):05}",
+            lambda ticket: f"hash{zlib.crc32(ticket.encode()):08x}",
         )  # fmt: skip
         super().__init__(core, server_topics([room.name for room in self.rooms]))
         for room in self.core.rooms:  # the pacer of a live loop tells more every time
@@ -66,9 +73,11 @@ class Server(RecordedEnd):
         self.tickets = [""]
 
     def ticks_in(self, noted: Sequence[Put]) -> int:
-        """Steps that were noted one by one, and those of rooms at rest."""
-        commands = [msgspec.json.decode(payload, type=Command) for topic, _, payload in noted if topic == COMMAND]
-        return sum(topic >= STEP for topic, *_ in noted) + sum(command.count for command in commands)
+        """Return the number of steps, those of deserted rooms too."""
+        inputs = [
+            decode(msgspec.json.decode(payload, type=Input).value) for topic, _, payload in noted if topic == INPUT
+        ]
+        return sum(topic >= STEP for topic, *_ in noted) + sum(each.steps for each in inputs if isinstance(each, Idle))
 
     def hello(self, who: int, **changed: object) -> bytes:
         given: dict[str, object] = {
@@ -99,7 +108,7 @@ class Server(RecordedEnd):
         return datagram
 
     def hellos(self, who: int, number: int) -> dict[str, Callable[[], bytes]]:
-        """Of those who may sit down, and of those who may not."""
+        """Return the hellos of people who may join and of people who may not."""
         names = [user.name for room in self.rooms for user in room.users]
         return {
             "hello": lambda: self.hello(who),
@@ -114,7 +123,7 @@ class Server(RecordedEnd):
             "newer": lambda: self.hello(who).replace(b"cogrip\x03", b"cogrip\x63", 1),
             "short hello": lambda: self.hello(who)[:-1],
             "by token": lambda: self.hello(who, token=f"{'pow'[number % 3]}{TOKEN}", nonce=number + 50),
-            "looks on": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
+            "observes": lambda: self.hello(who, role="observer", token=f"p{TOKEN}"),
             "comes back": lambda: self.hello(who, ticket=self.tickets[-1 - number % len(self.tickets)]),
             "comes back with another device": lambda: self.hello(
                 who, ticket=self.tickets[-1 - number % len(self.tickets)], device="sim:phantom"
@@ -134,13 +143,16 @@ class Server(RecordedEnd):
                     self._welcomed(ADDRESSES.index(address), answer.session)  # type: ignore[arg-type]
         self.core.outbox.clear()
 
+    def handle(self, given: ServerInput) -> None:
+        self.core.handle(given, self.now_ns)
+
     def _welcomed(self, who: int, session: int) -> None:
         if self.session[who] != session:
             self.session[who] = session
             self.lines[who] = LineSender(self.rooms[0].object.axes, 4)
 
     def tick(self, number: int, words: Sequence[Word] = (), frames: int = 1, later_ns: int = FRAME_NS) -> None:
-        """What came is heard, then a room is stepped."""
+        """Receive what came, then step a room."""
         self.now_ns += later_ns
         self.hear(*words)
         room = self.core.rooms[number % len(self.core.rooms)]
@@ -158,7 +170,7 @@ class Server(RecordedEnd):
 
 
 def scripted() -> Server:
-    """A session with every kind of message and every command, in two rooms."""
+    """A session with every kind of message and every input, in two rooms."""
     server = Server(a_room("lab", "ab", object={"axes": 2}), a_room("hall", "z", object={"axes": 2}))
     server.hear((0, "hello", 0, 0.0), (1, "hello", 0, 0.0), (1, "hello", 0, 0.0), (4, "newer", 0, 0.0))
     server.hear((2, "hello by name", 2, 0.0), (3, "hello", 0, 0.0), (4, "garbage", 7, 0.0))
@@ -171,17 +183,17 @@ def scripted() -> Server:
     server.run(10, (1, 4))
     server.hear((2, "by token", 1, 0.0), (3, "by token", 2, 0.0))
     server.run(8, (1, 4))
-    server.core.unbind_address(ADDRESSES[1])
+    server.handle(UnbindAddress(ADDRESSES[1]))
     server.tick(0)
     server.hear((3, "comes back with another device", 1, 0.0), (3, "comes back", 1, 0.0))
     server.run(6, (3, 4))
-    server.core.kick("b", "lab", "too wild")
-    server.hear((0, "looks on", 0, 0.0), (2, "next", 0, 0.1))
-    server.core.revoke(["p", "q"])
+    server.handle(Kick("b", "lab", "too rough"))
+    server.hear((0, "observes", 0, 0.0), (2, "next", 0, 0.1))
+    server.handle(Revoke(("p", "q")))
     server.tick(0)
-    server.core.stop("the time is over")
+    server.handle(Stop("the time is over"))
     server.hear((4, "leave", 0, 0.0))
-    server.core.close_ledger()
+    server.handle(CloseLedger())
     return server
 
 

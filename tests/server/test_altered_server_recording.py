@@ -15,9 +15,10 @@ from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.recording.records import Asked, Command, Datagram, Step
+from cogrip.protocol.recording.records import Answer, Datagram, Input, Step
 from cogrip.protocol.recording.sink import encode
-from cogrip.server.recorder import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT
+from cogrip.server.inputs import Idle, Stop
+from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT
 
 from tests.recorded_end import (
     a_missing_message_is_found,
@@ -118,16 +119,17 @@ def _first(topic: int, record: type[Any], holds: Callable[[Any], bool]) -> tuple
     raise LookupError
 
 
+IDLE_NOWHERE = encode(Input("idle", encode(Idle("attic", 3)).decode()))
 TICKS = encode(TickCount(9, 9)).decode()
 
 
 @pytest.mark.parametrize(
     ("topic", "record", "holds", "change", "found_in", "field"),
     [
-        (ASKED, Asked, lambda asked: asked.session, {"session": 5}, DATAGRAM_OUT, "data"),
-        (ASKED, Asked, lambda asked: asked.ticks, {"ticks": TICKS}, DATAGRAM_OUT, "data"),
-        (ASKED, Asked, lambda asked: asked.ticks, {"room": "hall"}, ASKED, "room"),
-        (COMMAND, Command, lambda command: command.verb == "stop", {"reason": "enough"}, DATAGRAM_OUT, "data"),
+        (ANSWER, Answer, lambda answer: answer.session, {"session": 5}, DATAGRAM_OUT, "data"),
+        (ANSWER, Answer, lambda answer: answer.ticks, {"ticks": TICKS}, DATAGRAM_OUT, "data"),
+        (ANSWER, Answer, lambda answer: answer.ticks, {"room": "hall"}, ANSWER, "room"),
+        (INPUT, Input, lambda given: given.kind == "stop", {"value": encode(Stop("enough")).decode()}, DATAGRAM_OUT, "data"),
         (STEP, Step, lambda step: step.frames == 3, {"frames": 1}, DATAGRAM_OUT, "data"),
         (DATAGRAM_IN, Datagram, lambda heard: True, {"address": '["127.0.0.1",4444]'}, EVENT, "text"),
     ],
@@ -169,17 +171,17 @@ def test_a_wave_that_was_heard_otherwise_is_found_where_it_is_played() -> None:
 
 
 def _tells_ticks(at: int) -> bool:
-    return bool(msgspec.json.decode(SCRIPT.noted[at][2], type=Asked).ticks)
+    return bool(msgspec.json.decode(SCRIPT.noted[at][2], type=Answer).ticks)
 
 
-@given(st.sampled_from([at for at, (topic, *_) in enumerate(SCRIPT.noted) if topic not in (DATAGRAM_IN, COMMAND)]))
+@given(st.sampled_from([at for at, (topic, *_) in enumerate(SCRIPT.noted) if topic not in (DATAGRAM_IN, INPUT)]))
 def test_a_message_that_is_left_out_is_found(at: int) -> None:
     a_missing_message_is_found(SCRIPT, at)
 
 
 def test_an_answer_that_is_left_out_before_one_of_another_kind_is_found() -> None:
-    """Answers are told in their order: without it a session's number is told where a loop's ticks are asked for."""
-    out_of_step = [at for at, then in pairwise(SCRIPT.places("asked")) if _tells_ticks(at) and not _tells_ticks(then)]
+    """Answers are given in order: without it a session's number would be given for a loop's ticks."""
+    out_of_step = [at for at, then in pairwise(SCRIPT.places("answer")) if _tells_ticks(at) and not _tells_ticks(then)]
     assert out_of_step
     for at in out_of_step:
         a_missing_message_is_found(SCRIPT, at)
@@ -188,7 +190,7 @@ def test_an_answer_that_is_left_out_before_one_of_another_kind_is_found() -> Non
 @given(st.integers(0, len(SCRIPT.noted) - 2))
 def test_two_messages_that_changed_places_are_found(at: int) -> None:
     one, other = SCRIPT.noted[at : at + 2]
-    assume({one[0], other[0]} & {DATAGRAM_OUT, EVENT, ACCOUNT, ASKED})  # of two inputs either order is one that may be
+    assume({one[0], other[0]} & {DATAGRAM_OUT, EVENT, ACCOUNT, ANSWER})  # of two inputs either order is one that may be
     assume(one != other)
     changed_places_are_found(SCRIPT, at)
 
@@ -196,7 +198,7 @@ def test_two_messages_that_changed_places_are_found(at: int) -> None:
 @pytest.mark.parametrize(
     "payload",
     [
-        b"", b"{}", b"[]", b"null", b'{"verb":"fly"}', b'{"verb":"rest","reason":"attic","count":3}', b'{"step":1}',
+        b"", b"{}", b"[]", b"null", b'{"kind":"fly","value":"{}"}', IDLE_NOWHERE, b'{"step":1}',
         b'{"data":"?"}', b'{"ticks":"?"}',
     ],
 )  # fmt: skip
@@ -218,4 +220,11 @@ def test_a_start_that_is_none_is_refused_in_words(start: str) -> None:
     server = Server()
     server.core.start = start
     with pytest.raises(RecordingError, match=r"server.mcap cannot be replayed"):
+        server.verdict()
+
+
+def test_a_recording_of_an_earlier_version_is_refused_in_words() -> None:
+    server = Server()
+    server.topics = tuple(topic.replace("/input", "/command") for topic in server.topics)
+    with pytest.raises(RecordingError, match=r"server.mcap cannot be replayed: it was recorded by an earlier version"):
         server.verdict()

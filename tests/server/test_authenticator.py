@@ -1,4 +1,4 @@
-"""The door of a sealed server: the file as it is now, marks that hold at once, and a broken book that puts nobody out."""
+"""Authenticator of an encrypted server: the newest file, changes that hold at once, a broken book that ends no session."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ def hello(token: str, role: Any = "player", room: str = "") -> Hello:
 
 
 class Bench:
-    """A folder, its file, and doors whose clock is moved by hand."""
+    """A folder, its file, and authenticators with a virtual clock."""
 
     def __init__(self, folder: StateFolder) -> None:
         self.folder = folder
@@ -156,7 +156,7 @@ def test_a_use_while_the_file_is_away_makes_no_empty_one(bench: Bench) -> None:
     assert authenticator.admit(hello(token)) == USED
 
 
-def test_revoked_ids_are_told_once_and_all_at_the_start(bench: Bench) -> None:
+def test_revoked_ids_are_reported_once_and_all_at_the_start(bench: Bench) -> None:
     (_, old), (token, new), (_, third) = bench.new(), bench.new(), bench.new()
     bench.edit(lambda book: book.revoke(old, NOW_S))
     authenticator = bench.authenticator()

@@ -47,7 +47,7 @@ def path(tmp_path) -> Path:
 
 
 def number_in(data: bytes) -> int:
-    """Of a whole version."""
+    """Return a whole version."""
     assert hashlib.sha256(data[64:]).hexdigest().encode() == data[:64], "torn"
     return int(data[64:].split()[0])
 

@@ -3,9 +3,9 @@
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.ports import StatePort
-from cogrip.server.room import MOST_EARLIER, Seat
+from cogrip.server.participants import MOST_EARLIER, Seat
 from cogrip.server.seat_limits import SeatLimits
+from cogrip.server.state_port import StatePort
 
 SETTINGS = resolve({"coupling": {"kind": "coupling"}, "users": [{"name": "anna"}]})
 
@@ -20,7 +20,7 @@ def claimed(margin_j: float) -> ClientAccount:
     )
 
 
-def test_claims_crowd_no_sitting_out_that_was_measured_as_bad() -> None:
+def test_claims_push_out_no_seat_session_that_was_measured_as_bad() -> None:
     seat = Seat(seat_settings(SETTINGS, 0))
     seat.last = measured(-0.7)
     seat.close_seat_session()

@@ -128,7 +128,9 @@ def test_the_largest_answer_comes_whole(control: Control, folder: StateFolder, p
         (b"x" * (MOST_REQUEST_BYTES + 1), "too long"),
     ],
 )
-def test_what_is_no_order_is_counted_and_told(control: Control, folder: StateFolder, said: bytes, reason: str) -> None:
+def test_what_is_no_order_is_counted_and_answered(
+    control: Control, folder: StateFolder, said: bytes, reason: str
+) -> None:
     with call(folder, said) as caller:
         until(lambda: control.poll() or control.dropped)
         assert control.dropped == {reason: 1}
@@ -208,7 +210,7 @@ def test_many_may_ask_at_once(control: Control, folder: StateFolder, people: Thr
 # --- where there is no answer -----------------------------------------------------------------------------------------
 
 
-def test_no_server_is_told(folder: StateFolder) -> None:
+def test_a_missing_server_is_named(folder: StateFolder) -> None:
     words = (
         f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
     )
@@ -234,12 +236,12 @@ def test_what_a_killed_server_left_is_no_server_and_in_nobodys_way(
     control.close()
 
 
-def test_a_server_that_hangs_is_told(control: Control, folder: StateFolder) -> None:
+def test_a_server_that_hangs_is_named(control: Control, folder: StateFolder) -> None:
     with pytest.raises(ControlError, match=r"did not answer within 0.01 s; if it is stopped or hangs, start it again"):
         ask(folder, Reload(), 0.01)
 
 
-def test_a_server_that_does_not_look_at_its_queue_is_told(control: Control, folder: StateFolder) -> None:
+def test_a_server_that_does_not_read_its_queue_is_named(control: Control, folder: StateFolder) -> None:
     with ExitStack() as waiting:
         with suppress(BlockingIOError):
             while True:
@@ -250,7 +252,7 @@ def test_a_server_that_does_not_look_at_its_queue_is_told(control: Control, fold
             ask(folder, Reload(), 0.01)
 
 
-def test_a_server_that_ends_before_it_answers_is_told(folder: StateFolder, people: ThreadPoolExecutor) -> None:
+def test_a_server_that_ends_before_it_answers_is_named(folder: StateFolder, people: ThreadPoolExecutor) -> None:
     control = Control(folder)
     answer = people.submit(ask, folder, Reload(), LIMIT_S)
     next_request(control)
@@ -259,7 +261,7 @@ def test_a_server_that_ends_before_it_answers_is_told(folder: StateFolder, peopl
         answer.result(LIMIT_S)
 
 
-def test_a_path_that_no_socket_takes_is_told(tmp_path) -> None:
+def test_a_path_that_no_socket_takes_is_named(tmp_path) -> None:
     rest = MOST_PATH_BYTES - len(os.fsencode(tmp_path)) - len("//control")
     Control(make_folder(tmp_path / ("a" * rest))).close()
     folder = make_folder(tmp_path / ("a" * (rest + 1)))
@@ -269,7 +271,7 @@ def test_a_path_that_no_socket_takes_is_told(tmp_path) -> None:
             use()
 
 
-def test_a_place_that_cannot_be_had_is_told(folder: StateFolder) -> None:
+def test_a_path_that_cannot_be_bound_is_named(folder: StateFolder) -> None:
     folder.control.mkdir()
     with pytest.raises(ControlError, match="cannot be listened on"):
         Control(folder)

@@ -1,4 +1,4 @@
-"""The sealed channel in virtual time: handshakes on bad networks, who is let through, what is kept of whom."""
+"""Encrypted channel in virtual time: handshakes on impaired networks, admission, state kept of a peer."""
 
 import random
 import select
@@ -22,7 +22,7 @@ from cogrip.server.io.dtls_channel import (
     MOST_ASKED,
     MOST_LEFT,
     MOST_UNSEATED,
-    TOLD,
+    REPORTED,
     WAITS_NS,
     DtlsListener,
 )
@@ -138,10 +138,10 @@ def test_another_certificate_is_refused_and_both_sides_say_why(folder: Path) -> 
     assert wire.listener.counts() == {"open": 0, "half open": 0}
 
 
-def test_the_certificate_is_looked_at_once_more_after_the_handshake(
+def test_the_certificate_is_checked_once_more_after_the_handshake(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Should the look during the handshake ever be left out."""
+    """Guards against a missing check during the handshake."""
     monkeypatch.setattr(sealed_call, "client_context", lambda *_: foreign())
     wire = Wire(folder)
     call = wire.call(fingerprint="12345678" * 8)
@@ -161,7 +161,7 @@ def test_a_call_that_nobody_answers_gives_up_in_words(folder: Path) -> None:
     assert call.dropped["handshake begun again"] >= 10
 
 
-def test_a_plain_hello_is_told_that_a_seal_is_needed(folder: Path) -> None:
+def test_an_unencrypted_hello_is_refused_with_the_cure(folder: Path) -> None:
     wire = Wire(folder)
     hello = messages.padded(HELLO)
     assert wire.inject(hello, ANNA) == ()
@@ -177,7 +177,7 @@ def test_a_plain_hello_is_told_that_a_seal_is_needed(folder: Path) -> None:
     assert wire.listener.dropped == {"refused: sealed": 1, "stranger": 1}
 
 
-def test_a_plain_refusal_is_a_hint_and_no_more(folder: Path) -> None:
+def test_an_unencrypted_refusal_is_a_hint_and_no_more(folder: Path) -> None:
     wire = Wire(folder)
     call = wire.call()
     call.poll(0)
@@ -192,7 +192,7 @@ def test_a_plain_refusal_is_a_hint_and_no_more(folder: Path) -> None:
     assert call.failed.endswith("unencrypted came, perhaps from anyone: go away [full]")
 
 
-def test_plain_datagrams_into_a_seal_are_dropped_on_both_sides(folder: Path) -> None:
+def test_unencrypted_datagrams_into_an_association_are_dropped_on_both_sides(folder: Path) -> None:
     wire = Wire(folder)
     call = wire.seal()
     for datagram in (messages.padded(HELLO), messages.encode(Refuse(2, 77, "full", "go away")), b"\x17", b"\x90"):
@@ -229,7 +229,7 @@ def test_a_new_handshake_from_a_known_address_replaces_the_old_one_when_it_is_do
 
 
 def test_a_client_hello_from_the_address_of_a_peer_leaves_it_alone(folder: Path) -> None:
-    """With no cookie, with a wrong one, and with the right one but nothing after it."""
+    """Hellos with no cookie, a wrong one, and the right one but nothing after it."""
     wire, other = Wire(folder), Wire(folder)
     wire.seal()
     other.seal()
@@ -348,7 +348,7 @@ def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> No
 
 
 def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
-    """Behind a seal a stranger costs a decoding and a look at the tokens each time."""
+    """Each hello of an unauthenticated peer costs a decryption and a look into the tokens."""
     wire = Wire(folder)
     wire.seats.discard(BEN)
     anna, ben = wire.seal(ANNA), wire.seal(BEN)
@@ -385,7 +385,7 @@ def test_closing_tells_the_other_end(folder: Path) -> None:
     wire.listener.close(ANNA)  # nobody there: nothing happens
 
 
-def test_budgets_hold_for_hellos_with_and_without_a_seal(folder: Path) -> None:
+def test_budgets_hold_for_encrypted_and_unencrypted_hellos(folder: Path) -> None:
     wire = Wire(folder, NO_LIMITS._replace(contacts=Budget(10, 3)))
     stranger = wire.call()
     stranger.poll(0)
@@ -404,11 +404,11 @@ def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(folder: P
     wire = Wire(folder)
     for number in range(50):
         wire.inject(messages.padded(HELLO), ("10.0.0.7", number))
-    assert len(wire.listener.events) == TOLD.burst
+    assert len(wire.listener.events) == REPORTED.burst
     assert wire.listener.dropped == {"refused: sealed": 50}
     wire.now_ns += 1_000_000_000
     wire.inject(messages.padded(HELLO), ("10.0.0.7", 99))
-    assert len(wire.listener.events) == TOLD.burst + 1
+    assert len(wire.listener.events) == REPORTED.burst + 1
 
 
 def test_a_flood_of_hellos_from_forged_addresses_keeps_nobody_out_who_was_in(folder: Path) -> None:

@@ -12,7 +12,7 @@ from cogrip.protocol.io.dtls import Association, client_context, is_client_hello
 from cogrip.server.io.dtls_channel import WAITS_NS
 
 from tests.server.encrypted_network import ANNA, BEN, Wire
-from tests.server.fuzzed_channels import fuzz_call, fuzz_plain, fuzz_sealed, mutated
+from tests.server.fuzzed_channels import fuzz_call, fuzz_encrypted, fuzz_unencrypted, mutated
 
 MALLORY = ("10.66.6.6", 666)
 
@@ -119,7 +119,7 @@ def test_a_record_cut_at_any_length_delivers_nothing(folder: Path) -> None:
     wire.talk(ANNA)
 
 
-def test_what_follows_a_record_in_its_datagram_is_looked_at_by_itself(folder: Path) -> None:
+def test_what_follows_a_record_in_its_datagram_is_inspected_by_itself(folder: Path) -> None:
     wire = Wire(folder)
     wire.seal(ANNA)
     one, two, three = sealed(wire, b"one"), sealed(wire, b"two"), sealed(wire, b"three")
@@ -179,7 +179,7 @@ def test_forged_records_amid_a_handshake_cost_that_handshake_at_most(folder: Pat
         wire.talk(BEN)
 
 
-def test_strangers_get_no_state_and_no_answer_longer_than_their_question(folder: Path) -> None:
+def test_unauthenticated_peers_get_no_state_and_no_answer_longer_than_their_request(folder: Path) -> None:
     chance = random.Random(5)
     call = Association(client_context("0" * 64, lambda _: None))
     call.connect()
@@ -224,17 +224,17 @@ def test_a_failure_of_one_peer_disturbs_no_other(folder: Path) -> None:
         wire.talk(BEN)
 
 
-def test_fuzzed_datagrams_at_the_sealed_door(folder: Path) -> None:
-    fuzz_sealed(25_000, folder, seed=1)
+def test_fuzzed_datagrams_to_an_encrypted_server(folder: Path) -> None:
+    fuzz_encrypted(25_000, folder, seed=1)
 
 
-def test_fuzzed_datagrams_at_the_sealed_door_without_budgets(folder: Path) -> None:
-    fuzz_sealed(5_000, folder, seed=2, limited=False)
+def test_fuzzed_datagrams_to_an_encrypted_server_without_budgets(folder: Path) -> None:
+    fuzz_encrypted(5_000, folder, seed=2, limited=False)
 
 
 def test_fuzzed_datagrams_at_a_call(folder: Path) -> None:
     fuzz_call(5_000, folder, seed=4)
 
 
-def test_fuzzed_datagrams_at_the_plain_door() -> None:
-    fuzz_plain(20_000, seed=3)
+def test_fuzzed_datagrams_to_an_unencrypted_server() -> None:
+    fuzz_unencrypted(20_000, seed=3)

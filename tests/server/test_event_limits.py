@@ -6,15 +6,15 @@ import pytest
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.server.core import ServerCore
-from cogrip.server.events import EVENTS, OF_STRANGERS, ServerEvent
-from cogrip.server.loop import TOLD, LiveServer
+from cogrip.server.events import EVENTS, UNAUTHENTICATED_EVENTS, ServerEvent
+from cogrip.server.loop import REPORTED, LiveServer
 from cogrip.server.rate_limit import RateLimiter
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
 FLOOD = 1024
 
 
-@pytest.mark.parametrize("event", OF_STRANGERS)
+@pytest.mark.parametrize("event", UNAUTHENTICATED_EVENTS)
 def test_a_flood_of_events_becomes_some_lines_and_a_count(event: str, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[ServerEvent] = []
     server = LiveServer(
@@ -26,14 +26,14 @@ def test_a_flood_of_events_becomes_some_lines_and_a_count(event: str, monkeypatc
     monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns)
     for each in range(FLOOD):
         server.core.events.append(ServerEvent(event, f"number {each}"))
-    server._tell()
-    assert len(said) == TOLD.burst
+    server._report()
+    assert len(said) == REPORTED.burst
     now_ns += 1_000_000_000
-    server._tell()
-    assert said[TOLD.burst :] == [
-        ServerEvent(event, f"{FLOOD - TOLD.burst} more of this kind ({event}) were not said one by one")
+    server._report()
+    assert said[REPORTED.burst :] == [
+        ServerEvent(event, f"{FLOOD - REPORTED.burst} more of this kind ({event}) were not said one by one")
     ]
 
 
 def test_only_what_the_administrator_and_the_server_itself_do_is_said_every_time() -> None:
-    assert set(EVENTS) - set(OF_STRANGERS) == {"restored", "reloaded", "trouble"}
+    assert set(EVENTS) - set(UNAUTHENTICATED_EVENTS) == {"restored", "reloaded", "trouble"}

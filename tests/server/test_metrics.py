@@ -1,4 +1,4 @@
-"""What monitoring sees: snapshots of a room, the verdict on them, the process that serves both, alive, killed and stopped."""
+"""Metrics: snapshots of a room, health, and the process that serves both, alive, killed and stopped."""
 
 import http.client
 import json
@@ -54,7 +54,7 @@ def a_room(name: str = "lab", people: tuple[str, ...] = ("anna", "ben")) -> Room
 
 
 def waves(frame: int, value: float = 0.1) -> Waves:
-    """Frame `frame` alone, honest in its books."""
+    """Frame `frame` alone, with a true energy ledger."""
     made_j = (frame + 1) * value * value * FRAME_NS * 0.5e-9
     return Waves(1, frame, (value,), (frame * value,), (frame * value * value,), made_j, 0.0, 0, Stamp(1), (0.0, 0.0))
 
@@ -69,7 +69,7 @@ def hold(room: Room, frames: range, number: int = 0) -> None:
 
 
 def take_seat(room: Room, number: int = 0) -> None:
-    room.take_seat(number, 1, 1, ("127.0.0.1", number), 0, PHANTOM)
+    room.take_seat(number, 1, 1, 0, PHANTOM)
 
 
 def maker(*rooms: Room) -> SnapshotMaker:
@@ -86,7 +86,7 @@ def test_a_snapshot_says_what_the_room_knows():
     )  # 40 ms there and back, 3.99 s ahead
     for tick in (0, 1, 5):
         pacer.take(pacer.due_ns(tick) + 300_000)
-    snapshot = SnapshotMaker([room], {"lab": pacer}, "1.2.3").look(
+    snapshot = SnapshotMaker([room], {"lab": pacer}, "1.2.3").make(
         2.5, {"malformed": 3, "rate": 1}, {"malformed": 4}, rtt_ns={("lab", 0): 41_000_000}, datagrams=(7, 8)
     )
     (seen,) = snapshot.rooms
@@ -132,15 +132,15 @@ def test_tick_times_are_in_seconds_and_skips_are_counted():
 
 def test_least_margins_stay_when_the_seat_is_left_and_taken_again():
     room = a_room()
-    look = maker(room).look
+    make = maker(room).make
     take_seat(room)
     room.seats[0].line_margin_j = -0.25
-    assert look(0.5).rooms[0].least_line_margin_j == -0.25
+    assert make(0.5).rooms[0].least_line_margin_j == -0.25
     room.leave_seat(0, "leave")
-    left = look(1.0).rooms[0]
+    left = make(1.0).rooms[0]
     assert (left.seated, left.least_line_margin_j, left.seats[0].line_margin_j) == (0, -0.25, -0.25)
     take_seat(room)
-    again = look(1.5).rooms[0]
+    again = make(1.5).rooms[0]
     assert (again.least_line_margin_j, again.seats[0].line_margin_j) == (-0.25, 0.0)
 
 
@@ -148,23 +148,23 @@ def test_least_margins_stay_when_the_seat_is_left_and_taken_again():
 def test_every_room_gets_new_percentiles_in_turn(count):
     rooms = [a_room(f"r{number}", ("anna",)) for number in range(count)]
     pacers = {room.name: Pacer(128, 0) for room in rooms}
-    look = SnapshotMaker(rooms, pacers, "1").look
-    look(0.0)
+    make = SnapshotMaker(rooms, pacers, "1").make
+    make(0.0)
     for pacer in pacers.values():
         pacer.take(1_000_000)
     needed = -(-count // REFRESHED_ROOMS)
-    seen = [look(number * 0.5) for number in range(needed)]
+    seen = [make(number * 0.5) for number in range(needed)]
     assert all(room.late.max_s == pytest.approx(1e-3) for room in seen[-1].rooms)
     assert len([room for room in seen[0].rooms if room.late.max_s]) == min(count, REFRESHED_ROOMS)
 
 
-def test_looking_is_not_recorded():
+def test_a_snapshot_is_not_recorded():
     """A replay would be asked for what nobody had asked."""
     core = scripted().core
     puts: list[object] = []
     core.record(type("Sink", (), {"put": lambda self, *message: puts.append(message)})())
-    look = maker(*core.rooms).look
-    assert look(1.0, core.dropped) == look(1.0, core.dropped)
+    make = maker(*core.rooms).make
+    assert make(1.0, core.dropped) == make(1.0, core.dropped)
     assert puts == []
     core.rooms[0].account()
     assert puts, "as an account is"
@@ -176,7 +176,7 @@ def test_what_is_not_finite_is_said_as_such():
     room.world.position = np.array([nan])
     room.travel_m = inf
     room.diverged = "the object left the workspace at (nan,) m"
-    back = decode(encode(maker(room).look(1.0)))
+    back = decode(encode(maker(room).make(1.0)))
     assert back.rooms[0].position_m == (None,)
     assert back.rooms[0].travel_m is None
     samples = scraped(back)
@@ -294,7 +294,7 @@ def test_names_units_and_help_are_what_prometheus_asks_for():
     room = a_room()
     take_seat(room)
     hold(room, range(5))
-    for family in families(maker(room).look(1.0, {"malformed": 1}, datagrams=(1, 1))):
+    for family in families(maker(room).make(1.0, {"malformed": 1}, datagrams=(1, 1))):
         assert family.name.startswith("cogrip_")
         assert family.documentation.endswith(".")
         assert not family.name.endswith("_total"), "the format adds it"
@@ -347,7 +347,7 @@ OWN_THREADS = 2  # of the process: one takes snapshots in, one listens
 
 
 def threads_of(pid: int) -> int:
-    """How many threads the process has that serves pages."""
+    """Return the number of threads of the metrics process."""
     return len(os.listdir(f"/proc/{pid}/task"))
 
 
@@ -477,7 +477,7 @@ def test_an_asker_who_hangs_up_is_counted(site):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts the threads of another process in /proc")
 def test_so_many_connections_are_answered_at_once_and_no_more(site):
-    """The others are closed unheard; once there is room again everybody is answered."""
+    """The others are closed at once; when there is room again everybody is answered."""
     site.feed.put(state(1.0))
     site.await_uptime(1.0)
     held = [socket.create_connection(("127.0.0.1", site.feed.port), timeout=LIMIT_S) for _ in range(MOST_AT_ONCE)]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.messages import Power, Stamp, State
+from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
 from cogrip.server.power_port import PowerPort
@@ -41,11 +41,11 @@ class Seat:
     def step(self, message: Power | None) -> tuple[float, ...]:
         if message is not None:
             assert self.port.receive(message)
-        if not self.world.roster[0]:
+        if not self.world.holding[0]:
             assert self.port.origin is not None
             self.world.join(0, self.world.position + self.port.origin)
-        (answer,) = self.world.advance([self.port.take(1)])
-        self.port.put(tuple(answer))
+        (answer,) = self.world.advance([self.port.pop(1)])
+        self.port.push(tuple(answer))
         return tuple(answer)
 
 
@@ -114,7 +114,6 @@ def test_a_state_that_no_such_hand_can_be_in_is_dropped_and_counted() -> None:
 def test_what_does_not_fit_the_axes_is_unfit() -> None:
     seat = Seat(axes=2)
     assert not seat.port.receive(power(0, 0.0, 0.0, 0.0, axes=1))
-    assert not seat.port.receive(State(1, 0, (0.0,) * 2, (0.0,) * 2, 0.0, 0, Stamp(1)))
     assert seat.port.origin is None
     assert seat.port.receive(power(0, 0.3, 1.28, 0.0, axes=2))
     assert seat.port.origin == pytest.approx((0.29, 0.29))  # before the frame that came
@@ -123,11 +122,11 @@ def test_what_does_not_fit_the_axes_is_unfit() -> None:
 def test_where_no_message_came_the_proxy_is_asked_for_no_speed_but_still_for_its_place() -> None:
     seat = Seat()
     assert seat.port.receive(power(0, 0.01, 1.28, 0.5, taken=0.0))
-    assert seat.port.take(1) == (0.01, 1.28, 0.5 + LENT_J, 0.0)
-    seat.port.put((2.0, -0.064))  # F w T = -1 mJ: gone in
-    assert seat.port.take(1) == (0.01, 0.0, 0.5 + LENT_J, pytest.approx(1e-3 / CHARGE_DOWN_J))
+    assert seat.port.pop(1) == (0.01, 1.28, 0.5 + LENT_J, 0.0)
+    seat.port.push((2.0, -0.064))  # F w T = -1 mJ: gone in
+    assert seat.port.pop(1) == (0.01, 0.0, 0.5 + LENT_J, pytest.approx(1e-3 / CHARGE_DOWN_J))
     assert seat.port.receive(power(3, 0.01, 0.0, 0.5, taken=5e-4))
-    assert seat.port.take(1)[3] == pytest.approx(5e-4 / CHARGE_DOWN_J)
+    assert seat.port.pop(1)[3] == pytest.approx(5e-4 / CHARGE_DOWN_J)
     message = seat.port.message(9, Stamp(1), (0.1, 0.2), -0.25)
     assert (message.number, message.force_n, message.entered_j, message.taken_j) == (
         0,

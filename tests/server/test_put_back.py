@@ -23,7 +23,7 @@ KINDS = {
 
 def seated(kind: str) -> Room:
     room = Room(resolve({"users": [{"name": "anna"}], "coupling": KINDS[kind]}))
-    room.take_seat(0, 1, 1, "a", 0, ANY)
+    room.take_seat(0, 1, 1, 0, ANY)
     return room
 
 

@@ -35,14 +35,14 @@ def rate_limiter(**limits: Budget) -> RateLimiter:
 
 
 def test_sizes() -> None:
-    doors = rate_limiter()
-    assert doors.size(b"") == "empty"
-    assert doors.size(b"x") == doors.size(bytes(MAX_DATAGRAM_BYTES)) == ""
-    assert doors.size(bytes(MAX_DATAGRAM_BYTES + 1)) == "too large"
+    limiter = rate_limiter()
+    assert limiter.size(b"") == "empty"
+    assert limiter.size(b"x") == limiter.size(bytes(MAX_DATAGRAM_BYTES)) == ""
+    assert limiter.size(bytes(MAX_DATAGRAM_BYTES + 1)) == "too large"
 
 
 @pytest.mark.parametrize(
-    ("question", "budget", "says"),
+    ("query", "budget", "says"),
     [
         ("contact", "address", "address budget"),
         ("contact", "contacts", "contact budget"),
@@ -63,20 +63,22 @@ def test_a_budget_gives_its_burst_then_its_rate(query: str, budget: str, says: s
     assert [ask(ANNA, later_ns) for _ in range(5)] == ["", "", "", says, says]
 
 
-def repeated(doors: RateLimiter) -> RateLimiter:
-    """Where all addresses were let through just now, and draw from the budgets of those that come again."""
-    for seen_ns in (doors._contact_ns, doors._handshake_ns):
+def repeated(limiter: RateLimiter) -> RateLimiter:
+    """Return a limiter that let all addresses through just now: they spend the budget of repeated ones."""
+    for seen_ns in (limiter._contact_ns, limiter._handshake_ns):
         seen_ns[:] = array("q", [5_000_000_000]) * ADDRESS_SLOTS
-    return doors
+    return limiter
 
 
 def test_the_limits_that_are_there_by_default() -> None:
     assert Limits() == LIMITS == Limits(Budget(20, 250), Budget(300, 600), Budget(100, 50), Budget(512, 512))
     assert limits_for(1024).peer == Budget(4096, 4096)
-    doors, now_ns = repeated(RateLimiter(b"s")), 5_000_000_000
-    assert [doors.handshake((f"10.0.{number}.1", 1), now_ns) for number in range(51)].count("") == 50
-    assert [doors.contact((f"10.0.{number >> 8}.{number & 255}", 1), now_ns) for number in range(601)].count("") == 600
-    laboratory = [doors.contact(("192.0.2.1", 1000 + number), 10**10) for number in range(251)]
+    limiter, now_ns = repeated(RateLimiter(b"s")), 5_000_000_000
+    assert [limiter.handshake((f"10.0.{number}.1", 1), now_ns) for number in range(51)].count("") == 50
+    assert [limiter.contact((f"10.0.{number >> 8}.{number & 255}", 1), now_ns) for number in range(601)].count(
+        ""
+    ) == 600
+    laboratory = [limiter.contact(("192.0.2.1", 1000 + number), 10**10) for number in range(251)]
     assert laboratory == [""] * 250 + ["address budget"]
 
 
@@ -85,30 +87,30 @@ def test_the_limits_that_are_there_by_default() -> None:
 )
 def test_a_budget_is_a_token_bucket(rate: int, burst: int, gaps_ms: list[int]) -> None:
     """Against a bucket of exact fractions."""
-    doors = rate_limiter(peer=Budget(rate, burst))
+    limiter = rate_limiter(peer=Budget(rate, burst))
     tokens, now_ns = Fraction(burst), 1_000_000_000
     each_ns = 1_000_000_000 // rate
     for gap_ms in gaps_ms:
         now_ns += gap_ms * 1_000_000
         tokens = min(Fraction(burst), tokens + Fraction(gap_ms * 1_000_000, each_ns))
-        passes = doors.peer(ANNA, now_ns) == ""
+        passes = limiter.peer(ANNA, now_ns) == ""
         assert passes == (tokens >= 1)
         tokens -= passes
 
 
 def test_one_address_spends_its_own_budget_whatever_its_port() -> None:
-    doors = rate_limiter(address=Budget(10, 2))
-    assert [doors.contact((ANNA[0], port), 1) for port in (1, 2, 3)] == ["", "", "address budget"]
-    assert [doors.handshake((ANNA[0], port), 1) for port in (1, 2, 3)] == ["", "", "address budget"]
-    assert doors.contact(BEN, 1) == doors.handshake(BEN, 1) == ""
+    limiter = rate_limiter(address=Budget(10, 2))
+    assert [limiter.contact((ANNA[0], port), 1) for port in (1, 2, 3)] == ["", "", "address budget"]
+    assert [limiter.handshake((ANNA[0], port), 1) for port in (1, 2, 3)] == ["", "", "address budget"]
+    assert limiter.contact(BEN, 1) == limiter.handshake(BEN, 1) == ""
 
 
-@pytest.mark.parametrize(("question", "budget"), [("contact", "contacts"), ("handshake", "handshakes")])
+@pytest.mark.parametrize(("query", "budget"), [("contact", "contacts"), ("handshake", "handshakes")])
 def test_each_class_of_addresses_has_a_budget_of_its_own(query: str, budget: str) -> None:
-    doors = rate_limiter(**{budget: Budget(10, 4)})
-    ask = getattr(doors, query)
+    limiter = rate_limiter(**{budget: Budget(10, 4)})
+    ask = getattr(limiter, query)
     says = f"{query} budget"
-    doors.seated(ANNA, 0)
+    limiter.seated(ANNA, 0)
     flood = [ask((f"10.66.{number}.1", 1), 0) for number in range(50)]
     assert flood == [""] * 4 + [says] * 46
     assert ask(BEN, 0) == says, "new, as they are"
@@ -116,10 +118,10 @@ def test_each_class_of_addresses_has_a_budget_of_its_own(query: str, budget: str
     assert [ask(("10.66.0.1", port), 0) for port in range(5)] == [""] * 4 + [says], "come before, and come again"
     later_ns = NEW_NS - 1
     assert [ask(("10.66.1.1", 1), later_ns), ask(("10.66.2.1", 1), NEW_NS)] == ["", ""]
-    classes = doors._contacts if query == "contact" else doors._handshakes
+    classes = limiter._contacts if query == "contact" else limiter._handshakes
     assert classes._full_ns[REPEATED] > classes._full_ns[NEW] - 1_000_000_000 > 0
-    assert doors.was_seated(ANNA, SEATED_NS - 1)
-    assert not doors.was_seated(ANNA, SEATED_NS)
+    assert limiter.was_seated(ANNA, SEATED_NS - 1)
+    assert not limiter.was_seated(ANNA, SEATED_NS)
 
 
 ATTACKERS, EACH_PER_S, NEWCOMERS = 250, 20, 100
@@ -131,7 +133,7 @@ MOST_SHUT_OUT = 0.03  # one in 260 has the bucket of an attacker's address
 @pytest.mark.parametrize("had_seat", [False, True])
 def test_hundreds_of_addresses_with_cookies_shut_hardly_anybody_out(had_seat: bool) -> None:
     """They ask as often as one address may, all the time; each newcomer dials as a client does, and comes once."""
-    chance, doors, start_ns = random.Random(3), RateLimiter(b"s" * 16), 10**13
+    chance, limiter, start_ns = random.Random(3), RateLimiter(b"s" * 16), 10**13
     queue: list[tuple[float, str, str, int]] = []
     for attacker in range(ATTACKERS):
         phase_s = chance.random() / EACH_PER_S
@@ -141,33 +143,33 @@ def test_hundreds_of_addresses_with_cookies_shut_hardly_anybody_out(had_seat: bo
     for host, at_s in begun_s.items():
         queue.append((at_s, "dial", host, 0))
         if had_seat:
-            doors.seated((host, 1), start_ns)
+            limiter.seated((host, 1), start_ns)
     heapq.heapify(queue)
     inside: set[str] = set()
     while queue:
         at_s, what, host, dials = heapq.heappop(queue)
         now_ns = start_ns + round(at_s * 1e9)
         if what == "attack":
-            doors.contact((host, 1), now_ns)
-            doors.handshake((host, 1), now_ns)
+            limiter.contact((host, 1), now_ns)
+            limiter.handshake((host, 1), now_ns)
         elif host in inside or at_s - begun_s[host] > GIVE_UP_S:
             continue
         elif what == "dial":
             heapq.heappush(queue, (at_s + PATIENCE_S[min(dials, 2)], "dial", host, dials + 1))
-            if not doors.contact((host, 1), now_ns):
+            if not limiter.contact((host, 1), now_ns):
                 heapq.heappush(queue, (at_s + 0.05, "cookie", host, 0))
-        elif not doors.handshake((host, 1), now_ns):
+        elif not limiter.handshake((host, 1), now_ns):
             inside.add(host)
     assert 1.0 - len(inside) / NEWCOMERS <= MOST_SHUT_OUT
 
 
-def test_peers_are_told_apart_by_port() -> None:
-    doors = rate_limiter(peer=Budget(10, 1))
-    assert doors.peer(ANNA, 1) == ""
-    assert doors.peer(ANNA, 1) == "flood of a peer"
-    slot = doors._peer_slot  # differs from process to process
+def test_peers_are_distinguished_by_port() -> None:
+    limiter = rate_limiter(peer=Budget(10, 1))
+    assert limiter.peer(ANNA, 1) == ""
+    assert limiter.peer(ANNA, 1) == "flood of a peer"
+    slot = limiter._peer_slot  # differs from process to process
     port = next(port for port in range(4009, 5000) if slot((ANNA[0], port)) != slot(ANNA))
-    assert doors.peer((ANNA[0], port), 1) == ""
+    assert limiter.peer((ANNA[0], port), 1) == ""
 
 
 @pytest.mark.parametrize(
@@ -191,20 +193,20 @@ def test_the_network_of_an_address(address: object, network: str) -> None:
 
 
 def test_a_flood_of_forged_addresses_takes_no_memory_and_evicts_nobody() -> None:
-    doors = rate_limiter(address=Budget(20, 3))
+    limiter = rate_limiter(address=Budget(20, 3))
     for _ in range(3):
-        doors.contact(ANNA, 1)
-    before = size_of(doors)
+        limiter.contact(ANNA, 1)
+    before = size_of(limiter)
     for number in range(20_000):
-        doors.contact((f"{number % 251}.{number % 241}.{number % 239}.{number % 233}", number), 1)
-        doors.peer((f"{number}", number), 1)
-    assert size_of(doors) == before
-    assert doors.contact(ANNA, 1) == "address budget"  # it is still known
+        limiter.contact((f"{number % 251}.{number % 241}.{number % 239}.{number % 233}", number), 1)
+        limiter.peer((f"{number}", number), 1)
+    assert size_of(limiter) == before
+    assert limiter.contact(ANNA, 1) == "address budget"  # it is still known
 
 
-def size_of(doors: RateLimiter) -> int:
-    tables = [doors._addresses, doors._shaking, doors._peers, doors._contacts, doors._handshakes]
-    times = [doors._seated_ns, doors._contact_ns, doors._handshake_ns]
+def size_of(limiter: RateLimiter) -> int:
+    tables = [limiter._addresses, limiter._shaking, limiter._peers, limiter._contacts, limiter._handshakes]
+    times = [limiter._seated_ns, limiter._contact_ns, limiter._handshake_ns]
     return sum(map(sys.getsizeof, [*times, *(table._full_ns for table in tables)]))
 
 

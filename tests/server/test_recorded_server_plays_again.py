@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.records import Command, Datagram
+from cogrip.protocol.recording.records import Datagram, Input
 from cogrip.protocol.session import LOST_NS
-from cogrip.server.recorder import ACCOUNT, ASKED, COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, RecordedServer, start_of
+from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode
+from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, RecordedServer, start_of
 
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
 from tests.server.recorded_rooms import ADDRESSES, FRAME_NS, SCRIPT, STEP, TICKET, TOKEN, Server, a_room
@@ -36,7 +37,11 @@ DURING = st.one_of(
     st.tuples(st.just("run"), st.integers(1, 30), st.lists(st.integers(0, 4), max_size=3, unique=True)),
 )
 AT_THE_END = (
-    DURING | st.tuples(st.sampled_from(["stop", "socket_failed"]), st.text(max_size=20)) | st.just(("close_books",))
+    DURING
+    | st.tuples(
+        st.just("handle"), st.builds(Stop, st.text(max_size=20)) | st.builds(SocketFailed, st.text(max_size=20))
+    )
+    | st.just(("handle", CloseLedger()))
 )
 ACTIONS = st.builds(list.__add__, st.lists(DURING, min_size=3, max_size=20), st.lists(AT_THE_END, max_size=5))
 COUPLINGS: list[dict[str, Any]] = [
@@ -61,12 +66,8 @@ def played(server: Server, actions: Sequence[Any]) -> None:
         match action:
             case "hear", words:
                 server.hear(*words)
-            case "close_books", *_:
-                server.core.close_ledger()
-            case "socket_failed", reason:
-                server.core.socket_failed(reason)
-            case "stop", reason:
-                server.core.stop(reason)
+            case "handle", given:
+                server.handle(given)
                 server.hear()
             case verb, *what:
                 getattr(server, verb)(*what)
@@ -92,14 +93,15 @@ def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
     nothing_is_judged_after_a_gap(SCRIPT, min(at, len(SCRIPT.noted)))
 
 
-def test_a_room_where_nobody_sits_writes_nothing_until_somebody_comes() -> None:
+def test_a_deserted_room_writes_nothing_until_somebody_joins() -> None:
     server = Server(a_room("lab", "ab"), a_room("hall", "z"))
     server.run(50, ())
     assert server.noted == []
     resting_ns = server.now_ns
     server.tick(0, [(0, "hello", 0, 0.0)])
-    rests = [msgspec.json.decode(payload, type=Command) for topic, _, payload in server.noted[:2] if topic == COMMAND]
-    assert rests == [Command("rest", "lab", 50), Command("rest", "hall", 50)]
+    inputs = [msgspec.json.decode(payload, type=Input) for topic, _, payload in server.noted[:2] if topic == INPUT]
+    assert [each.kind for each in inputs] == ["idle", "idle"]
+    assert [decode(each.value) for each in inputs] == [Idle("lab", 50), Idle("hall", 50)]
     assert [time_ns for _, time_ns, _ in server.noted[:2]] == [resting_ns, resting_ns]
     server.run(10, (0,))
     server.tick(0, later_ns=LOST_NS + 1)
@@ -111,19 +113,19 @@ def test_a_room_where_nobody_sits_writes_nothing_until_somebody_comes() -> None:
 def test_a_scripted_session_has_everything() -> None:
     SCRIPT.exact()
     assert {topic for topic, *_ in SCRIPT.noted} == {
-        DATAGRAM_IN, DATAGRAM_OUT, COMMAND, ASKED, EVENT, ACCOUNT, STEP, STEP + 1,
+        DATAGRAM_IN, DATAGRAM_OUT, INPUT, ANSWER, EVENT, ACCOUNT, STEP, STEP + 1,
     }  # fmt: skip
     events = " ".join(json.loads(payload)["text"] for topic, _, payload in SCRIPT.noted if topic == EVENT)
     for words in (
-        "joined from", "[full]", "[version]", "left: bored", "silent for too long", "looks on from", "[token]", "[device]",
-        "goes on from", "shown out by the server's keeper: too wild", "an observer may not send waves", "token was revoked",
+        "joined from", "[full]", "[version]", "left: bored", "silent for too long", "observes from", "[token]", "[device]",
+        "resumed from", "kicked by the administrator: too rough", "an observer may not send waves", "token was revoked",
     ):  # fmt: skip
         assert words in events, words
     assert SCRIPT.core.dropped["malformed"] >= 1
 
 
 def test_no_secret_stands_in_a_recording() -> None:
-    """Tickets are there by their marks, tokens by the ids of their grants."""
+    """Only hashes of tickets and ids of tokens are recorded."""
     noted = b" ".join(payload for *_, payload in SCRIPT.noted)
     datagrams = b" ".join(
         msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data
@@ -132,7 +134,7 @@ def test_no_secret_stands_in_a_recording() -> None:
     for secret in (TICKET.encode(), TOKEN.encode()):
         assert secret not in noted
         assert secret not in datagrams
-    assert b"mark" in datagrams
+    assert b"hash" in datagrams
 
 
 def test_a_restored_server_plays_again() -> None:
@@ -140,12 +142,12 @@ def test_a_restored_server_plays_again() -> None:
     before.hear((0, "hello", 0, 0.0))
     before.run(40, (0,))
     after = Server()
-    after.core.restore(before.core.rooms[0].checkpoint(), after.now_ns)
+    after.handle(Restore(before.core.rooms[0].checkpoint()))
     after.tickets = before.tickets
     after.hear((0, "comes back", 0, 0.0), (1, "hello", 0, 0.0))
     assert after.core.rooms[0].seats[0].state == "seated"
     after.run(40)
-    after.core.close_ledger()
+    after.handle(CloseLedger())
     after.exact()
 
 
@@ -158,12 +160,12 @@ def test_a_core_starts_from_what_the_header_says() -> None:
 
 
 def test_what_the_socket_refused_is_an_input_too() -> None:
-    """It stands in the books that are closed at the end."""
+    """It is part of the ledger at the end."""
     server = Server()
     server.hear((0, "hello", 0, 0.0))
     server.run(5, (0,))
-    server.core.socket_failed("Network is unreachable")
-    server.core.close_ledger()
+    server.handle(SocketFailed("Network is unreachable"))
+    server.handle(CloseLedger())
     server.exact()
 
 

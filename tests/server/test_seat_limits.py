@@ -1,4 +1,4 @@
-"""What a seat may bring in: never more than a device with its record could, whatever its player sends."""
+"""Seat limits: a player brings in at most what a device with its record could."""
 
 from math import hypot, sqrt
 
@@ -84,7 +84,7 @@ def test_no_player_brings_in_more_power_than_the_limit(steps: list[tuple[float, 
 
 @given(st.floats(0.0, 100.0), st.floats(0.01, 5.0))
 def test_a_hand_that_holds_still_is_never_limited(force_n: float, power_w: float) -> None:
-    """At rest u = F / sqrt(2b) comes and v = -u goes, whatever the force."""
+    """A hand at rest: u = F / sqrt(2b) comes and v = -u goes, whatever the force."""
     bound = limiter(power_w=power_w)
     u = force_n / sqrt(40.0)
     level = 0.0
@@ -145,7 +145,7 @@ def state(number: int, place: float, speed: float = 0.0) -> State:
 
 
 def believes(bound: StateLimiter, told: State) -> bool:
-    """As a port does, whose receiver takes it."""
+    """Judge a state as a port does, whose receiver accepts it."""
     fits = bound.fits(told)
     if fits:
         bound.took(told)
@@ -200,7 +200,7 @@ def test_how_far_a_hand_may_have_gone_in_silence_is_the_same_at_every_rate(netwo
 @pytest.mark.parametrize(("network_hz", "views"), [(32, 32), (48, 24), (64, 32), (128, 32), (1000, 31), (1024, 32)])
 def test_views_are_no_more_than_a_picture_needs_at_any_rate(network_hz: int, views: int) -> None:
     room = Room(resolve({"rates": {"device_hz": 8 * network_hz, "network_hz": network_hz}}))
-    room.observer_slots.enter(1, 1, "x", 0)
+    room.observer_slots.enter(1, 1, 0)
     sent = sum(len(room.observer_slots.views(step, room.world, [], 0)) for step in range(1, network_hz + 1))
     assert sent == views <= VIEWS_HZ
 

@@ -1,6 +1,5 @@
 """The server without I/O: who gets a seat, what is dropped and under which name, how people leave."""
 
-from collections import deque
 from itertools import count
 
 import numpy as np
@@ -9,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol import messages
+from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, State, Waves, Welcome
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, digest, resolve
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
-from cogrip.server.room import Address
+from cogrip.server.inputs import Stop
 from cogrip.sim.session.laboratory import Laboratory
 
 FRAME_NS = 1_000_000_000 // 128
@@ -38,7 +38,9 @@ class Desk:
 
     def heard(self, address: Address) -> list[messages.AnyMessage]:
         mine = [messages.decode(datagram) for to, datagram in self.core.outbox if to == address]
-        self.core.outbox = deque((to, datagram) for to, datagram in self.core.outbox if to != address)
+        others = [(to, datagram) for to, datagram in self.core.outbox if to != address]
+        self.core.outbox.clear()
+        self.core.outbox.extend(others)
         return mine
 
     def hello(self, address: Address, name: str = "", nonce: int = 1, **changed: object) -> messages.AnyMessage:
@@ -132,7 +134,7 @@ def test_a_client_that_does_not_fit(changed: dict[str, object], code: str, words
 
 
 def test_a_device_is_held_against_its_own_seats_rate() -> None:
-    """Whoever names no seat gets the first that the device fits; a name gets its own seat or the reason."""
+    """A hello without a name gets the first seat that the device fits; a name gets its own seat or the reason."""
     fast = resolve({"name": "lab", "users": [{"name": "anna", "device_hz": 4096}, {"name": "ben"}]})
     desk = Desk(fast)
     refuse = desk.refused("x", name="anna", rate_hz=4095.0)
@@ -147,7 +149,7 @@ def test_a_device_is_held_against_its_own_seats_rate() -> None:
     assert welcome.settings.rates == Rates(4096, 128)
 
 
-def test_another_protocol_version_is_told_so() -> None:
+def test_another_protocol_version_is_refused_in_words() -> None:
     desk = Desk()
     future = [1, "cogrip", 99, "future", 7, "whatever", {"new": "things"}]
     assert desk.say(messages.encode(future), "x") == [], "short ones get no answer in any version"
@@ -175,14 +177,14 @@ def test_a_client_that_starts_again_at_its_address_loses_its_old_seat() -> None:
 
 
 def test_a_short_hello_is_not_answered() -> None:
-    """Or a stranger's forged address would get more than the stranger sent."""
+    """Else a forged address would get more than was sent."""
     desk = Desk()
     assert desk.say(messages.encode(hello()), "x") == []
     assert desk.core.dropped == {"short hello": 1}
     assert desk.core.rooms[0].seats[0].state == "free"
 
 
-def test_no_answer_to_a_stranger_is_longer_than_the_question() -> None:
+def test_no_answer_to_an_unauthenticated_peer_is_longer_than_the_request() -> None:
     desk = Desk(room("n" * 40, people=tuple(letter * 40 for letter in "abcd")))
     for name in ("", "a" * 40, "z" * 40):
         query = messages.padded(hello(name=name))
@@ -338,14 +340,14 @@ def test_stopping_says_farewell_to_everyone() -> None:
     desk = Desk(room("one"), room("two"))
     desk.seat("x")
     assert isinstance(desk.hello("y", room="two"), Welcome)
-    desk.core.stop("closing time")
+    desk.core.handle(Stop("closing time"), desk.now_ns)
     for address in "xy":
         (farewell,) = desk.heard(address)
         assert isinstance(farewell, Farewell)
         assert farewell.reason == "closing time"
         assert farewell.room is not None
     assert all(seat.state == "free" for one in desk.core.rooms for seat in one.seats)
-    desk.core.stop("again")
+    desk.core.handle(Stop("again"), desk.now_ns)
     assert not desk.core.outbox
 
 

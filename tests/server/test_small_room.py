@@ -1,4 +1,4 @@
-"""A room of few people is stepped in plain floats: the same answers, the same energy as by the arrays."""
+"""Rooms of few people in plain floats: the same answers and the same energy as with arrays."""
 
 from fractions import Fraction
 
@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
-from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.small_room import MOST, SmallGripWorld
 
 

@@ -94,9 +94,7 @@ def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
         make_folder(tmp_path / "file" / "below")
 
 
-def test_a_system_without_modes_and_locks_is_told_what_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_system_without_modes_and_locks_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_folder, "_IS_POSIX", False)
     for use in (make_folder, find_folder):
         with pytest.raises(StateError, match=r"needs file modes and locks \(fcntl\) as Linux and macOS have them"):

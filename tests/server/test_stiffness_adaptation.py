@@ -1,4 +1,4 @@
-"""A spring that follows the measured delay: how it is told to, and that it never makes energy of it."""
+"""Stiffness adaptation to the measured delay, without making energy."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,10 @@ from cogrip.protocol.felt_stiffness import MOST_GAIN
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.core import ServerCore
-from cogrip.server.stiffness_adaptation import FOLLOW_S, WORD_EVERY_S, WORDS, StiffnessAdapter
+from cogrip.server.schemes import make_world
+from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.small_room import SmallGripWorld
 from cogrip.server.worlds.world import MOST_SAVED_J, World
 
@@ -36,7 +36,7 @@ class Followed:
     def hear(self, loop: int, frames: int) -> None:
         for _ in range(frames):
             self.loops.add(loop)
-            aim = self.adapter.heed()
+            aim = self.adapter.update()
             self.aims.append(self.aims[-1] if aim is None else aim)
 
 
@@ -59,7 +59,7 @@ def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(loop: int) ->
     rates = np.abs(np.diff(np.log(followed.aims))) / (FRAME_MS * 1e-3)
     assert rates.max() <= 1.0 / FOLLOW_S
     assert np.all(np.diff(followed.aims) >= 0) if loop > 5 else np.all(np.diff(followed.aims) <= 0)
-    assert followed.adapter.told == ""
+    assert followed.adapter.reported == ""
 
 
 def test_a_jitter_that_leaves_the_median_moves_nothing() -> None:
@@ -76,7 +76,7 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
     followed.hear(13, 2000)  # C_line = 101.6 ms / 100: softer than 1000 N/m
     assert followed.aims[-1] == 1000.0 * MOST_GAIN
     assert not followed.adapter.reached
-    words = followed.adapter.told
+    words = followed.adapter.reported
     assert "1000 N/m is out of reach by the delay now measured (94 ms both ways together)" in words
     assert "984.6 N/m" in words
     assert "coupling.impedance_nspm above 50.78 would do" in words
@@ -85,15 +85,15 @@ def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can
         < 1.0
         < seat(impedance_nspm=50.77).line_compliance(13) * 1000.0
     )
-    followed.adapter.told = ""
+    followed.adapter.reported = ""
     followed.hear(13, 1000)
-    assert followed.adapter.told == ""
+    assert followed.adapter.reported == ""
     felt_npm = followed.seat.predicted_stiffness(13)
     assert felt_npm == pytest.approx(
         1.0 / (1.0 / 1e5 + 1.0 / 984.615), rel=1e-4
     )  # 975: as stiff as the line but for 1 %
     followed.hear(5, 2000)
-    assert "1000 N/m is within reach again" in followed.adapter.told
+    assert "1000 N/m is within reach again" in followed.adapter.reported
     assert followed.aims[-1] == pytest.approx(followed.seat.rendered_npm)
 
 
@@ -102,9 +102,9 @@ def swing(followed: Followed, seconds: int) -> list[tuple[int, str]]:
     heard = []
     for frame in range(128 * seconds):
         followed.hear(13 if frame // 128 % 2 else 5, 1)
-        if followed.adapter.told:
-            heard.append((frame, followed.adapter.told))
-            followed.adapter.told = ""
+        if followed.adapter.reported:
+            heard.append((frame, followed.adapter.reported))
+            followed.adapter.reported = ""
     return heard
 
 
@@ -113,13 +113,13 @@ def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others(
     followed.hear(5, 200)
     heard = swing(followed, 600)
     at_once = [frame for frame, _ in heard if frame < 8 * 128]
-    assert len(at_once) == WORDS
-    assert WORDS < len(heard) <= WORDS + 600 // WORD_EVERY_S
+    assert len(at_once) == REPORTS
+    assert REPORTS < len(heard) <= REPORTS + 600 // REPORT_EVERY_S
     for number, (_, words) in enumerate(heard):  # each says something else than the one before
         assert ("out of reach" in words) == (number % 2 == 0)
     changes = 600 - 1  # one in each second but the first
-    assert followed.adapter.withheld >= changes - WORDS - 600 // WORD_EVERY_S
-    assert followed.adapter.withheld <= changes - WORDS
+    assert followed.adapter.withheld >= changes - REPORTS - 600 // REPORT_EVERY_S
+    assert followed.adapter.withheld <= changes - REPORTS
 
 
 @pytest.mark.parametrize("loop", [5, 13])
@@ -127,11 +127,11 @@ def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
     followed = Followed()
     followed.hear(5, 200)
     heard = swing(followed, 9)
-    assert len(heard) == WORDS
-    followed.hear(loop, 3 * WORD_EVERY_S * 128)
+    assert len(heard) == REPORTS
+    followed.hear(loop, 3 * REPORT_EVERY_S * 128)
     reached = loop == 5
     assert followed.adapter.reached is reached
-    assert followed.adapter.told == "" if reached else "out of reach" in followed.adapter.told
+    assert followed.adapter.reported == "" if reached else "out of reach" in followed.adapter.reported
     assert "within reach again" in heard[-1][1]
 
 
@@ -147,8 +147,8 @@ def test_what_was_not_said_is_counted_by_name() -> None:
         core.tick(room, second)
         told += sum(event.event == "stiffness" for event in core.events)
         core.events.clear()
-    assert told == WORDS
-    assert core.dropped == {"stiffness word": 39 - WORDS}
+    assert told == REPORTS
+    assert core.dropped == {"stiffness word": 39 - REPORTS}
 
 
 @given(st.lists(st.tuples(st.integers(1, 4096), st.integers(1, 400)), max_size=12))
@@ -196,7 +196,7 @@ def people(count: int, axes: int, kind: str, follow: bool, random: np.random.Gen
 
 
 def stored_j(world: World) -> float:
-    """Of object and springs."""
+    """Return the energy of object and springs."""
     kinetic = 0.5 * world.mass_kg * float((world.velocity**2).sum())
     if isinstance(world, PushWorld):
         depth = np.maximum(0.0, world.side * (world.hand[:, 0] - world.position[0]))

@@ -90,7 +90,7 @@ def test_a_wrong_token_is_unknown(guess: str) -> None:
     )
 
 
-def test_no_token_is_told_so() -> None:
+def test_a_missing_token_is_refused_in_words() -> None:
     assert made().book.admit("", "player", "", NOW_S) == Denied(
         "token", "this server lets in only who has a token; ask for a new link"
     )
@@ -133,7 +133,7 @@ def test_a_revoked_token_says_so_whatever_else_ails_it() -> None:
 
 @pytest.mark.parametrize("number", [0, 6, 11, 99])
 def test_a_guess_costs_the_same_whatever_it_is(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every hash is looked at, in constant time, wherever the right one stands or not."""
+    """Every hash is compared, in constant time, wherever the right one stands or not."""
     book = TokenBook()
     for each in range(12):
         book, _ = book.new(drawn(each), NOW_S)

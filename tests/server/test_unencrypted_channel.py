@@ -1,4 +1,4 @@
-"""The plain door: hellos from strangers pass, everything else of theirs does not."""
+"""Unencrypted channel: of unauthenticated peers only hellos pass."""
 
 from itertools import count
 
@@ -26,7 +26,7 @@ def authenticator(*seated: Address) -> UnencryptedListener:
     return UnencryptedListener(RateLimiter(b"s", LIMITS), seated.__contains__)
 
 
-def test_strangers_may_say_hello_and_no_more() -> None:
+def test_of_unauthenticated_peers_only_hellos_pass() -> None:
     listener = authenticator(BEN)
     assert listener.receive(WAVE, ANNA, 0) == ()
     assert listener.receive(HELLO[:-1], ANNA, 0) == ()
@@ -46,7 +46,7 @@ def test_hellos_have_budgets_by_address_and_in_all() -> None:
     assert listener.dropped == {"address budget": 1, "contact budget": 3}
 
 
-def test_who_is_seated_has_a_budget_too_and_spends_nobody_else_s() -> None:
+def test_a_seated_peer_has_a_budget_of_its_own() -> None:
     slot = RateLimiter(b"s", LIMITS)._peer_slot  # differs from process to process
     other = next(("10.0.0.2", port) for port in count(4002) if slot(("10.0.0.2", port)) != slot(ANNA))
     listener = authenticator(ANNA, other)
@@ -56,7 +56,7 @@ def test_who_is_seated_has_a_budget_too_and_spends_nobody_else_s() -> None:
     assert listener.receive(HELLO, ("10.3.3.3", 1), 0) == (HELLO,)
 
 
-def test_a_dtls_hello_is_a_stranger_s() -> None:
+def test_a_dtls_hello_is_dropped() -> None:
     listener = authenticator()
     assert listener.receive(b"\x16\xfe\xff" + bytes(1100), ANNA, 0) == ()
     assert listener.dropped == {"stranger": 1}

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import RAMP_S, GripWorld
 from cogrip.server.worlds.lagged import CoupledWorld, LaggedWorld, PaperWorld
 from cogrip.server.worlds.push import PushWorld
-from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.small_room import SmallGripWorld
 from cogrip.server.worlds.world import WORKSPACE_M, World
 
@@ -50,7 +50,7 @@ def draw(world: World, random: np.random.Generator) -> None:
     world.velocity = random.uniform(-1.0, 1.0, world.axes)
     world.external_force = random.uniform(-5.0, 5.0, world.axes)
     world.side = random.choice([-1.0, 1.0], count)
-    world.roster[:] = True
+    world.holding[:] = True
 
 
 def grip(count: int, dimensions: int, seed: int) -> tuple[GripWorld, Array]:
@@ -226,7 +226,7 @@ def test_a_face_lets_go_exactly_at_its_break_point(aside: float, touches: bool) 
 
 @given(users, axes, seeds, st.integers(1, 40), st.sampled_from(["faces", "wall"]))
 def test_push_never_creates_energy(count: int, dimensions: int, seed: int, steps: int, kind: str) -> None:
-    """At every step, and so over all of them: what is stored never exceeds what was there and what came in."""
+    """Stored energy never exceeds what was there and what came in, at every step."""
     world, _ = push(count, dimensions, seed, kind)
     random = np.random.default_rng(seed + 1)
     budget = stored(world)
@@ -286,11 +286,11 @@ def test_people_come_and_go_and_bring_no_energy(count: int, dimensions: int, see
     for _ in range(200):
         user = int(random.integers(count))
         if random.random() < 0.1:
-            if world.roster[user]:
+            if world.holding[user]:
                 world.leave(user)
             else:
                 world.join(user, random.uniform(-0.3, 0.3, dimensions))
-        u = np.where(world.roster[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
+        u = np.where(world.holding[:, None], random.uniform(-1.0, 1.0, (count, dimensions)), 0.0)
         budget += came_in(u, world.step(u))
         assert stored(world) <= budget + 1e-12 * (1.0 + abs(budget))
         assert np.all(world.stiffness <= world.target_stiffness * (1.0 + 1e-12))

@@ -14,6 +14,7 @@ from rich.console import Console
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.protocol.passivity_control import LENT_J
 from cogrip.protocol.settings import Settings, resolve
+from cogrip.server.inputs import Kick
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots import compared
 from cogrip.sim.runs.plots.energy import energies
@@ -161,7 +162,7 @@ def test_a_resumed_seat_goes_on_and_a_kicked_one_keeps_what_was_known() -> None:
     resumed_j = laboratory.room.seat_account(0).line_reserve_j
     assert resumed_j is not None
     assert resumed_j <= least_j, "the same line"
-    laboratory.server.kick("anna")
+    laboratory.server.handle(Kick("anna"), laboratory.now_ns)
     frames(laboratory, 5)
     assert seat.port is None
     kicked_j = laboratory.room.seat_account(0).line_reserve_j

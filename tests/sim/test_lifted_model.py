@@ -20,9 +20,9 @@ from cogrip.devices.simulated.ideal import IdealPlant, IdealSettings
 from cogrip.protocol.line.delays import one_way
 from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import Settings, resolve, seat_settings
+from cogrip.server.schemes import make_world
 from cogrip.server.worlds.grip import GripWorld
 from cogrip.server.worlds.lagged import PaperWorld
-from cogrip.server.worlds.registry import make_world
 from cogrip.server.worlds.world import HandWorld, World
 from cogrip.sim.analysis.lifted_model import LiftedModel
 from cogrip.sim.analysis.linear_session import (
@@ -175,7 +175,7 @@ class CoresFrame:
         N = len(self.seats)
         world = make_world(self.seats)
         world.stiffness, world.damping = world.target_stiffness.copy(), world.target_damping.copy()
-        world.roster[:] = True
+        world.holding[:] = True
         place = 0.0
         if not self.session.fixed:
             world.position, world.velocity = server[N : N + 1].copy(), server[N + 1 : N + 2].copy()

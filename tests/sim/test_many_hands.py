@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cogrip.cli.session.settings_file import load
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES, VIEWED_SEATS, Stamp, View, encode
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.worlds.registry import make_world
+from cogrip.server.schemes import make_world
 from cogrip.server.worlds.world import World
 from cogrip.sim.runs.plots.style import colour
 from cogrip.sim.runs.summary import of_laboratory

@@ -83,4 +83,4 @@ def test_each_message_of_a_session_validates_against_the_schema_beside_it(tmp_pa
                 validators[schema.id].validate(value)
                 assert set(value) - {"unfit"} == set(validators[schema.id].schema["properties"])
                 kinds.add(channel.topic.rpartition("/")[2])
-    assert {"tick", "step", "datagram_in", "datagram_out", "command", "asked", "event", "account"} <= kinds
+    assert {"tick", "step", "datagram_in", "datagram_out", "input", "answer", "event", "account"} <= kinds

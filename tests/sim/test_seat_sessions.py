@@ -11,7 +11,7 @@ from rich.console import Console
 from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.protocol.accounts import ClientAccount, LinkCount, Percentiles, SeatAccount, TickCount
 from cogrip.protocol.settings import resolve, seat_settings
-from cogrip.server.room import MOST_EARLIER, Seat, SeatSession
+from cogrip.server.participants import MOST_EARLIER, Seat, SeatSession
 from cogrip.sim.runs.folder import summary_text
 from cogrip.sim.runs.report.tables import people_table
 from cogrip.sim.runs.summary import UserRecord, of_laboratory, of_room, summarise

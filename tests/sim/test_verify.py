@@ -23,7 +23,6 @@ from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import Settings, rates_of, resolve
 from cogrip.sim.runs.folder import client_recording
 from cogrip.sim.runs.laboratory_run import run_laboratory
-from cogrip.sim.runs.replay.replay_input import ANSWERS
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.extent import every
@@ -281,7 +280,7 @@ def test_any_byte_that_was_heard_is_harmless_or_found_afterwards(recorded: Recor
 
 @given(data=st.data())
 def test_one_message_that_is_missing_is_found(recorded: Recorded, data: st.DataObject) -> None:
-    places = [recorded.of(kind) for kind in ("tick", "step", "datagram_out", "event", "account", *ANSWERS)]
+    places = [recorded.of(kind) for kind in ("tick", "step", "datagram_out", "event", "account", "answer")]
     places.append([at for at, *_ in recorded.news()])
     at = data.draw(st.sampled_from(data.draw(st.sampled_from([each for each in places if each]))))
     verdict = verify(recorded.written([*recorded.messages[:at], *recorded.messages[at + 1 :]]))
@@ -298,7 +297,7 @@ def test_a_client_that_ticks_without_a_welcome_is_said(anna: Recorded) -> None:
 
 @given(data=st.data())
 def test_two_messages_that_changed_places_are_found(recorded: Recorded, data: st.DataObject) -> None:
-    outputs = ("datagram_out", "event", "account", *ANSWERS)
+    outputs = ("datagram_out", "event", "account", "answer")
     pairs = [at for at in range(len(recorded.kinds) - 1) if {recorded.kinds[at], recorded.kinds[at + 1]} & set(outputs)]
     at = data.draw(st.sampled_from(pairs))
     one, other = recorded.messages[at : at + 2]

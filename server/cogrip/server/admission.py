@@ -1,4 +1,4 @@
-"""Who is let in: what a doorkeeper says of a hello. The doorkeeper itself is the driver's: it knows tokens and the date."""
+"""Admission: the answer to a hello. Who knows tokens and the date (an authenticator) is the driver's."""
 
 from typing import Protocol
 
@@ -8,34 +8,34 @@ from cogrip.protocol.messages import Hello, Role
 
 
 class Grant(msgspec.Struct, frozen=True, tag="grant", omit_defaults=True):
-    """A hello may come in, as `role`. The texts narrow it; "" leaves open."""
+    """Admission as `role`. The other fields narrow it; "" leaves open."""
 
     role: Role
     token: str = ""  # public id of the token, never the token
     room: str = ""
-    user: str = ""  # which seat
+    user: str = ""  # whose seat
     device: str = ""  # beginning of the device address that may be claimed, such as hid:woodenhaptics
 
 
 class Denied(msgspec.Struct, frozen=True, tag="denied"):
-    """It may not. The words are what both sides print."""
+    """Refusal; both ends print the reason."""
 
     code: str
     reason: str
 
 
 class Authenticator(Protocol):
-    """Asked once for each hello that is new, then told when a place was really given."""
+    """Decides on admission."""
 
-    def admit(self, hello: Hello) -> Grant | Denied: ...
+    def admit(self, hello: Hello) -> Grant | Denied:
+        """Answer a hello that is new: called once for each."""
 
     def admitted(self, grant: Grant) -> None:
-        """A place was given by this grant: a one-time token is used up."""
-        ...
+        """Take note that a seat or observer slot was given by this grant: a one-time token is used up."""
 
 
 class AdmitAll:
-    """Lets everyone in, as what they ask for: loopback, laboratory, or a server that was told to be open."""
+    """Admits everybody as what they ask for: loopback, laboratory, or a server that was told to be open."""
 
     def admit(self, hello: Hello) -> Grant | Denied:
         return Grant(hello.role)

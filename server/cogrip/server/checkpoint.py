@@ -1,5 +1,8 @@
-"""What a server has to know again after it died: where the object was, and whose the seats are. No line, no spring:
-a hand that comes back joins anew, with the proxy on the object (theory 3.7), so nothing that was lost can push it."""
+"""State of a room that the next server goes on from: place of the object, and seats with the hash of their tickets.
+
+Lines and springs are not kept: a hand that resumes joins anew, with the proxy on the object (theory section 3.7), so that
+nothing that was lost can push it.
+"""
 
 import msgspec
 
@@ -9,7 +12,7 @@ VERSION = 1
 
 
 class SeatCheckpoint(msgspec.Struct, frozen=True):
-    """`ticket` is the mark of the ticket, never the ticket."""
+    """One seat. ticket: hash of the session ticket, never the ticket."""
 
     user: str
     session: int
@@ -20,6 +23,8 @@ class SeatCheckpoint(msgspec.Struct, frozen=True):
 
 
 class RoomCheckpoint(msgspec.Struct, frozen=True):
+    """One room."""
+
     version: int
     room: str
     digest: str
@@ -33,12 +38,11 @@ class CheckpointError(ValueError):
     """Not a checkpoint of this room. The text says why."""
 
 
-def encode(checkpoint: RoomCheckpoint) -> bytes:
-    return msgspec.json.encode(checkpoint)
+encode = msgspec.json.Encoder().encode
 
 
 def decode(data: bytes) -> RoomCheckpoint:
-    """Raises CheckpointError."""
+    """Read a checkpoint. Raises CheckpointError."""
     try:
         checkpoint = msgspec.json.decode(data, type=RoomCheckpoint)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

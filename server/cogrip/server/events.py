@@ -1,10 +1,10 @@
-"""What people and logs hear of: one happening, in words and in fields."""
+"""Events of a server, for people and logs."""
 
 import msgspec
 
 
 class ServerEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """`event` is one of EVENTS; `text` is the whole of it for people; the fields are the same for programs."""
+    """event: one of EVENTS; text: all of it, for people; the other fields say the same to programs."""
 
     event: str
     text: str
@@ -15,15 +15,9 @@ class ServerEvent(msgspec.Struct, frozen=True, omit_defaults=True):
     token: str = ""  # public id
 
 
-OF_STRANGERS = (  # what people without a token can bring about, at a plain server or by handshakes: said so often at most
-    "joined",
-    "observes",
-    "resumed",
-    "left",
-    "lost",
-    "kicked",
-    "refused",
-    "limited",
-    "stiffness",
-)
-EVENTS = (*OF_STRANGERS, "restored", "reloaded", "trouble")
+UNAUTHENTICATED_EVENTS = (
+    "joined", "observes", "resumed", "left", "lost", "kicked", "refused", "limited", "stiffness",
+)  # fmt: skip
+"""Events that unauthenticated peers can cause, at an unencrypted server or by handshakes: a log gets a bounded number."""
+
+EVENTS = (*UNAUTHENTICATED_EVENTS, "restored", "reloaded", "trouble")

@@ -1,7 +1,7 @@
 """The live server: one thread, one UDP socket, many rooms (design: Server process).
 
-A tick of a room: drain the socket, step, send one datagram a user. Rooms may have different rates. What else a server
-does (checkpoints, metrics, its keeper's wishes) are chores: called between ticks, none of which may wait for anything.
+A tick of a room: drain the socket, step, send one datagram a user. Rooms may have different rates. Checkpoints, metrics and
+the administrator's orders are chores: called between ticks, and none may wait for anything.
 """
 
 import errno
@@ -9,7 +9,7 @@ import hashlib
 import secrets
 import socket
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -28,19 +28,20 @@ from cogrip.protocol.recording.sink import Nowhere
 from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
+from cogrip.server import inputs
 from cogrip.server.admission import AdmitAll, Authenticator
-from cogrip.server.events import OF_STRANGERS, ServerEvent
+from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer, server_topics
 
 LINGER_NS = 300_000_000  # after the goodbye, for the clients' accounts
-MOST_AT_ONCE = 1024  # datagrams that are taken in before a tick: a flood beyond that is the kernel's to drop
-TOLD = Budget(1, 40)  # of each of OF_STRANGERS
-LOOK_EVERY = 32  # datagrams, at the clock
+MOST_AT_ONCE = 1024  # datagrams that are received before a tick: a flood beyond that is the kernel's to drop
+REPORTED = Budget(1, 40)  # of each of UNAUTHENTICATED_EVENTS
+CLOCK_EVERY = 32  # datagrams between two readings of the clock
 
 
 class ServerChannel(Channel, Protocol):
-    """`renewed`: addresses where somebody else speaks now, under a new seal; `events`: what people should hear of."""
+    """renewed: addresses with a new DTLS association, perhaps of somebody else; events: to be reported."""
 
     renewed: deque[Address]
     events: deque[ServerEvent]
@@ -61,7 +62,9 @@ class HostError(ServeError):
 class LiveServer:
     """A daemon for some rooms. `listen`, then `run` until `stop` is set.
 
-    open_channel makes the way to the clients for a core; chores are called between ticks with the time [ns].
+    open_channel  returns the channel to the clients of a core
+    chores        called between ticks with the time [ns]
+    events        of chores, reported as those of the core are
     """
 
     rooms: Sequence[Settings]
@@ -74,7 +77,7 @@ class LiveServer:
     seconds: float | None = None
     authenticator: Authenticator = field(default_factory=AdmitAll)
     chores: list[Chore] = field(default_factory=list)
-    events: deque[ServerEvent] = field(default_factory=deque)  # of chores, to be said as those of the core are
+    events: deque[ServerEvent] = field(default_factory=deque)
     core: RecordedServer = field(init=False)
     channel: ServerChannel = field(init=False)
     pacers: dict[str, Pacer] = field(init=False, default_factory=dict)
@@ -85,12 +88,12 @@ class LiveServer:
     _start_ns: int = field(init=False, default=0)
     _overran: int = field(init=False, default=0)
     _cut_short: int = field(init=False, default=0)
-    _patience_ns: int = field(init=False, default=0)
-    _voices: Buckets = field(init=False, default_factory=lambda: Buckets(len(OF_STRANGERS), TOLD))
-    _unsaid: dict[str, int] = field(init=False, default_factory=dict)
+    _drain_limit_ns: int = field(init=False, default=0)
+    _event_budget: Buckets = field(init=False, default_factory=lambda: Buckets(len(UNAUTHENTICATED_EVENTS), REPORTED))
+    _withheld: Counter[str] = field(init=False, default_factory=Counter)
 
     def listen(self) -> tuple[str, int]:
-        """Bind, and give the address. Raises ServeError."""
+        """Bind, and return (host, port). Raises ServeError."""
         try:
             family = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family[0], socket.SOCK_DGRAM)
@@ -102,27 +105,27 @@ class LiveServer:
         host, port = self._socket.getsockname()[:2]
         self.core = RecordedServer(
             self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator,
-            lambda: secrets.token_urlsafe(16), mark,
+            lambda: secrets.token_urlsafe(16), ticket_hash,
         )  # fmt: skip
         try:
             self.channel = self.open_channel(self.core)
-        except BaseException:  # there is no such key
+        except BaseException:  # there is no usable key
             self.close()
             raise
-        self._patience_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
+        self._drain_limit_ns = min(500_000_000 // room.rates.network_hz for room in self.rooms)  # half a frame
         return host, port
 
     def close(self) -> None:
-        """Give the port back where `run` is not called."""
+        """Free the port where `run` is not called."""
         self._socket.close()
 
     @property
     def elapsed_s(self) -> float:
-        """How long the rooms have been running."""
+        """Time since `run` began."""
         return (time.monotonic_ns() - self._start_ns) * 1e-9
 
     def run(self) -> None:
-        """Serve until stopped, say goodbye, and leave with the socket closed."""
+        """Serve until stopped, end all sessions, and close the socket."""
         self.recorder = self._record()
         measures = engage()
         self._start_ns = time.monotonic_ns()
@@ -134,7 +137,7 @@ class LiveServer:
             with self._socket:
                 self._loop(pacers)
                 self._farewell()
-            self.core.close_ledger()
+            self.core.handle(inputs.CloseLedger(), time.monotonic_ns())
         finally:
             release(measures)
             self.core.record(Nowhere())
@@ -142,7 +145,7 @@ class LiveServer:
                 self.recorder.close()
 
     def _record(self) -> Recorder | None:
-        """Begin to record, before anything is heard."""
+        """Start the recorder, before anything is received."""
         if self.record_at is None:
             self.core.record(Nowhere())
             return None
@@ -156,7 +159,7 @@ class LiveServer:
         return recorder
 
     def losses(self) -> dict[str, int]:
-        """What of this run is not in its recording, by name."""
+        """Return the counts of what is missing in the recording, by name."""
         if self.recorder is None:
             return {"recording stopped": 1} if self.record_at else {}
         stopped = {"recording stopped": 1} if self.recorder.trouble else {}
@@ -164,21 +167,20 @@ class LiveServer:
 
     @property
     def datagrams(self) -> tuple[int, int]:
-        """(received, sent) at the socket so far."""
+        """(Received, sent) at the socket so far."""
         return self._received, self._sent
 
     def drops(self) -> dict[str, int]:
-        """What went no further, by reason: in the kernel, at the door, in the core."""
-        dropped = dict(self.core.dropped)
-        for name, count in self.channel.dropped.items():
-            dropped[name] = dropped.get(name, 0) + count
+        """Return the drop counts by reason: of kernel, channel and core."""
+        dropped = Counter(self.core.dropped)
+        dropped.update(self.channel.dropped)
         if self._cut_short:
             dropped["left for the next tick"] = self._cut_short  # times that some were
-        with suppress(OSError):  # the socket is closed: what was known last stands
+        with suppress(OSError):  # the socket is closed: the last count holds
             self._overran = overrun(self._socket)
         if self._overran:
             dropped[OVERRUN] = self._overran
-        return dropped
+        return dict(dropped)
 
     def _loop(self, pacers: dict[str, Pacer]) -> None:
         core, clock = self.core, time.monotonic_ns
@@ -206,31 +208,32 @@ class LiveServer:
                 self._send()
                 work_us[room.name] = (clock() - now_ns) // 1000
                 pacer.done()
-            self._tell()
+            self._report()
             self.channel.poll(now_ns)
             self._flush()
             for chore in self.chores:
                 chore(now_ns)
 
-    def _tell(self) -> None:
-        """Say what has happened; of what strangers can bring about no more than a log can bear, and how much more there was."""
+    def _report(self) -> None:
+        """Report events; of those that unauthenticated peers can cause a bounded number, then the count of the others."""
         now_ns = time.monotonic_ns()
         for events in (self.channel.events, self.core.events, self.events):
             while events:
                 event = events.popleft()
                 kind = event.event
-                if kind in OF_STRANGERS and not self._voices.take(OF_STRANGERS.index(kind), now_ns):
-                    self._unsaid[kind] = self._unsaid.get(kind, 0) + 1
+                if kind in UNAUTHENTICATED_EVENTS and not self._event_budget.take(
+                    UNAUTHENTICATED_EVENTS.index(kind), now_ns
+                ):
+                    self._withheld[kind] += 1
                     continue
                 self.say(event)
-        for kind in list(self._unsaid):
-            if self._voices.take(OF_STRANGERS.index(kind), now_ns):
-                self.say(
-                    ServerEvent(kind, f"{self._unsaid.pop(kind)} more of this kind ({kind}) were not said one by one")
-                )
+        for kind in list(self._withheld):
+            if self._event_budget.take(UNAUTHENTICATED_EVENTS.index(kind), now_ns):
+                text = f"{self._withheld.pop(kind)} more of this kind ({kind}) were not said one by one"
+                self.say(ServerEvent(kind, text))
 
     def _farewell(self) -> None:
-        self.core.stop(f"the server was {self.stop.reason}")
+        self.core.handle(inputs.Stop(f"the server was {self.stop.reason}"), time.monotonic_ns())
         self._send()
         until_ns = time.monotonic_ns() + LINGER_NS
         while (now_ns := time.monotonic_ns()) < until_ns and self.core.awaits_accounts:
@@ -240,13 +243,13 @@ class LiveServer:
         for address in self.core.addresses:
             self.channel.close(address)
         self._flush()
-        self._tell()
+        self._report()
 
     def _drain(self, now_ns: int) -> None:
-        receive, unseal, take = self._socket.recvfrom, self.channel.receive, self.core.receive
+        receive, decrypt, handle = self._socket.recvfrom, self.channel.receive, self.core.receive
         renewed = self.channel.renewed
         for count in range(MOST_AT_ONCE):
-            if count % LOOK_EVERY == LOOK_EVERY - 1 and time.monotonic_ns() - now_ns > self._patience_ns:
+            if count % CLOCK_EVERY == CLOCK_EVERY - 1 and time.monotonic_ns() - now_ns > self._drain_limit_ns:
                 self._received += count
                 self._cut_short += 1
                 break
@@ -256,33 +259,33 @@ class LiveServer:
                 self._received += count
                 break
             except OSError as error:  # an earlier datagram of ours found no one: nothing of this one is lost
-                self.core.socket_failed(str(error.strerror))
+                self.core.handle(inputs.SocketFailed(str(error.strerror)), now_ns)
                 continue
-            carried = unseal(datagram, address, now_ns)
+            carried = decrypt(datagram, address, now_ns)
             while renewed:
-                self.core.unbind_address(renewed.popleft())
+                self.core.handle(inputs.UnbindAddress(renewed.popleft()), now_ns)  # type: ignore[arg-type]
             for message in carried:
-                take(message, address, now_ns)
+                handle(message, address, now_ns)
         else:
             self._received += MOST_AT_ONCE
         self._flush()
 
     def _send(self) -> None:
-        outbox, seal = self.core.outbox, self.channel.send
+        outbox, encrypt = self.core.outbox, self.channel.send
         while outbox:
             address, message = outbox.popleft()
-            seal(message, address)
+            encrypt(message, address)
         self._flush()
 
     def _flush(self) -> None:
-        outbox, put = self.channel.outbox, self._socket.sendto
+        outbox, send = self.channel.outbox, self._socket.sendto
         self._sent += len(outbox)
         while outbox:
             address, datagram = outbox.popleft()
             try:
-                put(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
+                send(datagram, address)  # type: ignore[call-overload]  # addresses are the socket's own
             except OSError as error:
-                self.core.socket_failed(str(error.strerror))
+                self.core.handle(inputs.SocketFailed(str(error.strerror)), time.monotonic_ns())
 
 
 def _cannot_listen(host: str, port: int, error: OSError) -> ServeError:
@@ -296,6 +299,6 @@ def _cannot_listen(host: str, port: int, error: OSError) -> ServeError:
     )
 
 
-def mark(ticket: str) -> str:
-    """What is kept of a ticket: nobody comes in by it."""
+def ticket_hash(ticket: str) -> str:
+    """Return what is kept of a session ticket; it resumes no session."""
     return hashlib.sha256(ticket.encode()).hexdigest()[:32]

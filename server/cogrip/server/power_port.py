@@ -1,25 +1,26 @@
-"""The server's end of time-domain passivity control: what may come out at the object is what has gone in at the hand.
+"""Port of time-domain passivity control: at the object comes out at most what has gone in at the hand.
 
 Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m/s], T frame [s].
 
     received  what the client says has gone in there (its newest message)
     out       sum of max(0, F w T): taken out here
-    in        sum of max(0, -F w T): gone in here, told to the client
+    in        sum of max(0, -F w T): gone in here, reported to the client
     W         received - out, what may still come out: the world's step keeps to it, and to E(0) = LENT_J beyond;
               `up_margin_j` is the least of it
 """
 
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Frame, Power, Stamp
+from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.latest_state_port import LatestStatePort, Row
+from cogrip.server.port import Row
 from cogrip.server.seat_limits import EnergyLimiter, SeatLimits
+from cogrip.server.state_port import LatestStatePort
 
 
 class PowerPort(LatestStatePort[Power]):
-    """Where the proxy is to go and what that may take, to the world; force and energy, back to the client."""
+    """See `Port`. To the world goes the proxy's aim and the energy for it, back go force and energy."""
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
@@ -34,24 +35,22 @@ class PowerPort(LatestStatePort[Power]):
         self.up_margin_j: float | None = 0.0
         self.up_reserve = EnergyReserve(seat.rates.network_hz)  # W, the least of all axes
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, Power) or not message.of_axes(self._axes):
-            return False
-        return self._accept(message)
+    def receive(self, message: Power) -> bool:
+        return message.of_axes(self._axes) and self._accept(message)
 
     @property
     def neutral(self) -> Row:
-        """Return what goes back of a step that did not count: no force, and a proxy that stands."""
+        """No force, and a proxy that stands."""
         return (0.0,) * (2 * self._axes)
 
     def _origin(self, message: Power) -> Row:
         moved = [speed * self._frame_s for speed in message.velocity_mps]
         return tuple([place - step for place, step in zip(message.position_m, moved, strict=True)])
 
-    def take(self, frames: int) -> Row:
-        """An axis after the other: where the proxy is to be [m], how it is to go there [m/s], what may come out [J], and how
-        much of what it should have at least, of 1, the client has to take."""
-        newest = self._take(frames)
+    def pop(self, frames: int) -> Row:
+        """Return the proxy's aim [m], its velocity towards it [m/s], the energy that may come out [J], and how full the
+        client's own energy reserve is, of 1: each for all axes."""
+        newest = self._pop(frames)
         self.up_reserve.elapse(frames)
         assert newest is not None  # the seat is on the object since its first message
         self._received = newest.entered_j
@@ -61,8 +60,8 @@ class PowerPort(LatestStatePort[Power]):
         self._pace = newest.velocity_mps if self._fresh else self._still
         return newest.position_m + self._pace + self._energy.limit(left) + filled
 
-    def put(self, row: Row) -> None:
-        """What the step came to: force [N] and the proxy's velocity [m/s]."""
+    def push(self, row: Row) -> None:
+        """Send force [N] and velocity of the proxy [m/s], each for all axes."""
         axes, frame_s = self._axes, self._frame_s
         self._number += 1
         self._force = row[:axes]
@@ -86,17 +85,14 @@ class PowerPort(LatestStatePort[Power]):
 
     @property
     def made_j(self) -> float:
-        """Energy that has gone in here."""
         return sum([energy.value for energy in self._in])
 
     @property
     def used_j(self) -> float:
-        """Energy that was taken out here."""
         return sum([energy.value for energy in self._out])
 
     @property
     def rounding_j(self) -> float:
-        """What rounding alone can put the books of both directions together out by."""
         return self._rounding * (sum(self._received) + self.made_j)
 
     @property
@@ -106,12 +102,10 @@ class PowerPort(LatestStatePort[Power]):
 
     @property
     def power_left(self) -> float:
-        """How full the power's bucket is, of 1."""
         return self._energy.fullness
 
     @property
     def limited(self) -> dict[str, int]:
-        """What was not believed, by reason."""
         return {**self._states.counts, **self._energy.counts}
 
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Power:

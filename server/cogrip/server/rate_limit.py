@@ -1,7 +1,7 @@
-"""Who may cost the server how much: sizes and budgets, before anything is decoded, deciphered or kept.
+"""Rate limits: what each peer may cost the server, checked before anything is decoded, decrypted or kept.
 
 Budgets are token buckets. Those of addresses lie in a table of fixed size, by a keyed hash: a flood from a million forged
-addresses takes no memory, and evicts nobody. Two addresses may fall into the same bucket; nobody outside knows which.
+addresses takes no memory and evicts nobody. Two addresses may share a bucket; nobody outside knows which.
 """
 
 import hashlib
@@ -16,14 +16,14 @@ SECOND_NS = 1_000_000_000
 
 
 class Budget(NamedTuple):
-    """So many a second, and so many at once."""
+    """Token bucket: rate [1/s] and burst."""
 
     per_second: int
     burst: int
 
 
 class Limits(NamedTuple):
-    """What a server spends on whom."""
+    """Budgets of one server."""
 
     address: Budget = Budget(20, 250)  # of one address, first contacts and handshakes each: many may sit behind one
     contacts: Budget = Budget(300, 600)  # first contacts of all addresses of one class
@@ -32,9 +32,9 @@ class Limits(NamedTuple):
 
 
 LIMITS = Limits()
-HELLOS = Budget(4, 8)  # of one place: a client says hello four times a second
+HELLOS = Budget(4, 8)  # of one participant: a client says hello four times a second
 ADDRESS_SLOTS = (
-    65536  # whoever shares one with an attacker's address is shut out with it: one in 260 beside 250 of them
+    65536  # an address that shares one with an attacker's is shut out with it: one in 260 beside 250 of them
 )
 PEER_SLOTS = 4096
 SEATED_NS = 3_600_000_000_000  # somebody at this address had a seat so lately
@@ -44,16 +44,16 @@ REPEATED, NEW, SEATED = range(3)  # classes of addresses; each has budgets of it
 
 
 def limits_for(network_hz: int) -> Limits:
-    """Of a server whose fastest room has this rate."""
+    """Return the limits of a server whose fastest room has this rate."""
     return LIMITS._replace(peer=Budget(4 * network_hz, 4 * network_hz))
 
 
 class RateLimiter:
-    """Each question takes from a budget and is answered by "", or by the name under which the datagram is dropped.
+    """Each query spends from a budget and returns "", or the name under which the datagram is dropped.
 
-    Contacts and handshakes have a budget for each class of addresses. An attacker who has some hundreds of addresses and is
-    persistent spends the budget of those that come again and again (REPEATED); who comes for the first time in NEW_NS draws
-    from another (NEW), and who had a seat lately from a third (SEATED), which nobody can reach without a token.
+    Contacts and handshakes have a budget for each class of addresses: an attacker with some hundreds of addresses spends that
+    of addresses that come again and again (REPEATED); one that comes for the first time in NEW_NS has another (NEW), and one
+    that had a seat lately a third (SEATED), which nobody can reach without a token.
     """
 
     def __init__(self, secret: bytes, limits: Limits = LIMITS) -> None:
@@ -69,31 +69,31 @@ class RateLimiter:
         self._handshakes = Buckets(3, limits.handshakes)
 
     def size(self, datagram: bytes) -> str:
-        """Asked first, of everything."""
+        """Check the size of any datagram, before all else."""
         if len(datagram) > MAX_DATAGRAM_BYTES:
             return "too large"
         return "" if datagram else "empty"
 
     def peer(self, address: Address, now_ns: int) -> str:
-        """A datagram of someone known: seated, or with an association."""
+        """Check a datagram of a known peer: bound to a session, or with an association."""
         return "" if self._peers.take(self._peer_slot(address), now_ns) else "flood of a peer"
 
     def contact(self, address: Address, now_ns: int) -> str:
-        """A first word of a stranger, whose address may be forged: a plain hello, a ClientHello without a cookie."""
+        """Check a first contact, whose address may be forged: an unencrypted hello, or a ClientHello without a cookie."""
         slot = self._slot(address)
         if not self._addresses.take(slot, now_ns):
             return "address budget"
         return "" if self._take(self._contacts, self._contact_ns, slot, now_ns) else "contact budget"
 
     def handshake(self, address: Address, now_ns: int) -> str:
-        """A handshake is to begin with an address that is not forged: its ClientHello had a cookie."""
+        """Check a handshake with an address that is not forged: its ClientHello had a cookie."""
         slot = self._slot(address)
         if not self._shaking.take(slot, now_ns):
             return "address budget"
         return "" if self._take(self._handshakes, self._handshake_ns, slot, now_ns) else "handshake budget"
 
     def _take(self, budgets: "Buckets", let_ns: "array[int]", slot: int, now_ns: int) -> bool:
-        """One out of the budget of this address's class. let_ns: when an address was let through last."""
+        """Spend one from the budget of this address's class. let_ns: time of the last one let through, by slot."""
         if now_ns - self._seated_ns[slot] < SEATED_NS:
             return budgets.take(SEATED, now_ns)
         taken = budgets.take(NEW if now_ns - let_ns[slot] >= NEW_NS else REPEATED, now_ns)
@@ -106,11 +106,10 @@ class RateLimiter:
         return now_ns - self._seated_ns[self._slot(address)] < SEATED_NS
 
     def seated(self, address: Address, now_ns: int) -> None:
-        """Somebody at this address has a seat: by a token or a ticket, which nobody gets by a handshake alone."""
+        """Note a session at this address: by a token or a ticket, which nobody gets by a handshake alone."""
         self._seated_ns[self._slot(address)] = now_ns
 
     def _peer_slot(self, address: Address) -> int:
-        """Two peers of a process share one once in PEER_SLOTS."""
         return hash((self._secret, address)) % PEER_SLOTS
 
     def _slot(self, address: Address) -> int:
@@ -119,7 +118,7 @@ class RateLimiter:
 
 
 def network_of(address: Address) -> str:
-    """What of an address a budget goes by: the IPv4 address, or the /64 of an IPv6 one; never the port."""
+    """Return the part of an address that has a budget: the IPv4 address, or the /64 of an IPv6 one; never the port."""
     host = str(address[0]) if isinstance(address, tuple) and address else str(address)
     if ":" not in host:
         return host
@@ -141,7 +140,7 @@ class Buckets:
         self._full_ns = array("q", [0]) * count
 
     def take(self, slot: int, now_ns: int) -> bool:
-        """Take one out of a bucket; False where it is empty."""
+        """Take one token out of a bucket; False where it is empty."""
         full_ns = max(self._full_ns[slot], now_ns) + self._each_ns
         if full_ns - now_ns > self._all_ns:
             return False

@@ -1,48 +1,49 @@
-"""A server core that notes every call and everything that comes of it: the same core, live, in virtual time, in replay.
+"""Server core that records every input and everything that comes of it: live, in virtual time, under replay.
 
-What is noted stands in the order in which it happened; a step is noted after the datagrams that it sent. Steps of a room
-where nobody sits are counted, and noted as one before anything else happens: a daemon that waits writes nothing.
+Records stand in the order in which things happened; a step stands after the datagrams that it sent. Steps of a deserted
+room are counted and recorded as one input, `Idle`, before the next input: a daemon that waits writes nothing.
 """
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.records import Asked, Command, Datagram, Event, Ledger, SeatStep, Step
+from cogrip.protocol.recording.core_recorder import CoreRecorder
+from cogrip.protocol.recording.records import Answer, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import Held, Nowhere, ObservedQueue, Sink, encode, topics
+from cogrip.protocol.recording.sink import ObservedQueue, topics
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
-from cogrip.server.checkpoint import RoomCheckpoint
-from cogrip.server.checkpoint import encode as encode_checkpoint
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
+from cogrip.server.inputs import CloseLedger, Idle, ServerInput
+from cogrip.server.outputs import Outputs
 from cogrip.server.room import Room
 
 WHO = "server"
-KINDS = ("datagram_in", "datagram_out", "command", "asked", "event", "account", "gap", "clock")
+KINDS = ("datagram_in", "datagram_out", "input", "answer", "event", "account", "gap", "clock")
 MOST_TEXTS = 4096
-DATAGRAM_IN, DATAGRAM_OUT, COMMAND, ASKED, EVENT, ACCOUNT = range(6)
+DATAGRAM_IN, DATAGRAM_OUT, INPUT, ANSWER, EVENT, ACCOUNT = range(6)
 
 
 def server_topics(rooms: Sequence[str]) -> tuple[str, ...]:
-    """Topics of a server's recording: its own, then the steps of each room."""
+    """Return the topics of a server's recording: its own, then the steps of each room."""
     return topics(WHO, KINDS) + tuple(step_topic(room) for room in rooms)
 
 
 def step_topic(room: str) -> str:
-    """Where the steps of a room are."""
+    """Return the topic of a room's steps."""
     return f"/room/{room}/step"
 
 
-class RecordedServer(ServerCore):
-    """Messages are held until `record` says where they go. `timing` of a room is the driver's: see `Step`.
+class RecordedServer(CoreRecorder, ServerCore):
+    """`ServerCore` within its recorder. Tokens and tickets are not recorded (`cogrip.protocol.recording.secrets`).
 
-    Tokens and tickets are not noted (`cogrip.protocol.recording.secrets`).
+    timing  of each room, set by the driver before a step: lateness [us], work of the step before [us], skipped steps
     """
 
     def __init__(
@@ -52,170 +53,128 @@ class RecordedServer(ServerCore):
         new_session: Callable[[], int],
         authenticator: Authenticator | None = None,
         new_ticket: Callable[[], str] = str,
-        mark: Callable[[str], str] = str,
+        hash_ticket: Callable[[str], str] = str,
     ) -> None:
-        authenticator = RecordedAuthenticator(authenticator or AdmitAll(), self._granted)
-        super().__init__(
-            rooms, software, lambda: self._session(new_session), authenticator, lambda: self._new(new_ticket), mark
+        """See `ServerCore`: each answer of the callables is recorded."""
+        CoreRecorder.__init__(self)
+        self._hash_ticket = hash_ticket
+
+        def recorded_session() -> int:
+            session = new_session()
+            self.put(ANSWER, Answer(session=session))
+            return session
+
+        def recorded_ticket() -> str:
+            ticket = new_ticket()
+            self.put(ANSWER, Answer(ticket=hash_ticket(ticket)))
+            return ticket
+
+        recorded_admission = RecordedAuthenticator(authenticator or AdmitAll(), self)
+        outputs = Outputs(ObservedQueue(self._put_sent), ObservedQueue(self._put_event))
+        ServerCore.__init__(
+            self, rooms, software, recorded_session, recorded_admission, recorded_ticket, hash_ticket, outputs
         )  # fmt: skip
         self.start = start_text(rooms, software)
-        self.timing = {room.name: (0, 0, 0) for room in self.rooms}  # late [us], work [us], skipped
-        self._held = Held()
-        self._sink: Sink = self._held
-        self._notes = True
-        self._texts: dict[Address, str] = {}
-        self._now_ns = 0
-        self._rested: dict[str, int] = {}
-        self._number = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
-        self.outbox = ObservedQueue(self._sent)
-        self.events = ObservedQueue(self._told)
+        self.timing = {room.name: (0, 0, 0) for room in self.rooms}
+        self._address_texts: dict[Address, str] = {}
+        self._idle_steps: dict[str, int] = {}
+        self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
 
-    def record(self, sink: Sink) -> None:
-        """Give what was noted so far to `sink`, and all that follows."""
-        self._sink = sink
-        self._notes = not isinstance(sink, Nowhere)  # what nobody keeps need not be written out
-        self._held.pour(sink)
-
     def count_ticks(self, room: Room, count: Callable[[], TickCount]) -> None:
-        """From now on `count` tells how the loop of a room runs."""
+        """Set the source of a room's tick count: the loop that steps it."""
 
-        def asked() -> TickCount:
+        def recorded() -> TickCount:
             ticks = count()
-            self._put(ASKED, Asked(room.name, ticks=msgspec.json.encode(ticks).decode()))
+            self.put(ANSWER, Answer(room.name, ticks=msgspec.json.encode(ticks).decode()))
             return ticks
 
-        room.ticks = asked
+        room.ticks = recorded
 
-    def _put(self, topic: int, record: msgspec.Struct) -> None:
-        if self._notes:
-            self._sink.put(topic, self._now_ns, encode(record))
-
-    def note_rest(self) -> None:
-        """Note the steps that were counted; before every call that comes from outside."""
-        for room, steps in self._rested.items():
-            self._put(COMMAND, Command("rest", room, steps))
-        self._rested.clear()
-
-    def _session(self, new_session: Callable[[], int]) -> int:
-        session = new_session()
-        self._put(ASKED, Asked(session=session))
-        return session
-
-    def _new(self, new_ticket: Callable[[], str]) -> str:
-        ticket = new_ticket()
-        self._put(ASKED, Asked(ticket=self._mark(ticket)))
-        return ticket
-
-    def _granted(self, answer: Grant | Denied) -> None:
-        self._put(ASKED, Asked(grant=msgspec.json.encode(answer).decode()))
-
-    def _text(self, address: Address) -> str:
-        """`address_text`, of which there are few, and many datagrams."""
-        text = self._texts.get(address)
-        if text is None:
-            if len(self._texts) >= MOST_TEXTS:
-                self._texts.clear()
-            text = self._texts[address] = address_text(address)
-        return text
-
-    def _sent(self, entry: tuple[Address, bytes]) -> None:
-        if self._notes:
-            self._put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._mark), self._text(entry[0])))
-
-    def _told(self, event: ServerEvent) -> None:
-        self._put(EVENT, Event(event.text))
+    def handle(self, given: ServerInput, now_ns: int) -> int:
+        self._put_idle()
+        self.now_ns = now_ns
+        self.put_input(INPUT, given)
+        result = super().handle(given, now_ns)
+        if isinstance(given, CloseLedger):
+            self._put_ledgers()
+        return result
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> None:
-        if self._rested:
-            self.note_rest()
-        self._now_ns = now_ns
-        if self._notes:
-            self._put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._mark), self._text(address)))
+        if self._idle_steps:
+            self._put_idle()
+        self.now_ns = now_ns
+        if self.keeps:
+            self.put(DATAGRAM_IN, Datagram(without_secrets(datagram, self._hash_ticket), self._text(address)))
         super().receive(datagram, address, now_ns)
-
-    def socket_failed(self, reason: str) -> None:
-        self.note_rest()
-        self._put(COMMAND, Command("socket_failed", reason))
-        super().socket_failed(reason)
-
-    def stop(self, reason: str) -> None:
-        self.note_rest()
-        self._put(COMMAND, Command("stop", reason))
-        super().stop(reason)
-
-    def kick(self, user: str, room: str = "", reason: str = "") -> int:
-        self.note_rest()
-        self._put(COMMAND, Command("kick", json.dumps([user, room, reason])))
-        return super().kick(user, room, reason)
-
-    def revoke(self, tokens: Iterable[str]) -> int:
-        gone = sorted(tokens)
-        self.note_rest()
-        self._put(COMMAND, Command("revoke", json.dumps(gone)))
-        return super().revoke(gone)
-
-    def unbind_address(self, address: Address) -> None:
-        self.note_rest()
-        self._put(COMMAND, Command("disown", address_text(address)))
-        super().unbind_address(address)
-
-    def restore(self, checkpoint: RoomCheckpoint, now_ns: int) -> None:
-        self._now_ns = now_ns
-        self._put(COMMAND, Command("restore", encode_checkpoint(checkpoint).decode()))
-        super().restore(checkpoint, now_ns)
 
     def tick(self, room: Room, now_ns: int, frames: int = 1) -> None:
         if room.deserted:
-            self._now_ns = now_ns
-            self._rested[room.name] = self._rested.get(room.name, 0) + 1
+            self.now_ns = now_ns
+            self._idle_steps[room.name] = self._idle_steps.get(room.name, 0) + 1
             super().tick(room, now_ns, frames)
             return
-        self.note_rest()
-        self._now_ns = now_ns
+        if self._idle_steps:
+            self._put_idle()
+        self.now_ns = now_ns
         super().tick(room, now_ns, frames)
-        if not self._notes:
-            return
-        world = room.world
-        motion = world.motion()
-        seats = tuple([_seat(room, number) for number in range(len(room.seats))])
-        late_us, work_us, skipped = self.timing[room.name]
-        self._put(self._number[room.name], Step(
-            room.steps, motion[: world.axes], motion[world.axes :], seats,
-            frames, late_us, work_us, skipped,
-        ))  # fmt: skip
+        if self.keeps:
+            motion, axes = room.world.motion(), room.world.axes
+            seats = tuple([_seat_step(room, number) for number in range(len(room.seats))])
+            late_us, work_us, skipped = self.timing[room.name]
+            self.put(self._step_topic[room.name], Step(
+                room.steps, motion[:axes], motion[axes:], seats, frames, late_us, work_us, skipped,
+            ))  # fmt: skip
 
-    def close_ledger(self) -> None:
-        """Note what every room and seat knows at the end."""
-        self.note_rest()
-        self._put(COMMAND, Command("close_books"))
+    def _put_idle(self) -> None:
+        for room, steps in self._idle_steps.items():
+            self.put_input(INPUT, Idle(room, steps))
+        self._idle_steps.clear()
+
+    def _put_sent(self, entry: tuple[Address, bytes]) -> None:
+        if self.keeps:
+            self.put(DATAGRAM_OUT, Datagram(without_secrets(entry[1], self._hash_ticket), self._text(entry[0])))
+
+    def _put_event(self, event: ServerEvent) -> None:
+        self.put(EVENT, Event(event.text))
+
+    def _put_ledgers(self) -> None:
         for room in self.rooms:
-            seats = [room.seat_account(number) for number in range(len(room.seats))]
-            limited = [room.limited(number) for number in range(len(room.seats))]
-            books = {
-                "room": room.name, "account": room.account(), "seats": seats, "limited": limited, "dropped": self.dropped,
+            numbers = range(len(room.seats))
+            ledger = {
+                "room": room.name, "account": room.account(), "seats": [room.seat_account(number) for number in numbers],
+                "limited": [room.limited(number) for number in numbers], "dropped": self.dropped,
             }  # fmt: skip
-            self._put(ACCOUNT, Ledger(msgspec.json.encode(books).decode()))
+            self.put(ACCOUNT, Ledger(msgspec.json.encode(ledger).decode()))
+
+    def _text(self, address: Address) -> str:
+        """Return `address_text`, of which there are few, and many datagrams."""
+        text = self._address_texts.get(address)
+        if text is None:
+            if len(self._address_texts) >= MOST_TEXTS:
+                self._address_texts.clear()
+            text = self._address_texts[address] = address_text(address)
+        return text
 
 
 class RecordedAuthenticator:
-    """A doorkeeper whose every answer is noted."""
+    """`Authenticator` whose every answer is recorded."""
 
-    def __init__(self, authenticator: Authenticator, note: Callable[[Grant | Denied], None]) -> None:
+    def __init__(self, authenticator: Authenticator, recorder: CoreRecorder) -> None:
         self._authenticator = authenticator
-        self._note = note
+        self._recorder = recorder
 
     def admit(self, hello: Hello) -> Grant | Denied:
         answer = self._authenticator.admit(hello)
-        self._note(answer)
+        self._recorder.put(ANSWER, Answer(grant=msgspec.json.encode(answer).decode()))
         return answer
 
     def admitted(self, grant: Grant) -> None:
         self._authenticator.admitted(grant)
 
 
-def _seat(room: Room, number: int) -> SeatStep:
+def _seat_step(room: Room, number: int) -> SeatStep:
     seat, world = room.seats[number], room.world
     port = seat.port
     if port is None:
@@ -229,21 +188,21 @@ def _seat(room: Room, number: int) -> SeatStep:
 
 
 def address_text(address: Address) -> str:
-    """An address, text or a tuple as sockets give them, as JSON text."""
+    """Return an address, text or a tuple as sockets give them, as JSON text."""
     return msgspec.json.encode(address).decode()
 
 
 def address_of(text: str) -> Address:
-    """The way back. Raises ValueError (msgspec's) for what is none."""
+    """Return the address in JSON text. Raises ValueError (msgspec's)."""
     return msgspec.json.decode(text, type=str | tuple[str | int, ...])
 
 
 def start_text(rooms: Sequence[Settings], software: str) -> str:
-    """What a server core is made from, as JSON text."""
+    """Return the arguments of a server core as JSON text."""
     return json.dumps({"rooms": msgspec.to_builtins(rooms), "software": software})
 
 
 def start_of(text: str) -> tuple[list[Settings], str]:
-    """The way back. Raises ValueError (msgspec's among them) or KeyError for anything else."""
+    """Return rooms and software from `start_text`. Raises ValueError (msgspec's among them) or KeyError."""
     table = json.loads(text)
     return msgspec.convert(table["rooms"], list[Settings]), str(table["software"])

@@ -1,67 +1,59 @@
-"""Who sits and looks on in a running server, as its keeper sees them (`cogrip who`)."""
+"""Roster: everybody in a session at a running server, for its administrator (`cogrip who`)."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from cogrip.protocol.channel import Address, place_text
+from cogrip.protocol.channel import place_text
 
-if TYPE_CHECKING:  # who asks needs no room, and none of numpy
+if TYPE_CHECKING:  # the command that asks needs no room, and none of numpy
     from cogrip.protocol.clock import Clock
+    from cogrip.server.participants import Participant
     from cogrip.server.room import Room
 
-MOST_PRESENT = 100  # that an answer has room for
+MOST_LISTED = 100  # entries in an answer
 
 Number = float | None
 
 
 class RosterEntry(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One person. Ways and round trip are the newest; what is not known is None."""
+    """One person. Delays and round trip are the newest; None: not known."""
 
     name: str
     room: str
     address: str
-    since_s: float  # so long ago they sat down, or began to look on
+    since_s: float  # age of the session
     seat: int | None = None  # None: an observer
     device: str = ""
     rtt_ms: Number = None
     up_ms: Number = None
     down_ms: Number = None
-    lost: int | None = None  # frames from them that never came
+    lost: int | None = None  # frames from this person that never came
     holds: bool = False  # the object
 
 
-def people_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
-    """Room by room, the seats first."""
-    people = []
+def roster_of(rooms: "Iterable[Room]", now_ns: int) -> list[RosterEntry]:
+    """Return the roster, room by room, the seats first."""
+    entries: list[RosterEntry] = []
     for room in rooms:
-        for number, seat in enumerate(room.seats):
-            if seat.state == "seated":
-                people.append(
-                    RosterEntry(
-                        seat.name, room.name, _place(seat.address), _since_s(seat.since_ns, now_ns), number,
-                        seat.record.device if seat.record else "", _ms(seat.rtt_ns), _ms(seat.clock.return_ns),
-                        _ms(seat.clock.forward_ns), seat.port.lost if seat.port else None, seat.on_object,
-                    )
-                )  # fmt: skip
-        for observer in room.observer_slots.observers.values():
-            clock = observer.clock
-            people.append(
-                RosterEntry(
-                    observer.name, room.name, _place(observer.address), _since_s(observer.since_ns, now_ns),
-                    rtt_ms=_rtt_ms(clock), up_ms=_ms(clock.return_ns), down_ms=_ms(clock.forward_ns),
-                )
-            )  # fmt: skip
-    return people
+        entries += [
+            _entry(room, seat, now_ns, seat=seat.number, device=seat.record.device if seat.record else "",
+                   rtt_ms=_ms(seat.rtt_ns), lost=seat.port.lost if seat.port else None, holds=seat.on_object)
+            for seat in room.seats if seat.state == "seated"
+        ]  # fmt: skip
+        entries += [
+            _entry(room, observer, now_ns, rtt_ms=_rtt_ms(observer.clock))
+            for observer in room.observer_slots.observers.values()
+        ]
+    return entries
 
 
-def _place(address: Address) -> str:
-    return "away" if address is None else place_text(address)
-
-
-def _since_s(since_ns: int, now_ns: int) -> float:
-    return round(max(0, now_ns - since_ns) * 1e-9, 1)
+def _entry(room: "Room", who: "Participant", now_ns: int, **other: Any) -> RosterEntry:
+    place = "away" if who.address is None else place_text(who.address)
+    since_s = round(max(0, now_ns - who.since_ns) * 1e-9, 1)
+    up_ms, down_ms = _ms(who.clock.return_ns), _ms(who.clock.forward_ns)
+    return RosterEntry(who.name, room.name, place, since_s, up_ms=up_ms, down_ms=down_ms, **other)
 
 
 def _ms(value_ns: int | None) -> Number:

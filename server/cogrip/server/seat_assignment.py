@@ -1,38 +1,75 @@
-"""Where a hello leads: to a seat, to the gallery, or to a refusal in words that both sides print."""
+"""Seats and observer slots of a server: who speaks from which address, and which one a hello gets."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 
+from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.session import unfit
 from cogrip.server.admission import Denied, Grant
+from cogrip.server.participants import Observer, Participant, Seat
 from cogrip.server.room import Room
 from cogrip.server.seat_limits import misclaimed, record_of
 
-
-def find_again(rooms: Sequence[Room], mark: str) -> tuple[Room, int] | None:
-    """The seat that a ticket with this mark opens."""
-    if not mark:
-        return None
-    for room in rooms:
-        for number, seat in enumerate(room.seats):
-            if seat.ticket == mark:
-                return room, number
-    return None
+Place = tuple[Room, Seat | Observer]
 
 
-def find_observer(rooms: Sequence[Room], mark: str) -> tuple[Room, int] | None:
-    """The observer whose ticket has this mark."""
-    if not mark:
-        return None
-    for room in rooms:
-        for number, each in room.observer_slots.observers.items():
-            if each.ticket == mark:
-                return room, number
-    return None
+class SeatTable:
+    """Places of all participants. It alone writes `Participant.address`: nobody has two addresses, no address two people.
+
+    A seat that was left keeps its address until another hello comes from it, so that a repeated goodbye is answered.
+    at  returns the place at an address, None where there is none
+    """
+
+    def __init__(self, rooms: Sequence[Room]) -> None:
+        self.rooms = rooms
+        self._places: dict[Address, Place] = {}
+        self.at: Callable[[Address], Place | None] = self._places.get  # once a datagram
+
+    @property
+    def addresses(self) -> list[Address]:
+        """All addresses that are bound."""
+        return list(self._places)
+
+    def bind(self, room: Room, who: Seat | Observer, address: Address) -> None:
+        """Let a participant speak from this address from now on."""
+        self.unbind(who)
+        self.release(address)
+        self._places[address] = room, who
+        who.address = address
+
+    def unbind(self, who: Participant) -> None:
+        """Take a participant's address away."""
+        if who.address is not None:
+            self.release(who.address)
+
+    def release(self, address: Address) -> None:
+        """Take an address from whoever has it."""
+        place = self._places.pop(address, None)
+        if place is not None:
+            place[1].address = None
+
+    def roster(self) -> list[Place]:
+        """Return everybody in a session: seats, then observers."""
+        places: list[Place] = [(room, seat) for room in self.rooms for seat in room.seats if seat.state == "seated"]
+        places += [(room, each) for room in self.rooms for each in room.observer_slots.observers.values()]
+        return places
+
+    def by_ticket(self, ticket_hash: str) -> Place | None:
+        """Return the seat, or else the observer slot, that a ticket resumes."""
+        if not ticket_hash:
+            return None
+        seats: Iterator[Place] = ((room, seat) for room in self.rooms for seat in room.seats)
+        observers = ((room, each) for room in self.rooms for each in room.observer_slots.observers.values())
+        return next((place for place in chain(seats, observers) if place[1].ticket_hash == ticket_hash), None)
+
+    def count_by_token(self, token: str) -> int:
+        """Return how many seats were taken with this token and are not left."""
+        return sum(seat.state == "seated" and seat.token == token for room in self.rooms for seat in room.seats)
 
 
-def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) -> tuple[Room, int] | Denied:
-    """The first free seat that hello and grant agree on, and that the device fits; else why the first of them does not fit."""
+def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) -> tuple[Room, Seat] | Denied:
+    """Return the first free seat that hello and grant agree on and that the device fits, else why the first does not fit."""
     among = _rooms(rooms, hello, grant)
     if isinstance(among, Denied):
         return among
@@ -45,46 +82,43 @@ def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) ->
     name = hello.name or grant.user
     misfit: Denied | None = None
     for room in among:
-        for number, seat in enumerate(room.seats):
-            if room.free(number, now_ns) and name in ("", seat.settings.user):
-                found = _fitting(room, number, hello)
-                if not isinstance(found, Denied):
-                    return found
-                misfit = misfit or found
+        for seat in room.seats:
+            if room.free(seat.number, now_ns) and name in ("", seat.name):
+                reason = _misfit(room, seat, hello)
+                if reason is None:
+                    return room, seat
+                misfit = misfit or reason
     if misfit is not None:
         return misfit
-    names = [seat.settings.user for room in among for seat in room.seats]
+    names = [seat.name for room in among for seat in room.seats]
     if name and name not in names:
         return Denied("name", f"no seat is kept for {name!r}; seats are: {', '.join(names)}")
-    left_ns = [
-        room.kept_ns(number, now_ns)
-        for room in among
-        for number, seat in enumerate(room.seats)
-        if name in ("", seat.settings.user)
+    reserved_ns = [
+        room.reserved_ns(seat.number, now_ns) for room in among for seat in room.seats if name in ("", seat.name)
     ]
-    return _none_free(name, left_ns)
+    return _none_free(name, reserved_ns)
 
 
-def _none_free(name: str, left_ns: Sequence[int]) -> Denied:
-    """Say for how long the seats that are not taken are kept, and not for whom. left_ns: of each seat, 0 where it is taken."""
-    kept = sorted(-(-each // 1_000_000_000) for each in left_ns if each)
+def _none_free(name: str, reserved_ns: Sequence[int]) -> Denied:
+    """Return a refusal that says for how long seats are reserved, and not for whom. reserved_ns: 0 of a seat that is taken."""
+    kept = sorted(-(-each // 1_000_000_000) for each in reserved_ns if each)
     if name and kept:
         words = f"the seat of {name!r} is kept for another {kept[0]} s for someone who lost their connection; try again then"
         return Denied("taken", words)
     if name:
         return Denied("taken", f"the seat of {name!r} is taken; wait until it is left or time out")
     if not kept:
-        return Denied("full", f"the room is full: all {len(left_ns)} seats are taken")
+        return Denied("full", f"the room is full: all {len(reserved_ns)} seats are taken")
     span = f"{kept[0]} s" if kept[0] == kept[-1] else f"{kept[0]} to {kept[-1]} s"
     words = (
-        f"the room has no free seat: {len(left_ns) - len(kept)} taken, {len(kept)} kept for another {span} for someone "
+        f"the room has no free seat: {len(reserved_ns) - len(kept)} taken, {len(kept)} kept for another {span} for someone "
         "who lost their connection; try again then"
     )
     return Denied("full", words)
 
 
 def find_observer_slot(rooms: Sequence[Room], hello: Hello, grant: Grant) -> Room | Denied:
-    """The first room with a place to look on from."""
+    """Return the first room with a free observer slot."""
     among = _rooms(rooms, hello, grant)
     if isinstance(among, Denied):
         return among
@@ -106,15 +140,15 @@ def _rooms(rooms: Sequence[Room], hello: Hello, grant: Grant) -> list[Room] | De
     return among
 
 
-def _fitting(room: Room, number: int, hello: Hello) -> tuple[Room, int] | Denied:
+def _misfit(room: Room, seat: Seat, hello: Hello) -> Denied | None:
+    """Return why this device does not fit a seat; None where it fits."""
+    user = room.settings.users[seat.number]
     whose = "this room at rates.device_hz"
-    if room.settings.users[number].device_hz is not None:
-        whose = f"the seat of {room.settings.users[number].name!r} at users.{number}.device_hz"
-    device_hz = room.seats[number].settings.rates.device_hz
+    if user.device_hz is not None:
+        whose = f"the seat of {user.name!r} at users.{seat.number}.device_hz"
+    device_hz = seat.settings.rates.device_hz
     misfit = unfit(hello, digest=room.digest, axes=room.world.axes, device_hz=device_hz, whose=whose)
     if misfit is not None:
         return Denied(*misfit)
-    misclaim = misclaimed(record_of(hello), room.settings, number)
-    if misclaim:
-        return Denied("device", misclaim)
-    return room, number
+    misclaim = misclaimed(record_of(hello), room.settings, seat.number)
+    return Denied("device", misclaim) if misclaim else None

@@ -1,4 +1,4 @@
-"""What a seat may bring in, whoever sits there: a hostile player can be unpleasant, never dangerous.
+"""Bounds of what a seat may bring in: a hostile player can be unpleasant, never dangerous.
 
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
               has no bound, [admission]'s, or STRANGERS_FORCE_N and STRANGERS_SPEED_MPS
@@ -6,9 +6,10 @@
     states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
     energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
 
-A wave that is taken down keeps its direction and loses energy, so everything stays passive.
+A wave that is limited keeps its direction and loses energy, so everything stays passive.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from math import inf, sqrt
 
@@ -21,12 +22,12 @@ from cogrip.protocol.waves import wave_of
 BURST_S = 0.25  # of the power a seat may bring in at once
 
 MOST_S = 2.0  # between two states, in which a hand may have moved
-FASTER = 1.01  # a sender whose clock is so much faster than ours is believed
+FASTER = 1.01  # by which a sender's clock may be faster than ours
 Row = tuple[float, ...]
 
 
 class Record(msgspec.Struct, frozen=True):
-    """What a hello claims of its device."""
+    """Device record, as a hello claims it."""
 
     device: str
     axes: int
@@ -35,7 +36,7 @@ class Record(msgspec.Struct, frozen=True):
     speed_mps: float
 
     def is_of(self, other: "Record | None") -> bool:
-        """True where both are of one device: an older peer, or its checkpoint, tells the first SHORT characters alone."""
+        """Return whether both are of one device: of an older peer only the first SHORT characters are known."""
         if other is None or msgspec.structs.replace(self, device=other.device) != other:
             return False
         return self.device == other.device or (
@@ -52,13 +53,14 @@ class SeatLimits(msgspec.Struct, frozen=True):
 
 
 def record_of(hello: Hello) -> Record:
+    """Return the device record of a hello."""
     return Record(
         hello.device, hello.device_axes, hello.device_rate_hz, hello.device_force_n, hello.device_speed_mps
     )  # fmt: skip
 
 
 def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
-    """Of seat `number` for whoever comes with this device record."""
+    """Return the bounds of seat `number` with this device record."""
     admission = settings.admission
     force = record.force_n if record.force_n < NO_BOUND else admission.force_n or STRANGERS_FORCE_N
     speed = record.speed_mps if record.speed_mps < NO_BOUND else admission.speed_mps or STRANGERS_SPEED_MPS
@@ -68,7 +70,7 @@ def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
 
 
 def misclaimed(record: Record, settings: Settings, number: int) -> str:
-    """Why this record cannot be taken at seat `number`, "" if it can."""
+    """Return why seat `number` does not accept this device record, "" if it does."""
     admission, user = settings.admission, settings.users[number]
     for claim, bound, unit, key, kind in (
         (record.force_n, admission.force_n, "N", "force_n", "weaker"),
@@ -86,20 +88,20 @@ def misclaimed(record: Record, settings: Settings, number: int) -> str:
 
 
 def kind_of_device(address: str) -> str:
-    """A device address without its keys."""
+    """Return a device address without its keys."""
     return address.partition("?")[0].partition("#")[0]
 
 
 class WaveLimiter:
-    """`limit` a forward wave before the step, `book` it with the wave that went back after it. Waves [sqrt(W)], shape (axes,).
+    """Bounds forward waves: `limit` one before the step, `book` the returned wave after it. Waves [sqrt(W)], shape (axes,).
 
-    The bucket: no step may take in more than the last returned wave held and what the bucket holds, so that the energy that
-    came in up to any time is at most power * (time + BURST_S) and one returned wave. A hand that holds still under any
-    force returns what it brings and is never touched.
+    A step may take in at most the energy of the last returned wave and what the bucket holds. So the energy taken in up to any
+    time is at most power * (time + BURST_S) and one returned wave. A hand that holds still under any force returns what it
+    brings and is never limited.
     """
 
     def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
-        """power_left: how full the bucket is at first, of 1."""
+        """power_left: initial level of the bucket, of 1."""
         largest = wave_of(impedance_nspm, limits.speed_mps, limits.force_n)
         self._largest_square = largest * largest
         self._half_frame_s = 0.5 * frame_s
@@ -108,12 +110,12 @@ class WaveLimiter:
         self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
         self._brought = 0.0  # |u|^2 of this step
         self._returned = 0.0  # |v|^2 of the last step
-        self.taken_j = 0.0  # energy of the waves that was taken off
-        self.counts: dict[str, int] = {}
+        self.taken_j = 0.0  # energy by which waves were limited
+        self.counts: Counter[str] = Counter()
 
     @property
     def fullness(self) -> float:
-        """Of the bucket, at most 1."""
+        """Level of the bucket, of 1."""
         return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
 
     def limit(self, wave: Row) -> Row:
@@ -126,9 +128,9 @@ class WaveLimiter:
             if powered < allowed:
                 allowed, name = powered, "power limited"
         if square > allowed:
-            self.counts[name] = self.counts.get(name, 0) + 1
-            share = sqrt(allowed / square)
-            wave = tuple([share * value for value in wave])
+            self.counts[name] += 1
+            gain = sqrt(allowed / square)
+            wave = tuple([gain * value for value in wave])
             self.taken_j += (square - allowed) * self._half_frame_s
             square = allowed
         self._brought = square
@@ -145,60 +147,60 @@ class WaveLimiter:
 
 
 class EnergyLimiter:
-    """`limit` what may come out of a line in a step, `book` what came out (less what went in). Energies in J, a row an axis.
+    """Bounds the energy that comes out of a line: `limit` it before a step, `book` the net energy after it. Rows in J.
 
-    The same bucket as that of `WaveLimiter`: what a line has brought in up to any time is at most power * (time + BURST_S).
-    What its client claims to have sent is no part of it.
+    The bucket is that of `WaveLimiter`: a line brings in at most power * (time + BURST_S), whatever its client claims to have
+    sent.
     """
 
     def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
-        """power_left: how full the bucket is at first, of 1."""
+        """power_left: initial level of the bucket, of 1."""
         self._refill_j = limits.power_w * frame_s
         self._burst_j = limits.power_w * BURST_S
         self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
-        self._held = False  # whether the bucket, not what was received, bounds this step
+        self._held = False  # the bucket bounds this step, not what was received
         self._allowed_j = 0.0
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
 
     @property
     def fullness(self) -> float:
-        """Of the bucket, at most 1."""
+        """Level of the bucket, of 1."""
         return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
 
     def limit(self, left_j: Sequence[float]) -> Row:
-        """Each axis may take an even share of what the bucket holds."""
+        """Return the bound of each axis: an even part of what the bucket holds at most."""
         if self._level_j == inf:
             return tuple(left_j)
-        share = max(0.0, self._level_j) / len(left_j)
-        self._held, self._allowed_j = max(left_j) > share, share
-        return tuple([min(left, share) for left in left_j])
+        part = max(0.0, self._level_j) / len(left_j)
+        self._held, self._allowed_j = max(left_j) > part, part
+        return tuple([min(left, part) for left in left_j])
 
     def book(self, net_j: float, asked_j: float) -> None:
-        """net_j: of all axes; asked_j: what would have come out at the speed that was asked for, on the axis with the most."""
+        """net_j: of all axes; asked_j: on the axis with the most, at the speed that was asked for."""
         if self._level_j == inf:
             return
         if self._held and asked_j > self._allowed_j:
-            self.counts["power limited"] = self.counts.get("power limited", 0) + 1
+            self.counts["power limited"] += 1
         self._level_j = min(self._burst_j, self._level_j + self._refill_j - net_j)
 
 
 class StateLimiter:
-    """Judges where a hand says it is, and how fast, that sends no waves: False for what no hand with this record can do."""
+    """Plausibility of the states of a hand that sends no waves: neither faster nor farther than its record allows."""
 
     def __init__(self, frame_s: float, limits: SeatLimits) -> None:
         self._frame_s = frame_s
         self._most_frames = round(MOST_S / frame_s)
         self._speed_mps = limits.speed_mps
         self._last: State | Power | None = None
-        self._frames_left = float(self._most_frames)  # that a hand may have moved for, by the server's own steps
-        self.counts: dict[str, int] = {}
+        self._frames_left = float(self._most_frames)  # for which a hand may have moved, by the server's steps
+        self.counts: Counter[str] = Counter()
 
     def step(self, frames: int) -> None:
-        """The server has made a step: so many frames have passed, whatever numbers somebody gives to states."""
+        """Count the frames of one server step, whatever numbers a client gives to its states."""
         self._frames_left = min(float(self._most_frames), self._frames_left + FASTER * frames)
 
     def fits(self, state: State | Power) -> bool:
-        """States that come late are not judged by where they stand: they are not applied."""
+        """Return whether a state is plausible. The place of a late one is not judged, as it is not applied."""
         if self._speed_mps == inf:
             return True
         last, speed = self._last, self._speed_mps
@@ -209,12 +211,12 @@ class StateLimiter:
             moved = sum([(a - b) ** 2 for a, b in zip(state.position_m, last.position_m, strict=True)])
             reach = speed * self._frame_s * min(self._frames_left, state.number - last.number)
         if square > speed * speed or moved > reach * reach:
-            self.counts["state out of bounds"] = self.counts.get("state out of bounds", 0) + 1
+            self.counts["state out of bounds"] += 1
             return False
         return True
 
     def took(self, state: State | Power) -> None:
-        """A state that fits was received: the next one is judged from here."""
+        """Judge the next state from this one, which was received."""
         if self._last is None:
             self._last = state
         elif state.number > self._last.number:

@@ -1,5 +1,6 @@
-"""How the live server is, at one moment: made between two ticks, read in another process. And whether that is well."""
+"""State of a live server at one moment, made between two ticks and read in another process; and its health."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
@@ -8,10 +9,10 @@ import msgspec
 from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.histogram import DurationHistogram
 
-if TYPE_CHECKING:  # who reads snapshots needs no room, and none of numpy
+if TYPE_CHECKING:  # the reader needs no room, and none of numpy
     from cogrip.server.room import Room
 
-FRESH_NS = 2_000_000_000  # a snapshot that is older, or a room without a tick for so long, is not well
+FRESH_NS = 2_000_000_000  # an older snapshot, or a room without a tick for so long, is unhealthy
 REFRESHED_ROOMS = 4  # percentiles cost 50 us a room: of more rooms, each has new ones every few snapshots
 LENGTH_BYTES = 4  # big-endian, before each snapshot in a pipe
 
@@ -28,7 +29,7 @@ class Times(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
 
 
 class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
-    """One seat; of a free one the counts of whoever sat there last. Frames are those from the person to the object."""
+    """One seat; of a free one the counts of its last session. frames: from the person to the object."""
 
     user: str
     seated: bool
@@ -37,7 +38,7 @@ class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     up_margin_j: Number = None
     line_margin_j: Number = None
     limited: dict[str, int] = {}  # by reason
-    up_delay_s: Number = None  # one way, as last heard of, as far as the clocks' offset is known
+    up_delay_s: Number = None  # one way, the newest, as far as the clocks' offset is known
     down_delay_s: Number = None
     clock_offset_s: Number = None  # the person's clock beyond the server's
     rendered_npm: Number = None
@@ -46,6 +47,8 @@ class SeatSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
 
 
 class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    """One room."""
+
     room: str
     seated: int
     seats: tuple[SeatSnapshot, ...]
@@ -56,16 +59,19 @@ class RoomSnapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
     late: Times = Times()
     work: Times = Times()
     observers: int = 0
-    least_up_margin_j: Number = None  # of all who sat here since the start
+    least_up_margin_j: Number = None  # of all seat sessions since the start
     least_line_margin_j: Number = None
     diverged: str = ""
 
     @property
     def ticks_due(self) -> int:
+        """Ticks run or skipped."""
         return self.ticks_run + self.ticks_skipped
 
 
 class Snapshot(msgspec.Struct, frozen=True, gc=False, omit_defaults=True):
+    """The whole server."""
+
     software: str
     uptime_s: float
     rooms: tuple[RoomSnapshot, ...]
@@ -79,7 +85,7 @@ decode = msgspec.json.Decoder(Snapshot).decode
 
 
 class Ticks(Protocol):
-    """How a room's loop runs: a `Pacer`."""
+    """Tick counts of a room's loop: a `Pacer`."""
 
     run: int
     skipped: int
@@ -88,7 +94,7 @@ class Ticks(Protocol):
 
 
 class SnapshotMaker:
-    """Makes snapshots of some rooms; asks nothing of them that is recorded.
+    """Makes snapshots of some rooms, without any call that would be recorded.
 
     ticks: of each room, by its name.
     """
@@ -101,26 +107,25 @@ class SnapshotMaker:
         self._least: dict[str, tuple[Number, Number]] = {room.name: (None, None) for room in rooms}
         self._next = 0
 
-    def look(
+    def make(
         self,
         uptime_s: float,
         *dropped: Mapping[str, int],
         rtt_ns: Mapping[tuple[str, int], int] | None = None,
         datagrams: tuple[int, int] | None = None,
     ) -> Snapshot:
-        """A snapshot now.
+        """Return a snapshot.
 
         dropped: counts by reason, of core, channel and recording; the same reason is summed. rtt_ns: by room and seat
         number. datagrams: (received, sent) at the socket.
         """
         self._refresh()
-        counts: dict[str, int] = {}
+        counts: Counter[str] = Counter()
         for some in dropped:
-            for reason, count in some.items():
-                counts[reason] = counts.get(reason, 0) + count
+            counts.update(some)
         rooms = tuple([self._room(room, rtt_ns or {}) for room in self._rooms])
         received, sent = datagrams or (None, None)
-        return Snapshot(self._software, uptime_s, rooms, counts, received, sent)
+        return Snapshot(self._software, uptime_s, rooms, dict(counts), received, sent)
 
     def _refresh(self) -> None:
         for _ in range(min(REFRESHED_ROOMS, len(self._rooms))):
@@ -137,7 +142,7 @@ class SnapshotMaker:
         for seat in seats:
             up_j, line_j = _lesser(up_j, seat.up_margin_j), _lesser(line_j, seat.line_margin_j)
         self._least[name] = up_j, line_j
-        diverged = room.diverged if room.world.left_workspace else ""  # it may have been put down where it belongs
+        diverged = room.diverged if room.world.left_workspace else ""  # it may have been put back
         return RoomSnapshot(
             name, sum([seat.seated for seat in seats]), tuple(seats), tuple(room.world.position.tolist()), room.travel_m,
             ticks.run, ticks.skipped, late, work, len(room.observer_slots.observers), up_j, line_j, diverged,
@@ -145,7 +150,7 @@ class SnapshotMaker:
 
 
 def times(histogram: DurationHistogram) -> Times:
-    """Sum, percentiles and maximum of a histogram [s]."""
+    """Return sum, percentiles and maximum of a histogram [s]."""
     if not histogram.total_ns and not histogram.count:
         return Times()
     return Times(
@@ -183,8 +188,7 @@ def _lesser(one: Number, other: Number) -> Number:
 
 
 class Health:
-    """Judge if a server is well, by the snapshots that came of it. Where the people of a room take their object is theirs: a
-    room that has diverged is told of, and makes no server unwell."""
+    """Health of a server by its snapshots. A room that has diverged is its people's affair: the server stays healthy."""
 
     def __init__(self) -> None:
         self.newest: Snapshot | None = None
@@ -192,18 +196,18 @@ class Health:
         self._moved: dict[str, tuple[int, float]] = {}  # room -> ticks run, and the uptime when they had last grown
 
     def take(self, snapshot: Snapshot, now_ns: int) -> None:
-        """A snapshot came."""
+        """Take in a new snapshot."""
         self.newest, self._came_ns = snapshot, now_ns
         for room in snapshot.rooms:
             if room.ticks_run != self._moved.get(room.room, (-1, 0.0))[0]:
                 self._moved[room.room] = room.ticks_run, snapshot.uptime_s
 
     def age_ns(self, now_ns: int) -> int:
-        """Since the newest snapshot came."""
+        """Return the time since the newest snapshot."""
         return now_ns - self._came_ns
 
     def trouble(self, now_ns: int) -> str:
-        """Why the server is not well, "" if it is."""
+        """Return why the server is unhealthy, "" if it is healthy."""
         if self.newest is None:
             return "the server has said nothing yet"
         if self.age_ns(now_ns) >= FRESH_NS:

@@ -1,10 +1,10 @@
-"""Which stiffness a seat's spring is to have, so that the hand feels the one that was asked for: K' of theory section 4, by
-the loop as it is measured (docs/decisions/0012-measured-delay.md).
+"""Stiffness adaptation: a seat's spring gets K' of theory section 4 by the measured delay of the loop, so that the hand feels
+the stiffness asked for (docs/decisions/0012-measured-delay.md).
 
-The estimate that the settings give stands until a second of the line has been heard. From then on the goal follows the
-running median of the loop, once two looks in a row agree; the aim moves towards the goal by a factor of e in FOLLOW_S, slowly
-enough for a hand not to feel a knock. What the spring may spend on growing stiffer is the world's affair. Where K is out of
-reach, K C_line >= 1, the goal is MOST_GAIN K, with which the hand feels what the line allows but for 1 %.
+The settings' estimate holds for the first second. Then the goal is that of the running median of the loop, once two readings
+in a row agree; the aim moves towards it by a factor of e in FOLLOW_S, too slowly to be felt as a jerk. The world pays for a
+growing stiffness. Where K is out of reach, K C_line >= 1, the goal is MOST_GAIN K: the hand feels what the line allows but
+for 1 %.
 """
 
 from cogrip.protocol.felt_stiffness import enough_impedance, reachable_stiffness
@@ -12,18 +12,34 @@ from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings
 
 FOLLOW_S = 1.0
-LOOKS_HZ = 4
-WORDS, WORD_EVERY_S = 4, 60
+READINGS_HZ = 4
+REPORTS, REPORT_EVERY_S = 4, 60
 ALIKE = 1e-6  # a goal that differs by less from the aim is the aim
 
 
 class StiffnessAdapter:
-    """`heed` once a frame. `told` is what people should hear of, `withheld` how many changes they do not hear of at
-    once: taken by setting them back."""
+    """Call `update` once a frame.
+
+    reached   whether the stiffness asked for is within reach
+    reported  text for people, "" none; withheld: changes that are not reported at once. The reader sets both back.
+    """
 
     __slots__ = (
-        "_aim", "_every", "_frames", "_goal", "_grows", "_heard", "_loops", "_seat", "_seen", "_used", "_words",
-        "_words_every", "reached", "told", "withheld",
+        "_aim",
+        "_every",
+        "_frames",
+        "_goal",
+        "_grows",
+        "_last_report",
+        "_loops",
+        "_report_every",
+        "_reports",
+        "_seat",
+        "_seen",
+        "_used",
+        "reached",
+        "reported",
+        "withheld",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, loops: LoopMeter) -> None:
@@ -31,32 +47,32 @@ class StiffnessAdapter:
         self._loops = loops
         self._aim = self._goal = seat.rendered_npm
         self._grows = 1.0 + seat.rates.frame_s / FOLLOW_S
-        self._every = max(1, seat.rates.network_hz // LOOKS_HZ)
+        self._every = max(1, seat.rates.network_hz // READINGS_HZ)
         self._frames = 0
-        self._seen: int | None = None  # loop at the last look
-        self._used: int | None = None  # loop that the goal is for
-        self._words = WORDS  # that may be said now
-        self._words_every = WORD_EVERY_S * seat.rates.network_hz
-        self._heard = True  # `reached` as people heard it last
+        self._seen: int | None = None  # loop at the last reading
+        self._used: int | None = None  # loop of the goal
+        self._reports = REPORTS  # that may be made now
+        self._report_every = REPORT_EVERY_S * seat.rates.network_hz
+        self._last_report = True  # `reached` as it was reported last
         self.reached = True
-        self.told = ""
+        self.reported = ""
         self.withheld = 0
 
-    def heed(self) -> float | None:
-        """The stiffness to aim at from now on [N/m], None if nothing changes."""
+    def update(self) -> float | None:
+        """Return the stiffness to aim at from now on [N/m]; None if nothing changes."""
         self._frames += 1
-        if self._frames % self._words_every == 0 and self._words < WORDS:
-            self._words += 1
-            self._say()
+        if self._frames % self._report_every == 0 and self._reports < REPORTS:
+            self._reports += 1
+            self._report()
         if self._frames % self._every == 0 and self._loops.full:
-            self._look()
+            self._read_loop()
         aim, goal = self._aim, self._goal
         if aim == goal:
             return None
         self._aim = min(goal, aim * self._grows) if aim < goal else max(goal, aim / self._grows)
         return self._aim
 
-    def _look(self) -> None:
+    def _read_loop(self) -> None:
         loop, before = self._loops.median(), self._seen
         self._seen = loop
         if loop is None or loop != before or loop == self._used:
@@ -70,15 +86,15 @@ class StiffnessAdapter:
         reached = coupling.stiffness_npm * compliance < 1.0
         if reached is not self.reached:
             self.reached = reached
-            self.withheld += not self._words
-            self._say()
+            self.withheld += not self._reports
+            self._report()
 
-    def _say(self) -> None:
-        """What holds now, where people have heard something else and a word is left."""
-        if self._words and self._used is not None and self.reached is not self._heard:
-            self._words -= 1
-            self._heard = self.reached
-            self.told = self._text(self._used)
+    def _report(self) -> None:
+        """Report what holds now, where something else was reported last and the budget allows."""
+        if self._reports and self._used is not None and self.reached is not self._last_report:
+            self._reports -= 1
+            self._last_report = self.reached
+            self.reported = self._text(self._used)
 
     def _text(self, loop: int) -> str:
         coupling, compliance_mpn = self._seat.coupling, self._seat.line_compliance(loop)

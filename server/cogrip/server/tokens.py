@@ -1,6 +1,6 @@
-"""The right to come in: tokens, kept as hashes, and what a book of them says to a hello.
+"""Access tokens, kept as hashes, and the book that admits a hello by them.
 
-A book is a value: what changes it gives a new one. Dates are Unix seconds, handed in.
+A book is a value: a change returns a new one. Dates are Unix seconds, handed in.
 """
 
 import difflib
@@ -17,7 +17,7 @@ from cogrip.protocol.messages import DEVICE_BYTES, Role
 from cogrip.server.admission import Denied, Grant
 
 VERSION: Literal[1] = 1
-MOST_TOKENS = 400  # a book holds: reading it takes a fraction of a tick. The oldest dead ones are forgotten first
+MOST_TOKENS = 400  # of a book: it is read within a fraction of a tick. The oldest void ones are dropped first
 START_NOTE = "printed at start"
 _NAME_OR_ANY = r"^([A-Za-z0-9][A-Za-z0-9 ._-]*)?\Z"
 
@@ -27,9 +27,9 @@ NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
 DeviceOrAny = Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES, pattern=r"^[ -~]*\Z")]
 Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]  # it is printed on terminals
 UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # to the end of the year 9999
-ObservedQueue = Annotated[
+ClockSeconds = Annotated[
     int, msgspec.Meta(ge=-62_135_596_800, le=253_402_300_799)
-]  # by a clock that may be wrong: years 1 to 9999
+]  # of a clock that may be wrong: years 1 to 9999
 TokenState = Literal["good", "used", "expired", "revoked"]
 
 
@@ -42,7 +42,7 @@ class UnknownTokenError(TokenError):
 
 
 class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is kept of a token. No field has a default: one that is missing in a file must not widen what it allows."""
+    """One token as it is kept. No field has a default: one that is missing in a file must not widen what it allows."""
 
     id: Id  # public: the beginning of the hash
     hash: Hash  # SHA-256 of the token
@@ -53,13 +53,13 @@ class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     once: bool
     start: bool  # derived from the server's key, and printed when it starts
     expires: UnixSeconds | None
-    created: ObservedQueue
-    used: ObservedQueue | None  # of a one-time token
-    revoked: ObservedQueue | None
+    created: ClockSeconds
+    used: ClockSeconds | None  # of a one-time token
+    revoked: ClockSeconds | None
     note: Note
 
     def state(self, now_s: float) -> TokenState:
-        """Whether it lets anyone in, else why not."""
+        """Return whether it admits anyone, else why not."""
         if self.revoked is not None:
             return "revoked"
         if self.once and self.used is not None:
@@ -70,7 +70,7 @@ class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class StartLink(msgspec.Struct, frozen=True):
-    """A standing token that the server prints when it starts."""
+    """Standing token that the server prints when it starts."""
 
     role: Role
     room: str
@@ -85,7 +85,7 @@ class StartLink(msgspec.Struct, frozen=True):
 
 
 class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All tokens of one server. `encode_book` and `decode_book` are its way to and from a file."""
+    """All tokens of one server; see `encode_book` and `decode_book`."""
 
     version: Literal[1] = VERSION
     tokens: tuple[Token, ...] = ()
@@ -104,7 +104,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         note: str = "",
         start: bool = False,
     ) -> tuple["TokenBook", Token]:
-        """The book with one more. `token` comes from a source of chance. Raises TokenError for what it may not be."""
+        """Return the book with a new token, and that. `token` is random. Raises TokenError for fields that do not fit."""
         hashed = token_hash(token)
         if any(known.id == hashed[:8] for known in self.tokens):
             raise TokenError(f"the id {hashed[:8]} is taken; draw another token")
@@ -121,7 +121,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return TokenBook(tokens=(*self._room_for_one(now_s), made)), made
 
     def find(self, ident: str) -> Token:
-        """Raises UnknownTokenError, which names the nearest."""
+        """Return the token with this id. Raises UnknownTokenError, which names the nearest."""
         for token in self.tokens:
             if token.id == ident:
                 return token
@@ -130,22 +130,21 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         raise UnknownTokenError(f"no token has the id {ident}; {cure}")
 
     def revoke(self, ident: str, now_s: float) -> "TokenBook":
-        """The book with this one revoked; what was revoked before keeps its date. Raises UnknownTokenError."""
+        """Return the book with this token revoked; an earlier date stays. Raises UnknownTokenError."""
         token = self.find(ident)
         if token.revoked is not None:
             return self
         return self._with(msgspec.structs.replace(token, revoked=int(now_s)))
 
     def use(self, ident: str, now_s: float) -> "TokenBook":
-        """The book after a place was given by this one; only one-time tokens are used up. Raises UnknownTokenError."""
+        """Return the book after an admission by this token: a one-time token is used up. Raises UnknownTokenError."""
         token = self.find(ident)
         if not token.once or token.used is not None:
             return self
         return self._with(msgspec.structs.replace(token, used=int(now_s)))
 
     def admit(self, token: str, role: Role, room: str, now_s: float) -> Grant | Denied:
-        """What a hello with this token may do: whoever wants to play by an observer's token looks on. A wrong guess costs the
-        same whatever it is."""
+        """Answer a hello with this token, in constant time; an observer's token admits observers only."""
         hashed = token_hash(token)
         found: Token | None = None
         for known in self.tokens:  # all of them, always
@@ -154,8 +153,8 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if found is None:
             words = "this token is unknown here" if token else "this server lets in only who has a token"
             return Denied("token", f"{words}; ask for a new link")
-        if ails := why_not(found, now_s):
-            return Denied("token", f"this token {ails}; ask for a new link")
+        if reason := why_not(found, now_s):
+            return Denied("token", f"this token {reason}; ask for a new link")
         if found.room and room not in ("", found.room):
             return Denied("room", f"this token is for room {found.room!r}, not {room!r}; use the link as it is")
         if "observer" in (role, found.role):  # holds nothing, so that seat and device do not matter
@@ -163,7 +162,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return Grant(role, found.id, found.room, found.user, found.device)
 
     def standing(self, secret: bytes, rooms: Sequence[str], now_s: float) -> tuple["TokenBook", list[StartLink]]:
-        """The book with the tokens that a start prints, one for each role and room, and these tokens.
+        """Return the book with the tokens that a start prints, one for each role and room, and these tokens.
 
         They are derived from `secret`, so that every start prints the same ones and only hashes are kept; where one was
         revoked its successor takes its place.
@@ -192,7 +191,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return TokenBook(tokens=tuple(changed if token.id == changed.id else token for token in self.tokens))
 
     def _room_for_one(self, now_s: float) -> tuple[Token, ...]:
-        """The tokens, less the oldest dead ones if there are too many. Start links stay: a revoked one must not come back."""
+        """Return the tokens, without the oldest void ones if there are too many; revoked start links stay void."""
         excess = len(self.tokens) + 1 - MOST_TOKENS
         if excess <= 0:
             return self.tokens
@@ -205,7 +204,7 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def why_not(token: Token, now_s: float) -> str:
-    """What ails a token, in words; "" if nothing does."""
+    """Return why a token is void, "" if it is good."""
     state = token.state(now_s)
     if state == "revoked":
         return f"was revoked at {date_text(token.revoked or 0)}"
@@ -215,18 +214,18 @@ def why_not(token: Token, now_s: float) -> str:
 
 
 def token_hash(token: str) -> str:
-    """What is kept of a token. It has 128 bits of chance, so one round will do."""
+    """Return what is kept of a token. It has 128 random bits, so one round is enough."""
     return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def derived_token(secret: bytes, role: Role, room: str, generation: int) -> str:
-    """The standing token of a role and room: HMAC-SHA256, cut to 128 bits, in base64url."""
+    """Return the standing token of a role and room: HMAC-SHA256, cut to 128 bits, in base64url."""
     message = b"cogrip start link " + msgspec.json.encode([role, room, generation])
     return urlsafe_b64encode(hmac.digest(secret, message, "sha256")[:16]).decode().rstrip("=")
 
 
 def date_text(unix_s: float) -> str:
-    """2026-12-24 18:00 UTC."""
+    """Return a date such as 2026-12-24 18:00 UTC."""
     return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M} UTC"
 
 
@@ -235,12 +234,12 @@ class _Versioned(msgspec.Struct):
 
 
 def encode_book(book: TokenBook) -> bytes:
-    """JSON text."""
+    """Return the book as JSON text."""
     return msgspec.json.format(msgspec.json.encode(book)) + b"\n"
 
 
 def decode_book(data: bytes) -> TokenBook:
-    """The book in a file. Raises TokenError, and nothing else, for anything that is not exactly one."""
+    """Return the book in JSON text. Raises TokenError, and nothing else, for anything that is not exactly one."""
     try:
         version = msgspec.json.decode(data, type=_Versioned).version
         if version != VERSION or isinstance(version, bool):
@@ -259,6 +258,6 @@ def decode_book(data: bytes) -> TokenBook:
 
 
 def _readable(error: Exception) -> str:
-    """msgspec's words, the place first."""
+    """Return msgspec's text, the path first."""
     text, _, where = str(error).partition(" - at `$.")
     return f"{where.rstrip('`')}: {text}" if where else text

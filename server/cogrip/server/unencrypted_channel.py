@@ -1,4 +1,4 @@
-"""The plain server's channel: datagrams are messages, but from strangers nothing passes that does not look like a hello."""
+"""Channel of an unencrypted server: datagrams are messages; of unauthenticated peers only what looks like a hello passes."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ HELLO_BEGINS = b"\x01" + bytes([0xA0 + len(MAGIC)]) + MAGIC.encode()  # its tag,
 
 
 def looks_like_hello(datagram: bytes) -> bool:
-    """Whether a datagram is as long as a hello and begins as the hello of every protocol version does."""
+    """Return whether a datagram is as long as a hello and begins as the hello of every protocol version does."""
     if len(datagram) < HELLO_BYTES:
         return False
     first = datagram[0]
@@ -21,11 +21,11 @@ def looks_like_hello(datagram: bytes) -> bool:
 
 
 class UnencryptedListener(UnencryptedChannel):
-    """`Channel` of a plain server. known: whether someone sits at an address, as the core says."""
+    """`Channel` of an unencrypted server. known: says whether an address is bound (`ServerCore.listens_to`)."""
 
     def __init__(self, rate_limiter: RateLimiter, known: Callable[[Address], bool]) -> None:
         super().__init__()
-        self.renewed: deque[Address] = deque()  # nobody can tell here
+        self.renewed: deque[Address] = deque()  # not detectable here
         self.events: deque[ServerEvent] = deque()
         self._rate_limiter = rate_limiter
         self._known = known

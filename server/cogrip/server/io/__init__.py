@@ -1,1 +1,1 @@
-"""What of the server touches files, sockets, clocks and processes."""
+"""Parts of the server that touch files, sockets, clocks and processes."""

@@ -1,6 +1,6 @@
-"""The doorkeeper of a sealed server: tokens of a file, the wall clock, and nothing that makes a tick wait for a disk.
+"""Authenticator of an encrypted server, by the tokens of a file and the wall clock. No tick waits for a disk.
 
-What a tick changes (a one-time token is used, a kicked one revoked) holds at once here, and a thread writes it down.
+What a tick changes (a one-time token is used, a kicked one revoked) holds here at once; a thread writes it to the file.
 """
 
 import queue
@@ -21,7 +21,7 @@ from cogrip.server.tokens import TokenBook, UnknownTokenError
 CLOSE_LIMIT_S = 10.0
 
 
-class Mark(NamedTuple):
+class TokenChange(NamedTuple):
     """One change of one token."""
 
     what: Literal["use", "revoke"]
@@ -29,18 +29,18 @@ class Mark(NamedTuple):
     at_s: float
 
     def on(self, book: TokenBook) -> TokenBook:
-        """The book with it. Someone may have removed the token: then there is nothing to change."""
-        change = book.use if self.what == "use" else book.revoke
+        """Return the book with this change; unchanged where the token was removed."""
+        apply = book.use if self.what == "use" else book.revoke
         try:
-            return change(self.id, self.at_s)
+            return apply(self.id, self.at_s)
         except UnknownTokenError:
             return book
 
 
 class TokenAuthenticator:
-    """A `Authenticator` by tokens. Make it with a file that can be read: raises StateError.
+    """`Authenticator` by the tokens of a file. Raises StateError where it cannot be read. Call `close` at the end.
 
-    say: is told of troubles and reloads, in the thread that calls. Call `close` at the end.
+    say: reports troubles and reloads, in the thread that calls
     """
 
     def __init__(
@@ -49,41 +49,39 @@ class TokenAuthenticator:
         self._file = file
         self._say = say
         self._wall_s = wall_s
-        self._stamp: Stamp | None = file.stamp()  # of what was read
+        self._stamp: Stamp | None = file.stamp()  # of the file as it was read
         self._tried = self._stamp
         self._book = file.load()
-        self._marks: list[Mark] = []  # not seen in the file yet
-        self._told_revoked: set[str] = set()
+        self._pending: list[TokenChange] = []  # not in the file yet
+        self._reported_revoked: set[str] = set()
         self._trouble = ""
         self._writer = _Writer(file)
 
     def admit(self, hello: Hello) -> Grant | Denied:
-        """See `Authenticator`. A book that cannot be read is said once, and the last good one holds on."""
-        self._look()
+        """See `Authenticator`. A file that cannot be read is reported once, and the last good book holds."""
+        self._report_failures()
+        self._read(forced=False)
         return self._book.admit(hello.token, hello.role, hello.room, self._wall_s())
 
     def admitted(self, grant: Grant) -> None:
         """See `Authenticator`."""
-        self._mark(Mark("use", grant.token, self._wall_s()))
+        self._apply(TokenChange("use", grant.token, self._wall_s()))
 
     def revoke(self, ident: str) -> None:
-        """From now on this token lets nobody in. An id that there is none of is passed over."""
-        self._mark(Mark("revoke", ident, self._wall_s()))
+        """Revoke a token. An unknown id is ignored."""
+        self._apply(TokenChange("revoke", ident, self._wall_s()))
 
     def revoked(self) -> set[str]:
-        """Ids of tokens that were revoked since the last look; at the first look all of them.
-
-        Who sits by one of these must rise: a place may have been restored that was taken before.
-        """
-        self._tell_failures()
+        """Return the ids of tokens revoked since the last call; of all at the first, as restored seats may be of them."""
+        self._report_failures()
         revoked = {token.id for token in self._book.tokens if token.revoked is not None}
-        news = revoked - self._told_revoked
-        self._told_revoked = revoked
+        news = revoked - self._reported_revoked
+        self._reported_revoked = revoked
         return news
 
     def reload(self) -> bool:
-        """Read the file again, as SIGHUP and `cogrip token revoke` ask; say how it went."""
-        self._tell_failures()
+        """Read the file again (SIGHUP, `cogrip token revoke`), and report. False where it could not be read."""
+        self._report_failures()
         good = self._read(forced=True)
         if good:
             now_s = self._wall_s()
@@ -92,16 +90,12 @@ class TokenAuthenticator:
         return good
 
     def close(self) -> None:
-        """Wait until everything is written down; say what is not."""
+        """Wait until every change is in the file; report those that are not."""
         self._writer.close()
-        self._tell_failures()
-
-    def _look(self) -> None:
-        self._tell_failures()
-        self._read(forced=False)
+        self._report_failures()
 
     def _read(self, *, forced: bool) -> bool:
-        """Take in the file if it has changed. A broken one is tried again once it has changed again."""
+        """Read the file if it has changed. A broken one is tried again once it has changed again."""
         try:
             stamp = self._file.stamp()
             if stamp is None and self._stamp is not None:
@@ -111,44 +105,44 @@ class TokenAuthenticator:
             self._tried = stamp
             book = self._file.load()
         except StateError as error:
-            self._tell(f"tokens are not read anew, and stay as they were: {error}")
+            self._report(f"tokens are not read anew, and stay as they were: {error}")
             return False
-        self._marks = [mark for mark in self._marks if mark.on(book) != book]
-        self._book, self._stamp, self._trouble = _all_on(self._marks, book), stamp, ""
-        if self._marks:
-            self._writer.write(self._marks)
+        self._pending = [change for change in self._pending if change.on(book) != book]
+        self._book, self._stamp, self._trouble = _all_on(self._pending, book), stamp, ""
+        if self._pending:
+            self._writer.write(self._pending)
         return True
 
-    def _mark(self, mark: Mark) -> None:
-        changed = mark.on(self._book)
+    def _apply(self, change: TokenChange) -> None:
+        changed = change.on(self._book)
         if changed != self._book:
             self._book = changed
-            self._marks.append(mark)
-            self._writer.write(self._marks)
+            self._pending.append(change)
+            self._writer.write(self._pending)
 
-    def _tell_failures(self) -> None:
+    def _report_failures(self) -> None:
         while self._writer.failures:
             failure = self._writer.failures.popleft()
-            self._tell(f"a token's use or end is not written down, and holds until this server ends: {failure}")
+            self._report(f"a token's use or end is not written down, and holds until this server ends: {failure}")
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         if text != self._trouble:
             self._trouble = text
             self._say(ServerEvent("trouble", text))
 
 
 class _Writer:
-    """A thread that writes marks into the file. What it fails to write comes again with the next mark or reading."""
+    """Thread that writes changes into the file. What fails is written with the next change or reading."""
 
     def __init__(self, file: TokenFile) -> None:
         self.failures: deque[str] = deque(maxlen=8)
         self._file = file
-        self._orders: queue.SimpleQueue[tuple[Mark, ...] | None] = queue.SimpleQueue()
+        self._orders: queue.SimpleQueue[tuple[TokenChange, ...] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="tokens", daemon=True)
         self._thread.start()
 
-    def write(self, marks: list[Mark]) -> None:
-        self._orders.put(tuple(marks))
+    def write(self, changes: list[TokenChange]) -> None:
+        self._orders.put(tuple(changes))
 
     def close(self) -> None:
         self._orders.put(None)
@@ -157,18 +151,18 @@ class _Writer:
             self.failures.append(f"the disk did not answer within {CLOSE_LIMIT_S:g} s")
 
     def _run(self) -> None:
-        while (marks := self._orders.get()) is not None:
+        while (changes := self._orders.get()) is not None:
             try:
-                self._file.change(partial(_written, marks))
+                self._file.change(partial(_written, changes))
             except StateError as error:
                 self.failures.append(str(error))
 
 
-def _written(marks: Sequence[Mark], book: TokenBook) -> tuple[TokenBook, None]:
-    return _all_on(marks, book), None
+def _written(changes: Sequence[TokenChange], book: TokenBook) -> tuple[TokenBook, None]:
+    return _all_on(changes, book), None
 
 
-def _all_on(marks: Sequence[Mark], book: TokenBook) -> TokenBook:
-    for mark in marks:
-        book = mark.on(book)
+def _all_on(changes: Sequence[TokenChange], book: TokenBook) -> TokenBook:
+    for change in changes:
+        book = change.on(book)
     return book

@@ -1,4 +1,4 @@
-"""A file of which a kill at any moment leaves the newest whole version, or the one before."""
+"""Checkpoint files: a kill at any moment leaves the newest whole version, or the one before."""
 
 import threading
 from collections import deque
@@ -13,10 +13,10 @@ STACK_BYTES = 1 << 18
 
 
 class CheckpointWriter:
-    """`put` hands over what should be in the file: one thread writes it, the newest wins, and nothing here ever waits.
+    """Writes the newest content that `put` hands over, in a thread: `put` never waits. One thread puts.
 
-    `written`, `overtaken` and `failures` count what became of each; `say` hears of the first failure, in the thread that puts.
-    One thread puts.
+    written, overtaken, failures  counts of what was put
+    say                           reports the first failure, in the thread that puts
     """
 
     def __init__(self, path: Path, say: Callable[[str], None] = lambda text: None) -> None:
@@ -24,19 +24,19 @@ class CheckpointWriter:
         self.written = self.overtaken = self.failures = 0
         self._say = say
         self._trouble = ""
-        self._told = False
+        self._reported = False
         self._newest: deque[tuple[int, bytes]] = deque(maxlen=1)
         self._put = self._taken = 0
         self._closing = False
-        self._news = threading.Lock()  # taken: nothing new. The loop gives it back, the thread takes it
+        self._news = threading.Lock()  # locked: nothing new. The loop releases it, the thread locks it
         self._news.acquire()
         self._thread: threading.Thread | None = None
 
     def put(self, data: bytes) -> None:
-        """Write this as soon as may be, in the place of whatever still waits."""
+        """Write this as soon as possible, in place of what still waits."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name=f"writer of {self.path.name}", daemon=True)
-            before = threading.stack_size(STACK_BYTES)  # all of it is locked in memory with the rest of the process
+            before = threading.stack_size(STACK_BYTES)  # locked in memory with the rest of the process
             try:
                 self._thread.start()
             finally:
@@ -44,15 +44,15 @@ class CheckpointWriter:
         self._put += 1
         self._newest.append((self._put, data))
         self._wake()
-        self._tell()
+        self._report()
 
-    def _tell(self) -> None:
-        if self._trouble and not self._told:
-            self._told = True
+    def _report(self) -> None:
+        if self._trouble and not self._reported:
+            self._reported = True
             self._say(self._trouble)
 
     def _wake(self) -> None:
-        if self._news.locked():  # only the thread takes it, only this end gives it back: no race
+        if self._news.locked():  # only the thread locks it, only this end releases it: no race
             self._news.release()
 
     def _run(self) -> None:
@@ -74,17 +74,17 @@ class CheckpointWriter:
             self._trouble = f"a server that is started again will not find the object where it is: {error}"
 
     def close(self) -> None:
-        """Write what waits, and end the thread. A disk that hangs is not waited for longer than END_LIMIT_S."""
+        """Write what waits, and end the thread; a disk that hangs costs END_LIMIT_S at most."""
         self._closing = True
         if self._thread is not None:
             self._wake()
             self._thread.join(END_LIMIT_S)
             self._thread = None
-        self._tell()
+        self._report()
 
 
 def read(path: Path) -> bytes | None:
-    """What is in the file, None where there is none. Raises StateError."""
+    """Return the file's content, None where there is none. Raises StateError."""
     try:
         return read_private(path)
     except FileNotFoundError:
@@ -92,7 +92,7 @@ def read(path: Path) -> bytes | None:
 
 
 def remove(path: Path) -> None:
-    """No file, and nothing half written beside it; neither need be there. Raises OSError."""
+    """Remove the file, and a half-written one beside it, where they exist. Raises OSError."""
     for each in (path, path.with_name(f"{path.name}.new")):
         with suppress(FileNotFoundError):
             each.unlink()

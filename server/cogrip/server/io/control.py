@@ -1,12 +1,12 @@
-"""How commands speak to a running server: one JSON line each way over a unix socket in its state folder.
+"""Control of a running server by commands: one JSON line each way over a unix socket in its state folder.
 
-Who may enter the folder may ask. The server's half never waits: it is looked after between two ticks.
+The folder's mode decides who may ask. The server's half never waits: it is polled between two ticks.
 """
 
 import os
 import socket
 import time
-from collections import deque
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Annotated
@@ -30,7 +30,7 @@ Words = Annotated[str, msgspec.Meta(max_length=MOST_REASON)]
 
 
 class ControlError(StateError):
-    """The server was not asked, or did not answer. The text says why and what to do."""
+    """The server could not be asked, or did not answer. The text says why and what to do."""
 
 
 class NotRunningError(ControlError):
@@ -38,11 +38,11 @@ class NotRunningError(ControlError):
 
 
 class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="verb"):
-    """What a server can be asked to do."""
+    """Order to a server."""
 
 
 class Kick(Order, frozen=True, tag="kick"):
-    """End the seat of a person, or an observer's place."""
+    """End the sessions of this name."""
 
     user: Word
     room: Word = ""  # "" whichever
@@ -55,16 +55,18 @@ class Reload(Order, frozen=True, tag="reload"):
 
 
 class Status(Order, frozen=True, tag="status"):
-    """Say how it goes."""
+    """Return uptime and rooms."""
 
 
 class Who(Order, frozen=True, tag="who"):
-    """Say who sits and looks on."""
+    """Return the roster."""
 
     room: Word = ""  # "" every room
 
 
 class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Answer to an order."""
+
     ok: bool
     text: str
     people: tuple[RosterEntry, ...] = ()
@@ -74,28 +76,28 @@ AnyOrder = Kick | Reload | Status | Who
 
 
 class Request(msgspec.Struct, frozen=True):
-    """An order that waits for its answer."""
+    """Order that waits for its answer."""
 
     order: AnyOrder
     caller: int
 
 
 class _Caller:
-    __slots__ = ("asked", "heard", "said", "since_ns", "socket")
+    __slots__ = ("asked", "received", "since_ns", "socket", "unsent")
 
     def __init__(self, connection: socket.socket, since_ns: int) -> None:
         self.socket = connection
         self.since_ns = since_ns
-        self.heard = b""
+        self.received = b""
         self.asked = False
-        self.said: bytes | None = None  # what is left to say; None: no answer yet
+        self.unsent: bytes | None = None  # rest of the answer; None: no answer yet
 
 
 class Control:
-    """The server's half. Make it once the folder is yours (`one_server`). `dropped` counts by reason. Raises ControlError."""
+    """Server's half, for the holder of the folder (`one_server`). dropped: counts by reason. Raises ControlError."""
 
     def __init__(self, folder: StateFolder) -> None:
-        self.dropped: dict[str, int] = {}
+        self.dropped: Counter[str] = Counter()
         self._path = _fit_path(folder)
         self._callers: dict[int, _Caller] = {}
         self._last = 0
@@ -112,29 +114,29 @@ class Control:
         self._socket.setblocking(False)
 
     def poll(self, now_ns: int | None = None) -> list[Request]:
-        """Orders that have come; one system call where nobody asks. Each wants its `answer`."""
+        """Return new orders, each to be answered by `answer`; one system call where nobody asks."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         self._accept(now_ns)
         requests = []
         for number, caller in list(self._callers.items()):
             if now_ns - caller.since_ns > CALLER_LIMIT_NS:
                 self._drop(number, "silent" if not caller.asked else "slow")
-            elif caller.said is not None:
-                self._say(number)
-            elif not caller.asked and (order := self._hear(number)) is not None:
+            elif caller.unsent is not None:
+                self._send(number)
+            elif not caller.asked and (order := self._receive(number)) is not None:
                 requests.append(Request(order, number))
         return requests
 
     def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
-        """Tell whoever asked; where they have gone, it is counted."""
+        """Answer an order; a caller that has gone is counted."""
         caller = self._callers.get(request.caller)
         if caller is None:
-            self._count("nobody waits")
+            self.dropped["nobody waits"] += 1
             return
-        self._tell(request.caller, Answer(ok, text, tuple(people)))
+        self._answer(request.caller, Answer(ok, text, tuple(people)))
 
     def close(self) -> None:
-        """Nobody can ask any more."""
+        """Close the socket and remove its file."""
         for number in list(self._callers):
             self._end(number)
         self._socket.close()
@@ -148,26 +150,26 @@ class Control:
             except BlockingIOError:
                 return
             except OSError as error:  # out of descriptors, or gone before it was taken
-                self._count(f"socket: {error.strerror}")
+                self.dropped[f"socket: {error.strerror}"] += 1
                 return
             connection.setblocking(False)
             self._last += 1
             self._callers[self._last] = _Caller(connection, now_ns)
 
-    def _hear(self, number: int) -> AnyOrder | None:
+    def _receive(self, number: int) -> AnyOrder | None:
         caller = self._callers[number]
         try:
-            piece = caller.socket.recv(MOST_REQUEST_BYTES + 1 - len(caller.heard))
+            piece = caller.socket.recv(MOST_REQUEST_BYTES + 1 - len(caller.received))
         except BlockingIOError:
             return None
         except OSError as error:
             self._drop(number, f"socket: {error.strerror}")
             return None
-        caller.heard += piece
-        line, end, rest = caller.heard.partition(b"\n")
+        caller.received += piece
+        line, end, rest = caller.received.partition(b"\n")
         if len(line) >= MOST_REQUEST_BYTES:
-            self._count("too long")
-            self._tell(number, Answer(False, f"an order may have {MOST_REQUEST_BYTES} bytes"))
+            self.dropped["too long"] += 1
+            self._answer(number, Answer(False, f"an order may have {MOST_REQUEST_BYTES} bytes"))
             return None
         if not end:
             if not piece:
@@ -178,37 +180,34 @@ class Control:
                 raise msgspec.DecodeError("more than one line")
             order: AnyOrder = msgspec.json.decode(line, type=AnyOrder)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            self._count("malformed")
-            self._tell(number, Answer(False, f"that is no order: {error}"))
+            self.dropped["malformed"] += 1
+            self._answer(number, Answer(False, f"that is no order: {error}"))
             return None
         caller.asked = True
         return order
 
-    def _tell(self, number: int, answer: Answer) -> None:
-        said = msgspec.json.encode(answer) + b"\n"
-        if len(said) > MOST_ANSWER_BYTES:
-            said = msgspec.json.encode(Answer(False, f"the answer would have {len(said)} bytes, too many")) + b"\n"
-        self._callers[number].said = said
-        self._say(number)
+    def _answer(self, number: int, answer: Answer) -> None:
+        line = msgspec.json.encode(answer) + b"\n"
+        if len(line) > MOST_ANSWER_BYTES:
+            line = msgspec.json.encode(Answer(False, f"the answer would have {len(line)} bytes, too many")) + b"\n"
+        self._callers[number].unsent = line
+        self._send(number)
 
-    def _say(self, number: int) -> None:
+    def _send(self, number: int) -> None:
         caller = self._callers[number]
-        assert caller.said is not None
+        assert caller.unsent is not None
         try:
-            caller.said = caller.said[caller.socket.send(caller.said) :]
+            caller.unsent = caller.unsent[caller.socket.send(caller.unsent) :]
         except BlockingIOError:
             return
         except OSError:
             self._drop(number, "nobody waits")
             return
-        if not caller.said:
+        if not caller.unsent:
             self._end(number)
 
-    def _count(self, reason: str) -> None:
-        self.dropped[reason] = self.dropped.get(reason, 0) + 1
-
     def _drop(self, number: int, reason: str) -> None:
-        self._count(reason)
+        self.dropped[reason] += 1
         self._end(number)
 
     def _end(self, number: int) -> None:
@@ -218,17 +217,17 @@ class Control:
 def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> Answer:
     """Ask the running server, and wait for its answer. Raises NotRunningError, ControlError."""
     path = _fit_path(folder)
-    heard = deque[bytes]()
+    received = bytearray()
     until_s = time.monotonic() + limit_s
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         try:
             _connect(connection, path, until_s)
             connection.sendall(msgspec.json.encode(order) + b"\n")
-            while not (heard and heard[-1].endswith(b"\n")) and sum(map(len, heard)) <= MOST_ANSWER_BYTES:
+            while not received.endswith(b"\n") and len(received) <= MOST_ANSWER_BYTES:
                 connection.settimeout(max(until_s - time.monotonic(), 0.001))
                 if not (piece := connection.recv(MOST_ANSWER_BYTES)):
                     break
-                heard.append(piece)
+                received += piece
         except (FileNotFoundError, ConnectionRefusedError):
             raise NotRunningError(
                 f"no server is running with the state in {folder.path}; start it, or name the right one by --state or --port"
@@ -239,11 +238,11 @@ def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> A
                 "if it is stopped or hangs, start it again"
             ) from None
         except (ConnectionResetError, BrokenPipeError):
-            heard.clear()
+            received.clear()
         except OSError as error:
             raise ControlError(f"{path}: the server cannot be asked: {error.strerror}; run this as its user") from None
     try:
-        return msgspec.json.decode(b"".join(heard), type=Answer)
+        return msgspec.json.decode(received, type=Answer)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise ControlError(
             f"the server with the state in {folder.path} broke off before it answered; look at what it says itself"
@@ -251,7 +250,7 @@ def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> A
 
 
 def _connect(connection: socket.socket, path: str, until_s: float) -> None:
-    """Connect, or wait for a place in the server's queue. Raises OSError, TimeoutError among them."""
+    """Connect; wait while the server's queue is full. Raises OSError, TimeoutError among them."""
     connection.settimeout(max(until_s - time.monotonic(), 0.001))
     while True:
         try:

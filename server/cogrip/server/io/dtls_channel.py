@@ -1,14 +1,14 @@
-"""The sealed server's channel: a DTLS association for each peer, over one socket.
+"""Channel of an encrypted server: a DTLS association for each peer, over one socket.
 
-    stranger --ClientHello--> a cookie is sent, nothing is kept --ClientHello with the cookie--> half open
+    unknown --ClientHello--> a cookie is sent, nothing is kept --ClientHello with the cookie--> half open
     half open --handshake done--> open --seat in time--> open for as long as the seat lasts
     half open or open without a seat --WAITS_NS; no message for HELLO_WAITS_NS; too many of them--> gone
 
-A ClientHello from an address that has an association goes the same way: only a handshake that was completed replaces the
-old association (RFC 6347 section 4.2.8), so that nobody can end it by a forged source address.
+A ClientHello from an address that has an association takes the same path: only a completed handshake replaces the old
+association (RFC 6347 section 4.2.8), so that nobody can end it by a forged source address.
 
-OpenSSL sees of a client's records only what `ClientRecords` passes. After the handshake it sees no handshake record at all:
-where the server's last flight was lost, it is sent again as it was.
+OpenSSL sees of a client's records only what `ClientRecords` passes, and after the handshake no handshake record at all: where
+the server's last flight was lost, it is sent again as it was.
 """
 
 import hmac
@@ -19,19 +19,18 @@ from pathlib import Path
 
 from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.dtls_records import (
-    CHANGE_CIPHER_SPEC,
-    DATA,
     HANDSHAKE,
     RECORD_HEADER_BYTES,
     ClientRecords,
 )
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
-from cogrip.protocol.messages import MAX_DATAGRAM_BYTES, MAX_MESSAGE_BYTES
+from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
+from cogrip.server.io.dtls_peer import Peer, is_of_handshake, is_of_session
 from cogrip.server.io.free_memory import trim
-from cogrip.server.rate_limit import Buckets, Budget, RateLimiter, network_of
+from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
 
 MOST_OPEN = 1024
@@ -40,50 +39,52 @@ MOST_ASKED = 24  # datagrams of an association without a seat: a client says hel
 MOST_SHAKING = 24  # datagrams of a handshake: two flights of a client, one datagram each, and what is repeated
 MOST_REPEATS = 4  # of the server's last flight
 MOST_RECORDS = 4  # messages taken from one datagram
-MOST_LEFT = 1024  # of one whose seat has ended: waves that were under way, and the account
-WAITS_NS = 5_000_000_000  # for the end of a handshake, then for a seat
-HELLO_WAITS_NS = 3_000_000_000  # for the first message after a handshake
+MOST_LEFT = 1024  # datagrams after a seat has ended: waves that were under way, and the account
+WAITS_NS = 5_000_000_000  # time for a handshake, then for a seat
+HELLO_WAITS_NS = 3_000_000_000  # time for the first message after a handshake
 SWEEP_EVERY_NS = 500_000_000
-TRIM_AFTER = 64  # handshakes, of some 90 kB each, which malloc keeps when they are over
-COOKIE_NS = 30_000_000_000  # a cookie fits for so long, and at most twice
+TRIM_AFTER = 64  # handshakes of some 90 kB each, which malloc keeps
+COOKIE_NS = 30_000_000_000  # a cookie is valid for one or two of these periods
 COOKIE_BYTES = 16
-TOLD = Budget(1, 10)  # happenings that are said: whoever knocks often is counted, and shall not fill a journal
-MOST_TOLD = 64  # that wait to be said
+REPORTED = Budget(1, 10)  # events; others are only counted, so that nobody can fill a log
+MOST_EVENTS = 64  # that wait to be reported
 UNFINISHED = "records came where the end of the handshake must"
-SEALED = "this server speaks under a seal only: join by a link that it prints at its start, or `cogrip token new` makes"
+ENCRYPTED_ONLY = (
+    "this server is encrypted (DTLS): join by a link that it prints at its start, or `cogrip token new` makes"
+)
 
 
 class DtlsListener:
-    """`Channel` of a sealed server. seated: whether someone sits at an address, as the core says.
+    """`Channel` of an encrypted server. seated: says whether somebody in a session is at an address (`ServerCore.knows`).
 
-    `events` holds what people should hear of; `renewed` the addresses where a new association has taken the place of an old
-    one: who speaks there now has yet to show the right to what the old one had.
+    events   to be reported
+    renewed  addresses where a new association has replaced the old one: its peer has yet to resume what the old one had
     """
 
     def __init__(
         self, folder: Path, rate_limiter: RateLimiter, seated: Callable[[Address], bool], *, most: int = MOST_OPEN
     ) -> None:
-        """Raises CertificateError where the key or the certificate in `folder` cannot be used."""
+        """folder: of key and certificate; raises CertificateError where they cannot be used. most: associations."""
         identity = load(folder)
         self.fingerprint = identity.fingerprint
         self.outbox: deque[tuple[Address, bytes]] = deque()
-        self.dropped: dict[str, int] = {}
+        self.dropped: dict[str, int] = Counter()
         self.failed = ""
-        self.events: deque[ServerEvent] = deque(maxlen=MOST_TOLD)
+        self.events: deque[ServerEvent] = deque(maxlen=MOST_EVENTS)
         self.renewed: deque[Address] = deque(maxlen=most)
         self._rate_limiter = rate_limiter
         self._seated = seated
         self._most = most
         self._secret = secrets.token_bytes(32)
-        self._cookies = (b"", b"")  # that the address in question may have: the one to send, the one before it
+        self._cookies = (b"", b"")  # valid for the address in question: the newest is sent
         self._context = server_context(identity, lambda _: self._cookies[0], lambda _, cookie: self._fits(cookie))
-        self._authenticator = Association(self._context, server=True)
-        self._voice = Buckets(1, TOLD)
-        self._half: dict[Address, _Peer] = {}
-        self._open: dict[Address, _Peer] = {}
-        self._unseated: dict[Address, _Peer] = {}  # those that are open and have no seat
+        self._listener = Association(self._context, server=True)
+        self._event_budget = Buckets(1, REPORTED)
+        self._half: dict[Address, Peer] = {}
+        self._open: dict[Address, Peer] = {}
+        self._unseated: dict[Address, Peer] = {}  # open, without a seat
         self._sweep_ns = 0
-        self._begun = 0  # handshakes since memory was given back
+        self._handshakes = 0  # handshakes since `trim`
 
     def ready(self, address: Address) -> bool:
         return address in self._open
@@ -105,10 +106,10 @@ class DtlsListener:
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         peer = self._open.get(address)
-        if peer is not None and peer.seated and _of_session(datagram):  # nearly all; the same as below, in fewer steps
+        if peer is not None and peer.seated and is_of_session(datagram):  # nearly all: a short cut of the general case
             reason = self._rate_limiter.peer(address, now_ns)
             if not reason:
-                return self._hear(peer, datagram, address, now_ns)
+                return self._decrypt(peer, datagram, address, now_ns)
             self._drop(reason)
             return ()
         return self._sort(datagram, address, now_ns)
@@ -120,9 +121,9 @@ class DtlsListener:
             return ()
         peer, half = self._open.get(address), self._half.get(address)
         if peer is None and half is None and datagram[0] != HANDSHAKE:
-            return self._strange(datagram, address, now_ns)
+            return self._receive_unencrypted(datagram, address, now_ns)
         if is_client_hello(datagram):
-            self._greet(datagram, address, now_ns)
+            self._receive_client_hello(datagram, address, now_ns)
             return ()
         if peer is None and half is None:
             self._drop("stranger")
@@ -133,61 +134,61 @@ class DtlsListener:
         if reason:
             self._drop(reason)
             return ()
-        if half is not None and (peer is None or _of_handshake(datagram)):
-            return self._shake(half, datagram, address, now_ns)
+        if half is not None and (peer is None or is_of_handshake(datagram)):
+            return self._continue_handshake(half, datagram, address, now_ns)
         assert peer is not None
-        if not peer.seated and not self._may_ask(peer, address, now_ns):
+        if not peer.seated and not self._may_request(peer, address, now_ns):
             return ()
         passed = peer.records.passed(datagram)
         if peer.records.repeats:
             self._repeat(peer, address)
-        return self._hear(peer, passed, address, now_ns) if passed else ()
+        return self._decrypt(peer, passed, address, now_ns) if passed else ()
 
-    def _repeat(self, peer: "_Peer", address: Address) -> None:
-        """A client that has not received the end of the handshake sends its own again (RFC 6347 section 4.2.4)."""
-        if peer.repeats < MOST_REPEATS and not peer.heard:
+    def _repeat(self, peer: Peer, address: Address) -> None:
+        """Repeat the last flight: a client that has not received it repeats its own (RFC 6347 section 4.2.4)."""
+        if peer.repeats < MOST_REPEATS and not peer.has_received:
             peer.repeats += 1
             self.outbox.extend([(address, datagram) for datagram in peer.last_flight])
 
-    def _hear(self, peer: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
-        heard = self._some(peer.association.feed(datagram), address, now_ns)
-        if not heard:
+    def _decrypt(self, peer: Peer, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        received = self._bounded(peer.association.feed(datagram), address, now_ns)
+        if not received:
             self._drop("not of this seal")
             self._take(peer, address)
             if peer.association.failed:
                 self._end(address, peer)
         else:
-            peer.heard = True
-        return heard
+            peer.has_received = True
+        return received
 
-    def _some(self, heard: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
-        """Of what came in one datagram: senders put one message in each, and the budget is one of messages."""
-        for place in range(1, len(heard)):
+    def _bounded(self, received: Sequence[bytes], address: Address, now_ns: int) -> Sequence[bytes]:
+        """Return the messages of one datagram that the budget of messages allows; a good sender puts one in each."""
+        for place in range(1, len(received)):
             if place == MOST_RECORDS or self._rate_limiter.peer(address, now_ns):
                 self._drop("too many records")
-                return heard[:place]
-        return heard
+                return received[:place]
+        return received
 
-    def _may_ask(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
-        """Who has no seat may ask for one a few times: a seal costs the stranger little, each refusal the server some."""
-        if self._look(peer, address, now_ns):
+    def _may_request(self, peer: Peer, address: Address, now_ns: int) -> bool:
+        """Return whether a peer may send: without a seat only some datagrams, as each refusal costs the server time."""
+        if self._update_seated(peer, address, now_ns):
             return True
-        peer.asked += 1
-        if peer.asked <= peer.may_ask:
+        peer.requests += 1
+        if peer.requests <= peer.most_requests:
             return True
         self._drop("asked too often")
         self.close(address)
         return False
 
-    def _look(self, peer: "_Peer", address: Address, now_ns: int) -> bool:
-        """Return whether somebody has a seat by this association now."""
+    def _update_seated(self, peer: Peer, address: Address, now_ns: int) -> bool:
+        """Return whether this association has a seat now, and note a change."""
         seated = self._seated(address)
         if seated != peer.seated:
             peer.seated = seated
             peer.had_seat = True
             self._rate_limiter.seated(address, now_ns)
             if seated:
-                peer.asked, peer.may_ask = 0, MOST_LEFT
+                peer.requests, peer.most_requests = 0, MOST_LEFT
                 self._unseated.pop(address, None)
             else:
                 self._unseated[address] = peer
@@ -214,34 +215,34 @@ class DtlsListener:
             self._take(peer, address)
 
     def counts(self) -> dict[str, int]:
-        """How many associations there are: open, and half open."""
+        """Return the numbers of associations, open and half open."""
         return {"open": len(self._open), "half open": len(self._half)}
 
     def _drop(self, reason: str) -> None:
-        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        self.dropped[reason] += 1
 
-    def _take(self, peer: "_Peer", address: Address, *, last: bool = False) -> None:
-        """last: this is the end of a handshake."""
+    def _take(self, peer: Peer, address: Address, *, last: bool = False) -> None:
+        """Send what an association has to send. last: this is the end of a handshake."""
         datagrams = peer.association.pop_datagrams()
         if last:
             peer.last_flight = datagrams
         self.outbox.extend([(address, datagram) for datagram in datagrams])
 
-    def _strange(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
-        """No seal, and nobody known: at most someone who has to be told that a seal is needed."""
+    def _receive_unencrypted(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+        """Refuse an unencrypted hello of an unknown peer; drop all else."""
         if not looks_like_hello(datagram):
             self._drop("stranger")
             return ()
         reason = self._rate_limiter.contact(address, now_ns)
         self._drop(reason or "refused: sealed")
         if not reason:
-            answer = refusal(nonce_of(datagram), "sealed", SEALED)
+            answer = refusal(nonce_of(datagram), "sealed", ENCRYPTED_ONLY)
             self.outbox.append((address, answer))
-            self._tell(f"refused {place_text(address)}: it spoke without a seal", address, "sealed", now_ns)
+            self._report(f"refused {place_text(address)}: its hello was not encrypted", address, "sealed", now_ns)
         return ()
 
-    def _greet(self, datagram: bytes, address: Address, now_ns: int) -> None:
-        """A ClientHello. Until its cookie fits nothing is kept, and the answer is no longer than the question."""
+    def _receive_client_hello(self, datagram: bytes, address: Address, now_ns: int) -> None:
+        """Answer a ClientHello. Until its cookie is valid nothing is kept, and the answer is no longer than the request."""
         half, peer, nonce = self._half.get(address), self._open.get(address), client_random(datagram)
         cookie, fits = cookie_in(datagram), False
         if len(cookie) == COOKIE_BYTES:
@@ -249,7 +250,7 @@ class DtlsListener:
             fits = self._fits(cookie)
         if fits and half is not None and half.nonce == nonce:  # repeated: its handshake goes on
             self._drop("hello again")
-            self._shake(half, datagram, address, now_ns)
+            self._continue_handshake(half, datagram, address, now_ns)
             return
         if fits and peer is not None and peer.nonce == nonce:
             self._drop("hello again")
@@ -261,24 +262,24 @@ class DtlsListener:
             self._drop(reason)
             return
         self._cookies = self._cookies_of(address, now_ns)
-        passes = ClientRecords(self._drop)
-        passed = passes.passed(datagram)
+        records = ClientRecords(self._drop)
+        passed = records.passed(datagram)
         if not passed:
             return
-        heard = self._authenticator.listen(passed)
-        answers = self._authenticator.pop_datagrams()
+        complete = self._listener.listen(passed)
+        answers = self._listener.pop_datagrams()
         if sum(map(len, answers)) > len(datagram):
             self._drop("answer too long")
             return
         self.outbox.extend([(address, answer) for answer in answers])
-        if not heard:
+        if not complete:
             self._drop("cookie sent" if answers else "malformed hello")
             return
-        self._admit(_Peer(self._authenticator, nonce, address, now_ns, passes), address)
+        self._admit(Peer(self._listener, nonce, address, now_ns, records, MOST_ASKED), address)
 
-    def _admit(self, peer: "_Peer", address: Address) -> None:
-        self._authenticator = Association(self._context, server=True)
-        self._begun += 1
+    def _admit(self, peer: Peer, address: Address) -> None:
+        self._listener = Association(self._context, server=True)
+        self._handshakes += 1
         peer.had_seat = self._rate_limiter.was_seated(address, peer.since_ns)
         peer.association.accept()
         self._take(peer, address)
@@ -292,31 +293,31 @@ class DtlsListener:
         self._half[address] = peer
 
     def _evict(self) -> None:
-        """End the oldest association without a seat of the network that has most of them; who had a seat lately goes last.
+        """End the oldest association without a seat of the network that has most of them; peers with a recent seat go last.
 
-        So somebody with one address displaces only themselves; with many they displace nobody before MOST_UNSEATED more
-        handshakes were begun, for which there is a budget: longer than a newcomer needs for a seat.
+        An attacker with one address evicts only itself; with many it evicts nobody before MOST_UNSEATED more handshakes were
+        begun, for which there is a budget: longer than a newcomer needs for a seat.
         """
         waiting = [*self._half.values(), *self._unseated.values()]
-        shares = Counter([peer.network for peer in waiting])
-        oldest = min(waiting, key=lambda peer: (peer.had_seat, -shares[peer.network], peer.since_ns))
+        counts = Counter([peer.network for peer in waiting])
+        oldest = min(waiting, key=lambda peer: (peer.had_seat, -counts[peer.network], peer.since_ns))
         self._drop("too many without a seat")
         if self._half.get(oldest.address) is oldest:
             del self._half[oldest.address]
         else:
             self.close(oldest.address)
 
-    def _shake(self, half: "_Peer", datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
+    def _continue_handshake(self, half: Peer, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         association = half.association
-        half.asked += 1
-        if half.asked > MOST_SHAKING:
+        half.requests += 1
+        if half.requests > MOST_SHAKING:
             del self._half[address]
             self._drop("handshake too long")
             return ()
         passed = half.records.passed(datagram)
         if not passed:
             return ()
-        heard = association.feed(passed)
+        received = association.feed(passed)
         self._take(half, address, last=association.ready)
         if not association.ready and half.records.overdue:
             association.failed = association.failed or UNFINISHED
@@ -337,39 +338,39 @@ class DtlsListener:
             association.close()
             self._take(half, address)
             return ()
-        half.since_ns, half.asked, half.heard = now_ns, 0, bool(heard)
+        half.since_ns, half.requests, half.has_received = now_ns, 0, bool(received)
         self._open[address] = self._unseated[address] = half
-        return heard
+        return received
 
-    def _fail(self, peer: "_Peer", address: Address, now_ns: int) -> None:
+    def _fail(self, peer: Peer, address: Address, now_ns: int) -> None:
         reason = peer.association.failed
         self._drop(f"handshake failed: {reason}")
-        self._tell(f"refused {place_text(address)}: {reason}", address, "seal", now_ns)
+        self._report(f"refused {place_text(address)}: {reason}", address, "seal", now_ns)
 
-    def _end(self, address: Address, peer: "_Peer") -> None:
+    def _end(self, address: Address, peer: Peer) -> None:
         del self._open[address]
         self._unseated.pop(address, None)
         self._drop(f"seal ended: {peer.association.failed}")
 
     def _sweep(self, now_ns: int) -> None:
-        """Close what nobody sits behind."""
+        """Close associations without a seat whose time is over."""
         for address, peer in list(self._open.items()):
             waited_ns = now_ns - peer.since_ns
-            if self._look(peer, address, now_ns):
+            if self._update_seated(peer, address, now_ns):
                 peer.since_ns = now_ns
-            elif waited_ns >= WAITS_NS or (waited_ns >= HELLO_WAITS_NS and not peer.heard):
-                self._drop("no seat in time" if peer.heard else "no hello in time")
+            elif waited_ns >= WAITS_NS or (waited_ns >= HELLO_WAITS_NS and not peer.has_received):
+                self._drop("no seat in time" if peer.has_received else "no hello in time")
                 self.close(address)
-        if self._begun >= TRIM_AFTER and not self._half and not self._unseated:
-            self._begun = 0
+        if self._handshakes >= TRIM_AFTER and not self._half and not self._unseated:
+            self._handshakes = 0
             trim()
 
-    def _tell(self, text: str, address: Address, code: str, now_ns: int) -> None:
-        if self._voice.take(0, now_ns):
+    def _report(self, text: str, address: Address, code: str, now_ns: int) -> None:
+        if self._event_budget.take(0, now_ns):
             self.events.append(ServerEvent("refused", text, address=place_text(address), code=code))
 
     def _cookies_of(self, address: Address, now_ns: int) -> tuple[bytes, bytes]:
-        """What this address may have been sent lately."""
+        """Return the cookies of this period and the one before."""
         number, text = now_ns // COOKIE_NS, repr(address)
         now, before = [
             hmac.digest(self._secret, f"{each} {text}".encode(), "sha256")[:COOKIE_BYTES]
@@ -380,44 +381,3 @@ class DtlsListener:
     def _fits(self, cookie: bytes) -> bool:
         now, before = self._cookies
         return hmac.compare_digest(cookie, now) or hmac.compare_digest(cookie, before)
-
-
-class _Peer:
-    """An association, which handshake it is of, and since when it has been without the next step."""
-
-    __slots__ = (
-        "address", "asked", "association", "had_seat", "heard", "last_flight", "may_ask", "network", "nonce", "records",
-        "repeats", "seated", "since_ns",
-    )  # fmt: skip
-
-    def __init__(
-        self, association: Association, nonce: bytes, address: Address, now_ns: int, passes: ClientRecords
-    ) -> None:
-        self.association = association
-        self.nonce = nonce
-        self.address = address
-        self.network = network_of(address)
-        self.records = passes
-        self.since_ns = now_ns
-        self.seated = False  # as far as was looked at
-        self.had_seat = False  # or somebody else at this address, lately
-        self.heard = False  # a message has come
-        self.asked = 0  # datagrams of this handshake, then since there was no seat
-        self.may_ask = MOST_ASKED
-        self.last_flight: Sequence[bytes] = ()
-        self.repeats = 0  # how often that was sent again
-
-
-def _of_session(datagram: bytes) -> bool:
-    """Return whether a datagram is one record of messages under a seal, by its header."""
-    return (
-        RECORD_HEADER_BYTES < len(datagram) <= MAX_DATAGRAM_BYTES
-        and datagram[0] == DATA
-        and bool(datagram[3] or datagram[4])
-        and len(datagram) == RECORD_HEADER_BYTES + int.from_bytes(datagram[11:13], "big")
-    )
-
-
-def _of_handshake(datagram: bytes) -> bool:
-    """Whether a datagram can only be of a handshake that is under way: all but messages, and alerts under a seal."""
-    return datagram[0] in (CHANGE_CIPHER_SPEC, HANDSHAKE) or not (datagram[3] or datagram[4])

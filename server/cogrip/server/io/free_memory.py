@@ -1,14 +1,11 @@
-"""Freed memory goes back to the system, where the C library can be asked for that (glibc's malloc_trim)."""
+"""Return of freed memory to the system, with glibc's malloc_trim."""
 
 import ctypes
 import sys
 
 
 def trim() -> None:
-    """Takes about 1 ms where some MB are given back, 0.1 ms where there are none. Locked memory (mlockall) stays.
-
-    With another C library nothing is done.
-    """
+    """Give freed memory back: 1 ms for some MB, 0.1 ms for none. Memory locked by mlockall stays."""
     if _malloc_trim is not None:
         _malloc_trim(0)
 

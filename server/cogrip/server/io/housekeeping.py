@@ -1,9 +1,10 @@
-"""What a server does beside its ticks, as chores that wait for nothing: its keeper's orders, tokens, checkpoints, metrics."""
+"""Housekeeping of a live server between its ticks, waiting for nothing: orders, tokens, checkpoints, metrics."""
 
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from cogrip.server import inputs
 from cogrip.server.checkpoint import CheckpointError, decode, encode
 from cogrip.server.events import ServerEvent
 from cogrip.server.io import checkpoint_file
@@ -15,18 +16,18 @@ from cogrip.server.io.service_notify import ServiceNotifier
 from cogrip.server.io.state_folder import StateError, StateFolder
 from cogrip.server.loop import LiveServer
 from cogrip.server.room import Room
-from cogrip.server.roster import MOST_PRESENT, RosterEntry, people_of
+from cogrip.server.roster import MOST_LISTED, RosterEntry, roster_of
 from cogrip.server.snapshot import Snapshot, SnapshotMaker
 
 EVERY_NS = 500_000_000  # checkpoints and metrics
-LOOK_EVERY_NS = 50_000_000  # for orders
-TURNS = EVERY_NS // LOOK_EVERY_NS
+POLL_EVERY_NS = 50_000_000  # for orders
+TURNS = EVERY_NS // POLL_EVERY_NS
 
 Say = Callable[[ServerEvent], None]
 
 
 class Housekeeping:
-    """Looks after one live server that listens; `begin` before it runs, `end` after. Each part may be missing."""
+    """Chores of one live server that listens: `begin` before it runs, `end` after. Each part may be missing."""
 
     def __init__(
         self,
@@ -39,7 +40,7 @@ class Housekeeping:
         software: str = "",
         fresh: bool = False,
     ) -> None:
-        """Raises ControlError. fresh: begin with every object at its start, whatever checkpoints there are."""
+        """fresh: begin with every object at its start, whatever checkpoints there are. Raises ControlError."""
         self._fresh = fresh
         self._server = server
         self._say = say
@@ -48,48 +49,44 @@ class Housekeeping:
         self._metrics = metrics
         self._notifier = ServiceNotifier()
         self._control = Control(folder) if folder else None
-        self._writers = (
-            {room.name: CheckpointWriter(folder.checkpoint(room.name), self._trouble) for room in server.core.rooms}
-            if folder
-            else {}
-        )
-        self._kept: list[tuple[int, str]] = []  # sessions and tickets of all seats
-        self._told_limited: set[tuple[int, str]] = set()
-        self._rested: set[str] = set()  # rooms where nothing has happened since their checkpoint
+        self._writers: dict[str, CheckpointWriter] = {}
+        if folder:
+            rooms = [room.name for room in server.core.rooms]
+            self._writers = {room: CheckpointWriter(folder.checkpoint(room), self._report_trouble) for room in rooms}
+        self._kept: list[tuple[int, str]] = []  # sessions and ticket hashes of all seats
+        self._reported_limits: set[tuple[int, str]] = set()
+        self._idle: set[str] = set()  # rooms that are deserted since their checkpoint
         self._maker = SnapshotMaker(server.core.rooms, server.pacers, software)
-        self._look_ns = self._next_ns = self._watchdog_ns = 0
+        self._poll_ns = self._next_ns = self._watchdog_ns = 0
         self._turn = 0
 
-    def _trouble(self, text: str) -> None:
+    def _report_trouble(self, text: str) -> None:
         self._say(ServerEvent("trouble", text))
 
     def begin(self) -> None:
-        """Go on from the checkpoints of a server that did not end as it should; say that all is ready."""
+        """Go on from the checkpoints of a server that did not end in order; notify that all is ready."""
         core = self._server.core
         for room, writer in self._writers.items():
             try:
                 data = checkpoint_file.read(writer.path)
                 if data is not None and self._fresh:
-                    self._say(
-                        ServerEvent(
-                            "notice", f"{room}: begins at its start (--fresh): a checkpoint is left aside", room
-                        )
-                    )
+                    text = f"{room}: begins at its start (--fresh): a checkpoint is left aside"
+                    self._say(ServerEvent("notice", text, room))
                     checkpoint_file.remove(writer.path)
                 elif data is not None:
-                    core.restore(decode(data), time.monotonic_ns())
+                    core.handle(inputs.Restore(decode(data)), time.monotonic_ns())
             except (CheckpointError, StateError, OSError) as error:
-                self._trouble(f"{writer.path}: room {room} begins anew: {error}")
+                self._report_trouble(f"{writer.path}: room {room} begins anew: {error}")
         while core.events:
             self._say(core.events.popleft())
         self._server.chores.append(self.chore)
         self._notifier.ready(f"rooms: {', '.join(room.name for room in core.rooms)}")
 
     def chore(self, now_ns: int) -> None:
-        """Between two ticks."""
-        if now_ns < self._look_ns:
+        """Do what is due. Called between two ticks."""
+        if now_ns < self._poll_ns:
             return
-        self._look_ns = now_ns + LOOK_EVERY_NS
+        self._poll_ns = now_ns + POLL_EVERY_NS
         self._turn = (
             self._turn + 1
         ) % TURNS  # each room once in EVERY_NS, never so many at once that a tick has to wait
@@ -101,23 +98,23 @@ class Housekeeping:
         if self._control is not None:
             for request in self._control.poll(now_ns):
                 self._obey(request)
-        kept = [(seat.session, seat.ticket) for room in self._server.core.rooms for seat in room.seats]
-        if kept != self._kept:  # whoever has just sat down must be known to the next server as well
+        kept = [(seat.session, seat.ticket_hash) for room in self._server.core.rooms for seat in room.seats]
+        if kept != self._kept:  # the next server must know a new session too
             self._kept = kept
             self._write_checkpoints(self._server.core.rooms)
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + EVERY_NS
             self._end_revoked()
-            self._tell_limited()
+            self._report_limits()
             if self._metrics is not None:
-                self._metrics.put(self._look())
+                self._metrics.put(self._snapshot())
         every_ns = self._notifier.watchdog_every_ns
         if every_ns is not None and now_ns >= self._watchdog_ns:
             self._watchdog_ns = now_ns + every_ns
             self._notifier.watchdog()
 
     def counts(self) -> dict[str, int]:
-        """What went wrong in the keeping, by name."""
+        """Return the counts of what failed, by name."""
         counts = {
             "metrics not taken": self._metrics.not_taken if self._metrics else 0,
             "checkpoint not written": sum(writer.failures for writer in self._writers.values()),
@@ -125,7 +122,7 @@ class Housekeeping:
         }
         return {name: count for name, count in counts.items() if count}
 
-    def _look(self) -> Snapshot:
+    def _snapshot(self) -> Snapshot:
         server = self._server
         rtt_ns = {
             (room.name, number): seat.rtt_ns
@@ -134,10 +131,10 @@ class Housekeeping:
             if seat.rtt_ns is not None
         }
         drops = (server.drops(), server.losses(), self.counts())
-        return self._maker.look(server.elapsed_s, *drops, rtt_ns=rtt_ns, datagrams=server.datagrams)
+        return self._maker.make(server.elapsed_s, *drops, rtt_ns=rtt_ns, datagrams=server.datagrams)
 
     def end(self, *, said_goodbye: bool) -> None:
-        """The server has ended. If it said goodbye nobody comes back to these seats; else the next server goes on from here."""
+        """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
         self._notifier.stopping()
         if self._control is not None:
             self._control.close()
@@ -154,23 +151,23 @@ class Housekeeping:
 
     def _write_checkpoints(self, rooms: Sequence[Room]) -> None:
         for room in rooms if self._writers else ():
-            resting = room.deserted
-            if resting and room.name in self._rested:
+            deserted = room.deserted
+            if deserted and room.name in self._idle:
                 continue
-            (self._rested.add if resting else self._rested.discard)(room.name)
+            (self._idle.add if deserted else self._idle.discard)(room.name)
             self._writers[room.name].put(encode(room.checkpoint()))
 
-    def _tell_limited(self) -> None:
-        """Once for each session of a seat and each reason."""
-        now, events = set(), self._server.events  # of those no more are said than a log can bear
+    def _report_limits(self) -> None:
+        """Report once for each session of a seat and each reason."""
+        now, events = set(), self._server.events
         for room in self._server.core.rooms:
             for number, seat in enumerate(room.seats):
                 for reason in room.limited(number):
                     now.add(what := (seat.session, reason))
-                    if what not in self._told_limited:
+                    if what not in self._reported_limits:
                         words = f"{room.name}: {seat.name} brings in more than the seat may: {reason}"
                         events.append(ServerEvent("limited", words, room.name, seat.name, token=seat.token))
-        self._told_limited = now
+        self._reported_limits = now
 
     def _reload(self) -> tuple[str, bool]:
         if self._authenticator is None:
@@ -179,12 +176,14 @@ class Housekeeping:
             return text, True
         good = self._authenticator.reload()
         ended = self._end_revoked()
-        words = f"tokens were read again; {ended} were shown out" if good else "tokens could not be read; see the log"
+        words = f"tokens were read again; {ended} were kicked" if good else "tokens could not be read; see the log"
         return words, good
 
     def _end_revoked(self) -> int:
         revoked = self._authenticator.revoked() if self._authenticator is not None else set()
-        return self._server.core.revoke(revoked) if revoked else 0
+        if not revoked:
+            return 0
+        return self._server.core.handle(inputs.Revoke(tuple(sorted(revoked))), time.monotonic_ns())
 
     def _obey(self, request: Request) -> None:
         assert self._control is not None
@@ -194,8 +193,8 @@ class Housekeeping:
         elif isinstance(order, Reload):
             text, ok = self._reload()
         elif isinstance(order, Who):
-            text, ok, people = self._who(order)
-            self._control.answer(request, text, ok=ok, people=people)
+            text, ok, entries = self._who(order)
+            self._control.answer(request, text, ok=ok, people=entries)
             return
         else:
             text, ok = self._status(), True
@@ -203,10 +202,9 @@ class Housekeeping:
 
     def _kick(self, order: Kick) -> tuple[str, bool]:
         core = self._server.core
-        tokens = {
-            who.token for room, who in core.roster() if who.name == order.user and order.room in ("", room.name)
-        } - {""}
-        if not core.kick(order.user, order.room, order.reason):
+        named = [who for room, who in core.roster() if who.name == order.user and order.room in ("", room.name)]
+        tokens = {who.token for who in named} - {""}
+        if not core.handle(inputs.Kick(order.user, order.room, order.reason), time.monotonic_ns()):
             here = ", ".join(who.name for _, who in core.roster())
             return f"nobody here is {order.user!r}; there is: {here or 'nobody'}", False
         if order.revoke and self._authenticator is not None:
@@ -215,16 +213,16 @@ class Housekeeping:
         revoked = ""
         if order.revoke:
             revoked = f"; revoked: {', '.join(sorted(tokens))}" if tokens else "; there was no token to revoke"
-        return f"{order.user} was shown out{revoked}", True
+        return f"{order.user} was kicked{revoked}", True
 
     def _who(self, order: Who) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]
         if not rooms:
             return f"there is no room {order.room!r} here", False, []
-        people = people_of(rooms, time.monotonic_ns())
-        more = len(people) - MOST_PRESENT
-        words = f"{len(people)} in {len(rooms)} room{'s' if len(rooms) != 1 else ''}" if people else "nobody is here"
-        return f"{words}; {more} are not listed" if more > 0 else words, True, people[:MOST_PRESENT]
+        entries = roster_of(rooms, time.monotonic_ns())
+        more = len(entries) - MOST_LISTED
+        words = f"{len(entries)} in {len(rooms)} room{'s' if len(rooms) != 1 else ''}" if entries else "nobody is here"
+        return f"{words}; {more} are not listed" if more > 0 else words, True, entries[:MOST_LISTED]
 
     def _status(self) -> str:
         rooms = [

@@ -1,4 +1,4 @@
-"""A snapshot in Prometheus' families: base units, `_total` for what only grows (docs/operations.md)."""
+"""Prometheus families of a snapshot: base units, `_total` for what only grows (docs/operations.md)."""
 
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
@@ -16,7 +16,7 @@ NAN = float("nan")
 ROOM_GAUGES: Table[RoomSnapshot] = (
     ("seats", "Seats of the room.", lambda room: len(room.seats)),
     ("users_seated", "Seats taken.", lambda room: room.seated),
-    ("observers", "Who looks on.", lambda room: room.observers),
+    ("observers", "Observers.", lambda room: room.observers),
     ("diverged", "1 once the object has left the workspace, else 0.", lambda room: float(bool(room.diverged))),
     ("tick_lateness_max_seconds", "The latest tick since the start.", lambda room: room.late.max_s),
     ("tick_work_max_seconds", "The longest tick since the start.", lambda room: room.work.max_s),
@@ -35,10 +35,10 @@ ROOM_COUNTERS: Table[RoomSnapshot] = (
     ("ticks_due", "Ticks that were due: run or skipped.", lambda room: room.ticks_due),
     ("ticks_run", "Ticks that were run.", lambda room: room.ticks_run),
     ("ticks_skipped", "Ticks more than a period late, left out.", lambda room: room.ticks_skipped),
-    ("object_travel_meters", "How far the object was moved.", lambda room: told(room.travel_m)),
+    ("object_travel_meters", "How far the object was moved.", lambda room: finite(room.travel_m)),
 )
 SEAT_GAUGES: Table[SeatSnapshot] = (
-    ("seat_taken", "1 where somebody sits, else 0.", lambda seat: float(seat.seated)),
+    ("seat_taken", "1 where a seat is taken, else 0.", lambda seat: float(seat.seated)),
     ("rtt_seconds", "Round trip, as last seen.", lambda seat: seat.rtt_s),
     ("up_delay_seconds", "One way to the server, as last seen, by the clocks' offset.", lambda seat: seat.up_delay_s),
     (
@@ -48,8 +48,12 @@ SEAT_GAUGES: Table[SeatSnapshot] = (
     ),
     ("clock_offset_seconds", "What the person's clock shows beyond the server's.", lambda seat: seat.clock_offset_s),
     ("rendered_newtons_per_meter", "The stiffness that is integrated for the seat.", lambda seat: seat.rendered_npm),
-    ("up_margin_joules", "Least energy margin of the forward line of this sitting.", lambda seat: seat.up_margin_j),
-    ("line_margin_joules", "Least energy margin of the line of this sitting.", lambda seat: seat.line_margin_j),
+    (
+        "up_margin_joules",
+        "Least energy margin of the forward line of this seat session.",
+        lambda seat: seat.up_margin_j,
+    ),
+    ("line_margin_joules", "Least energy margin of the line of this seat session.", lambda seat: seat.line_margin_j),
     (
         "up_reserve_joules",
         "Energy reserve of the forward line now: put in less taken out.",
@@ -68,11 +72,11 @@ FRAME_COUNTERS: Table[SeatSnapshot] = (
 
 
 def families(snapshot: Snapshot) -> Iterator[Metric]:
-    """All that a snapshot says. What is not known has no sample; what is not finite is NaN."""
+    """Return the families of a snapshot. What is not known has no sample; what is not finite is NaN."""
     yield InfoMetricFamily("cogrip_build", "What runs.", value={"version": snapshot.software})
     yield GaugeMetricFamily("cogrip_uptime_seconds", "Since the rooms began.", value=snapshot.uptime_s)
     reasons = [([reason], count) for reason, count in snapshot.dropped.items()]
-    yield _counter("dropped", "What went no further, by reason.", ["reason"], reasons)
+    yield _counter("dropped", "Datagrams and messages dropped, by reason.", ["reason"], reasons)
     directions = [
         ([direction], count)
         for direction, count in (("in", snapshot.received), ("out", snapshot.sent))
@@ -97,8 +101,8 @@ def families(snapshot: Snapshot) -> Iterator[Metric]:
     yield _counter("limited", "What a seat asked beyond its limits.", ["room", "user", "reason"], limited)
 
 
-def told(value: Number) -> float:
-    """NaN for what is not finite, as JSON holds it."""
+def finite(value: Number) -> float:
+    """Return NaN for what is not finite, as JSON holds it."""
     return NAN if value is None else value
 
 
@@ -125,7 +129,7 @@ def _position(rooms: Iterable[RoomSnapshot]) -> Metric:
     family = GaugeMetricFamily("cogrip_object_position_meters", "Where the object is.", labels=["room", "axis"])
     for room in rooms:
         for axis, position in zip("xyz", room.position_m, strict=False):
-            family.add_metric([room.room, axis], told(position))
+            family.add_metric([room.room, axis], finite(position))
     return family
 
 

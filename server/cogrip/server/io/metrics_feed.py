@@ -1,4 +1,4 @@
-"""The server's half of its metrics: a process of its own is started and fed, and never waited for."""
+"""Server's half of its metrics: starts the metrics process and feeds it, without waiting."""
 
 import json
 import os
@@ -23,9 +23,10 @@ class MetricsError(Exception):
 
 
 class MetricsFeed:
-    """`put` a snapshot now and then; `port` is where they are served. Make it with `open_metrics`.
+    """Feed of the metrics process; see `open_metrics`.
 
-    `not_taken` counts the snapshots that the process had no room or no life for.
+    port       where metrics are served
+    not_taken  snapshots that the process could not take
     """
 
     def __init__(self, port: int, say: Callable[[str], None], clock: Callable[[], int], program: Sequence[str]) -> None:
@@ -36,7 +37,7 @@ class MetricsFeed:
         self._program = program
         self._rest = memoryview(b"")  # of the snapshot that found room in part
         self._answered = False
-        self._told = False
+        self._complained = False
         self._process = self._start()
 
     def _start(self) -> subprocess.Popen[bytes]:
@@ -57,7 +58,7 @@ class MetricsFeed:
         return process
 
     def await_answer(self, limit_s: float) -> str:
-        """What the process says of itself: "" when it listens, else why not; "" as well when it has said nothing yet."""
+        """Return why the process cannot listen; "" where it listens, or has not answered yet."""
         stream = self._process.stdout
         assert stream is not None
         if self._answered or not select.select([stream], [], [], limit_s)[0]:
@@ -73,7 +74,7 @@ class MetricsFeed:
 
     @property
     def answered(self) -> bool:
-        """Whether the process has said how it fares."""
+        """Return whether the process has answered."""
         return self._answered
 
     def put(self, snapshot: Snapshot) -> None:
@@ -86,7 +87,7 @@ class MetricsFeed:
             self._revive()
             return
         if not self._answered:
-            self._hear()
+            self._read_answer()
         if not self._flush():
             self.not_taken += 1
             return
@@ -97,28 +98,28 @@ class MetricsFeed:
             self._rest = memoryview(b"")
             self.not_taken += 1
 
-    def _hear(self) -> None:
-        """What a process that was started again says."""
+    def _read_answer(self) -> None:
+        """Read the answer of a process that was started again."""
         trouble = self.await_answer(0.0)
         if trouble:
             self._complain(trouble)
-        elif self._answered and self._told:
-            self._told = False
+        elif self._answered and self._complained:
+            self._complained = False
             self._say(f"/metrics and /healthz are served again, on 127.0.0.1:{self.port}")
 
     def _flush(self) -> bool:
-        """Whether the pipe has taken all there was."""
+        """Return whether the pipe has taken everything."""
         assert self._process.stdin is not None
         try:
             while self._rest:
                 self._rest = self._rest[os.write(self._process.stdin.fileno(), self._rest) :]
-        except OSError:  # full, or nobody reads any more: then its end is noticed next time
+        except OSError:  # full, or closed: noticed next time
             return False
         return True
 
     def _complain(self, why: str) -> None:
-        if not self._told:
-            self._told = True
+        if not self._complained:
+            self._complained = True
             self._say(f"/metrics and /healthz are not served: {why}; tried again once a minute")
 
     def _revive(self) -> None:
@@ -156,7 +157,7 @@ def open_metrics(
 ) -> MetricsFeed:
     """Serve metrics on 127.0.0.1:`port`, 0 for a free one. Raises MetricsError.
 
-    Call it before the loop takes real-time priority. say: hears of trouble, once.
+    Call it before the loop takes real-time priority. say: reports trouble, once
     """
     if sys.platform == "win32":
         raise MetricsError("metrics are not served on Windows: leave --metrics out")

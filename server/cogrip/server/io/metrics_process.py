@@ -1,7 +1,7 @@
-"""What a monitoring system asks: `python -m cogrip.server.io.metrics_process PORT`, snapshots on its standard input.
+"""Metrics process: `python -m cogrip.server.io.metrics_process PORT`, snapshots on its standard input.
 
-It says on standard output where it listens, or why it cannot, and ends when its input closes. `/metrics` and `/healthz` on
-127.0.0.1 alone; a scrape costs this process its time, never the server.
+It writes to standard output where it listens, or why it cannot, and ends when its input closes. It serves `/metrics` and
+`/healthz` on 127.0.0.1 alone; a scrape never costs the server time.
 """
 
 import json
@@ -27,38 +27,38 @@ from cogrip.server.snapshot import LENGTH_BYTES, Health, RoomSnapshot, Snapshot,
 
 MOST_BYTES = 1 << 26  # longer ones are not the server's
 MOST_AT_ONCE = 16  # connections, each with a thread: a service has few
-ASK_LIMIT_S = 5.0  # for a connection in all, whatever it says and however slowly
+ASK_LIMIT_S = 5.0  # for a whole connection
 HOSTS = ("127.0.0.1", "localhost", "")  # a page elsewhere that has its name point here is not answered
 
 
 class Latest:
-    """The newest snapshot and what it says of health: written by one thread, read by those that answer."""
+    """Newest snapshot, and health: written by one thread, read by those that answer."""
 
     def __init__(self) -> None:
         self._health = Health()
         self._lock = threading.Lock()
-        self.broken_off = 0  # whoever asked was gone before the answer was said
+        self.broken_off = 0  # the asker was gone before the answer
         self.turned_away = 0  # too many asked at once
 
     def take(self, snapshot: Snapshot) -> None:
         with self._lock:
             self._health.take(snapshot, time.monotonic_ns())
 
-    def look(self) -> tuple[Snapshot | None, str, float]:
-        """(newest snapshot, what is wrong or "", its age [s])."""
+    def newest(self) -> tuple[Snapshot | None, str, float]:
+        """Return (newest snapshot, trouble or "", its age [s])."""
         with self._lock:
             now_ns = time.monotonic_ns()
             return self._health.newest, self._health.trouble(now_ns), self._health.age_ns(now_ns) * 1e-9
 
 
 class ServerCollector(Collector):
-    """The newest snapshot, and how old it is."""
+    """Collector of the newest snapshot and its age."""
 
     def __init__(self, latest: Latest) -> None:
         self._latest = latest
 
     def collect(self) -> Iterator[Metric]:
-        snapshot, trouble, age_s = self._latest.look()
+        snapshot, trouble, age_s = self._latest.newest()
         yield GaugeMetricFamily("cogrip_healthy", "1 where /healthz says ok, else 0.", value=float(not trouble))
         broken_off = self._latest.broken_off
         yield CounterMetricFamily(
@@ -92,11 +92,11 @@ class Page(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is /metrics, and /healthz\n")
 
     def do_HEAD(self) -> None:
-        """The same without the text: what some probes ask."""
+        """Answer without the body, as some probes ask."""
         self.do_GET()
 
     def _answer_health(self) -> None:
-        snapshot, trouble, age_s = self.server.latest.look()
+        snapshot, trouble, age_s = self.server.latest.newest()
         words: dict[str, Any] = {"status": trouble or "ok"}
         if snapshot is not None:
             words |= {
@@ -121,7 +121,7 @@ class Page(BaseHTTPRequestHandler):
         return "cogrip"
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 (the base class calls it so)
-        """Scrapes are no news."""
+        """Log nothing."""
 
 
 def _room(room: RoomSnapshot) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def _room(room: RoomSnapshot) -> dict[str, Any]:
 
 
 class MetricsServer(ThreadingHTTPServer):
-    """At most MOST_AT_ONCE connections, each for ASK_LIMIT_S at most; those beyond are closed unheard, and counted."""
+    """HTTP server of at most MOST_AT_ONCE connections, each for ASK_LIMIT_S at most; others are closed, and counted."""
 
     daemon_threads = True
     block_on_close = False
@@ -161,7 +161,7 @@ class MetricsServer(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def service_actions(self) -> None:
-        """Now and then: end the connections whose time is over, whatever trickles in."""
+        """End the connections whose time is over."""
         over_s = time.monotonic() - ASK_LIMIT_S
         for request, since_s in list(self._open.items()):
             if since_s < over_s:
@@ -176,7 +176,7 @@ class MetricsServer(ThreadingHTTPServer):
 
 
 def follow(source: IO[bytes], latest: Latest) -> None:
-    """Take snapshots until the input closes, in the middle of one as well."""
+    """Take snapshots until the input closes, even within one."""
     while len(head := source.read(LENGTH_BYTES)) == LENGTH_BYTES:
         size = int.from_bytes(head, "big")
         if size > MOST_BYTES:

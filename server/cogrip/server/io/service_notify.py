@@ -1,4 +1,4 @@
-"""Telling systemd how the service is (sd_notify(3)). Where nobody asked to be told, nothing happens.
+"""Notifications to systemd (sd_notify(3)), where it asked for them.
 
 https://www.freedesktop.org/software/systemd/man/latest/sd_notify.html
 """
@@ -10,10 +10,9 @@ from collections.abc import Mapping
 
 
 class ServiceNotifier:
-    """Datagrams to the socket that $NOTIFY_SOCKET names. None of them waits or raises; `failed` counts those not sent.
+    """Datagrams to the socket that $NOTIFY_SOCKET names; none waits or raises. failed: those that were not sent.
 
-    watchdog_every_ns: how often `watchdog` should be called, half of what the service manager allows; None where it
-    does not watch.
+    watchdog_every_ns: due interval of `watchdog`, half of what the service manager allows; None without a watchdog
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
@@ -41,22 +40,22 @@ class ServiceNotifier:
             self.failed += 1
 
     def ready(self, status: str = "") -> None:
-        """The service listens: after the start, and after every `reloading`."""
+        """Notify that the service listens: after the start, and after every `reloading`."""
         self._say("READY=1", *_status(status))
 
     def status(self, text: str) -> None:
-        """One line for `systemctl status`."""
+        """Set the line of `systemctl status`."""
         self._say(*_status(text) or ("STATUS=",))
 
     def reloading(self, monotonic_ns: int) -> None:
-        """The service reads its files anew, since `monotonic_ns` of the steady clock; `ready` ends it."""
+        """Notify that files are read again, since `monotonic_ns` of the steady clock; `ready` ends it."""
         self._say("RELOADING=1", f"MONOTONIC_USEC={monotonic_ns // 1000}")
 
     def stopping(self, status: str = "") -> None:
         self._say("STOPPING=1", *_status(status))
 
     def watchdog(self) -> None:
-        """The loop runs. Say it from the loop itself."""
+        """Notify that the loop runs. Call it from the loop itself."""
         self._say("WATCHDOG=1")
 
     def close(self) -> None:
@@ -70,7 +69,7 @@ def _status(text: str) -> tuple[str, ...]:
 
 
 def _watchdog_every_ns(environ: Mapping[str, str]) -> int | None:
-    """Half of $WATCHDOG_USEC, where it is meant for this process (sd_watchdog_enabled(3))."""
+    """Return half of $WATCHDOG_USEC, where it is meant for this process (sd_watchdog_enabled(3))."""
     usec, pid = environ.get("WATCHDOG_USEC", ""), environ.get("WATCHDOG_PID", "")
     if not (usec.isascii() and usec.isdigit() and int(usec) > 0) or (pid and pid != str(os.getpid())):
         return None

@@ -1,4 +1,4 @@
-"""What a server keeps beyond its end: keys, tokens, checkpoints, in one folder that its own user alone may enter.
+"""State folder of a server: keys, tokens, checkpoints, for its own user alone.
 
 Linux and macOS. Every file is replaced as a whole, has mode 0600, and is not read if anyone else could.
 """
@@ -25,20 +25,20 @@ _IS_POSIX = os.name == "posix"
 
 
 class StateError(Exception):
-    """The state folder, or a file in it, is not fit for use. The text says why and what to do."""
+    """The state folder, or a file in it, cannot be used. The text says why and what to do."""
 
 
 class BusyError(StateError):
-    """Somebody else has it, for now."""
+    """Another process holds it."""
 
 
 class NoStateError(StateError):
-    """There is none."""
+    """There is no such folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateFolder:
-    """Names of the files in it. `make_folder` and `find_folder` give one that is fit for use."""
+    """Paths of its files. See `make_folder` and `find_folder`."""
 
     path: Path
 
@@ -56,7 +56,7 @@ class StateFolder:
 
     @property
     def tokens_lock(self) -> Path:
-        """Held by whoever changes the tokens."""
+        """Lock of a change of the tokens."""
         return self.path / "tokens.lock"
 
     @property
@@ -69,7 +69,7 @@ class StateFolder:
 
     @property
     def lock(self) -> Path:
-        """Held by the one server that uses this folder."""
+        """Lock of the one server that uses this folder."""
         return self.path / "lock"
 
     def checkpoint(self, room: str) -> Path:
@@ -77,17 +77,17 @@ class StateFolder:
 
 
 class ServerRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a server says of itself to the commands: `server.json`. It stays when the server ends."""
+    """Record of a server for the commands, `server.json`. It stays when the server ends."""
 
     host: str  # by which people reach it
     port: Annotated[int, msgspec.Meta(ge=1, le=65535)]
-    fingerprint: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")]  # "" plain
+    fingerprint: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{64})?\Z")]  # "" unencrypted
     rooms: dict[str, list[str]]  # seats of each
     pid: Annotated[int, msgspec.Meta(ge=1)]
 
 
 def state_path(state: Path | None, port: int, environment: Mapping[str, str] = os.environ) -> Path | None:
-    """Where the state is: `state`, else what systemd says, else this user's folder for that port; None for port 0."""
+    """Return the state's path: `state`, else systemd's, else this user's folder for that port; None for port 0."""
     if state is not None:
         return state
     if given := environment.get("STATE_DIRECTORY", "").partition(":")[0]:
@@ -101,7 +101,7 @@ def state_path(state: Path | None, port: int, environment: Mapping[str, str] = o
 
 
 def make_folder(path: Path) -> StateFolder:
-    """The folder at `path`, made if need be. Raises StateError where it cannot be, or others could read it."""
+    """Return the folder at `path`, made if need be. Raises StateError where it cannot be made or others could read it."""
     _need_posix()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -113,7 +113,7 @@ def make_folder(path: Path) -> StateFolder:
 
 
 def find_folder(path: Path) -> StateFolder:
-    """The folder at `path`. Raises NoStateError where there is none, StateError where others could read it."""
+    """Return the folder at `path`. Raises NoStateError where there is none, StateError where others could read it."""
     _need_posix()
     try:
         found = path.stat()
@@ -130,7 +130,7 @@ def find_folder(path: Path) -> StateFolder:
 
 
 def read_private(path: Path) -> bytes:
-    """A file's content. Raises StateError if others could read it or write to it, FileNotFoundError if there is none."""
+    """Return a file's content. Raises StateError where others could read or write it, FileNotFoundError for no file."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         with open(file, "rb") as stream:
@@ -150,9 +150,9 @@ def read_private(path: Path) -> bytes:
 
 
 def write_private(path: Path, content: bytes) -> None:
-    """Replace a file as a whole: whenever this ends, by whatever, the old one or the new one is there.
+    """Replace a file as a whole: whatever ends this, the old one or the new one is there. One writer at a time (`locked`).
 
-    One writer at a time: `locked` is for that. Raises StateError.
+    Raises StateError.
     """
     new = path.with_name(f"{path.name}.new")
     try:
@@ -174,9 +174,9 @@ def write_private(path: Path, content: bytes) -> None:
 
 @contextmanager
 def locked(path: Path, busy: str, limit_s: float = 0.0) -> Iterator[None]:
-    """Hold the lock file `path`; it goes with the process, however that ends.
+    """Hold the lock file `path`; the end of the process frees it.
 
-    busy: words of the StateError where someone else has held it for `limit_s`.
+    busy: text of the BusyError where another process has held it for `limit_s`
     """
     _need_posix()
     import fcntl
@@ -206,19 +206,19 @@ def locked(path: Path, busy: str, limit_s: float = 0.0) -> Iterator[None]:
 
 @contextmanager
 def one_server(folder: StateFolder) -> Iterator[None]:
-    """Be the one server of a folder. Raises StateError where there is one."""
+    """Hold a folder as its one server. Raises StateError where there is another."""
     busy = f"another server uses {folder.path}: end it, or give this one a folder of its own with --state"
     with locked(folder.lock, busy):
         yield
 
 
 def write_server(folder: StateFolder, record: ServerRecord) -> None:
-    """Tell the commands. Raises StateError."""
+    """Write the record for the commands. Raises StateError."""
     write_private(folder.server, msgspec.json.format(msgspec.json.encode(record)) + b"\n")
 
 
 def read_server(folder: StateFolder) -> ServerRecord | None:
-    """What the last server here said of itself; None before the first. Raises StateError."""
+    """Return the record of the last server here; None before the first. Raises StateError."""
     try:
         record = msgspec.json.decode(read_private(folder.server), type=ServerRecord)
         check_host(record.host)
@@ -235,7 +235,7 @@ def _need_posix() -> None:
     if not _IS_POSIX:
         raise StateError(
             f"{sys.platform}: a state folder needs file modes and locks (fcntl) as Linux and macOS have them; "
-            "serve plain on loopback, or run the server under Linux (WSL)"
+            "serve unencrypted on loopback, or run the server under Linux (WSL)"
         )
 
 

@@ -1,4 +1,4 @@
-"""The book of tokens as a file of a state folder."""
+"""Book of tokens as a file of a state folder."""
 
 import os
 import secrets
@@ -11,23 +11,23 @@ from cogrip.server.tokens import TokenBook, TokenError, decode_book, encode_book
 LOCK_LIMIT_S = 5.0
 Stamp = tuple[int, int, int, int]  # mtime [ns], ctime [ns], size, inode
 
-_Told = TypeVar("_Told")
+_Result = TypeVar("_Result")
 
 
 def draw_token() -> str:
-    """128 bits of chance in base64url: 22 characters."""
+    """Return 128 random bits in base64url: 22 characters."""
     return secrets.token_urlsafe(16)
 
 
 class TokenFile:
-    """Reads at once; changes one after the other, whoever makes them."""
+    """File of the book. Changes, of whatever process, are made one after the other."""
 
     def __init__(self, folder: StateFolder) -> None:
         self._folder = folder
         self.path = folder.tokens
 
     def stamp(self) -> Stamp | None:
-        """Differs once the file was replaced; None where there is none. Raises StateError."""
+        """Return what differs once the file was replaced; None where there is none. Raises StateError."""
         try:
             found = os.stat(self.path)
         except FileNotFoundError:
@@ -37,7 +37,7 @@ class TokenFile:
         return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
 
     def load(self) -> TokenBook:
-        """The book; an empty one before the first token. Raises StateError, and leaves a damaged file as it is."""
+        """Return the book; an empty one before the first token. Raises StateError for a damaged file."""
         try:
             return decode_book(read_private(self.path))
         except FileNotFoundError:
@@ -49,15 +49,12 @@ class TokenFile:
                 f"{others}: then all links are void, and the next start makes new ones"
             ) from None
 
-    def change(self, edit: Callable[[TokenBook], tuple[TokenBook, _Told]]) -> _Told:
-        """Replace the book by what `edit` makes of it, and give what else it says.
-
-        Raises StateError, and whatever `edit` does; then nothing was changed.
-        """
+    def change(self, edit: Callable[[TokenBook], tuple[TokenBook, _Result]]) -> _Result:
+        """Replace the book by that of `edit`, and return its other result. Raises StateError, or as `edit` does."""
         busy = f"{self.path}: another program has been changing it for {LOCK_LIMIT_S:g} s; end it, and try again"
         with locked(self._folder.tokens_lock, busy, LOCK_LIMIT_S):
             book = self.load()
-            changed, told = edit(book)
+            changed, result = edit(book)
             if changed != book:
                 write_private(self.path, encode_book(changed))
-        return told
+        return result

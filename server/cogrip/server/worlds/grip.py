@@ -17,8 +17,8 @@ RAMP_S = 0.3  # time in which a newcomer's stiffness grows, energy permitting
 class GripWorld(World):
     """`stretch` is e, shape (n, a).
 
-    A spring that follows a measured delay puts by what its damper takes, and what it gives up itself where it grows softer,
-    to grow stiffer with.
+    A spring with stiffness adaptation saves what its damper takes, and what it releases itself where it grows softer, to grow
+    stiffer with.
     """
 
     can_follow = True
@@ -26,7 +26,7 @@ class GripWorld(World):
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
         self.stretch = np.zeros_like(self.force)
-        self._ledger = np.zeros(len(seats))  # what each user's spring may spend on growing stiffer [J]
+        self._ledger = np.zeros(len(seats))  # energy that each user's spring may spend on growing stiffer [J]
         self._growing = False
         self._saving = bool(self.follows.any())
 
@@ -40,11 +40,11 @@ class GripWorld(World):
         self.stiffness[user] = 0.0
         self.damping[user] = self.target_damping[user]
         self._ledger[user] = 0.0
-        self.roster[user] = True
+        self.holding[user] = True
         self._growing = True
 
     def leave(self, user: int) -> None:
-        self.roster[user] = False
+        self.holding[user] = False
         self.stretch[user] = self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:
@@ -56,12 +56,11 @@ class GripWorld(World):
         K, B, e, u = self.stiffness, self.damping, self.stretch, inputs
         inertia = 2.0 * self.mass_kg / period
         G = K * (0.5 * period) + B
-        share = 1.0 / (1.0 + G / b)
-        alpha = (K * e + G * c * u) * share
-        beta = G * share
-        mid = (inertia * self.velocity + alpha.sum(axis=0) + self.external_force) / (
-            inertia + self.object_damping + beta.sum()
-        )
+        gain = 1.0 / (1.0 + G / b)
+        alpha = (K * e + G * c * u) * gain
+        beta = G * gain
+        pull = inertia * self.velocity + alpha.sum(axis=0) + self.external_force
+        mid = pull / (inertia + self.object_damping + beta.sum())
         force = alpha - beta * mid
         back: Array = server_wave(c, u, force)
         relative = proxy_velocity(b, c, u, force) - mid
@@ -96,7 +95,7 @@ class GripWorld(World):
             self.target_stiffness[:, 0] * (self.frame_s / RAMP_S), self.target_stiffness[:, 0] - self.stiffness[:, 0]
         )
         affordable = np.divide(2.0 * self._ledger, square, out=np.full_like(square, np.inf), where=square > 0.0)
-        step = np.where(self.roster, np.minimum(wanted, affordable), 0.0)
+        step = np.where(self.holding, np.minimum(wanted, affordable), 0.0)
         self._ledger -= 0.5 * step * square
         self.stiffness[:, 0] += step
-        self._growing = bool(np.any(self.roster & (self.stiffness[:, 0] != self.target_stiffness[:, 0])))
+        self._growing = bool(np.any(self.holding & (self.stiffness[:, 0] != self.target_stiffness[:, 0])))

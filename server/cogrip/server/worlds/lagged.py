@@ -1,8 +1,8 @@
-"""The schemes to compare with: an object moved by forces computed from the frame before, held over the frame.
+"""Reference schemes: an object moved by forces computed from the frame before, held over the frame.
 
-`PaperWorld` is P eq. 17 and 18 (their slips mended, theory section 1): the wave is decoded with the force of the step
+`PaperWorld` is P eq. 17 and 18 (corrected, theory section 1): the wave is decoded with the force of the step
 before. `CoupledWorld` is virtual coupling: forces from the device states last received (theory section 5). Neither is
-passive; both are kept to be beaten.
+passive; both are references to compare with.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from cogrip.server.worlds.world import Array, HandWorld, dot
 
 
 class LaggedWorld(HandWorld):
-    """The object under held forces, and contact by the usual rules."""
+    """Object under held forces, with penalty contact."""
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         super().__init__(seats)
@@ -30,7 +30,7 @@ class LaggedWorld(HandWorld):
             self._glide, self._reach = period, 0.5 * period * period / mass
 
     def contact(self, hand_velocity: Array) -> Array:
-        """F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with the usual depth test."""
+        """Return F = K (x_s - x_o) + B (v_s - v_o), P eq. 18, shape (n, a); one-sided with a depth test."""
         stretch = self.hand - self.position
         force = self.stiffness * stretch + self.damping * (hand_velocity - self.velocity)
         if self.one_sided:
@@ -40,7 +40,7 @@ class LaggedWorld(HandWorld):
         return force
 
     def move_object(self) -> Array:
-        """The object under the held forces for one frame, exactly. Returns its displacement, shape (a,)."""
+        """Move the object under the held forces for one frame, exactly. Returns its displacement, shape (a,)."""
         if self.fixed:
             return np.zeros_like(self.position)
         total = self.force.sum(axis=0) + self.external_force
@@ -51,7 +51,7 @@ class LaggedWorld(HandWorld):
 
 
 class PaperWorld(LaggedWorld):
-    """P's own server step on wave ports."""
+    """P's server step on wave ports."""
 
     def step(self, inputs: Array) -> Array:
         period, b, c, u = self.frame_s, self.impedance, self.wave_gain, inputs
@@ -87,7 +87,7 @@ class CoupledWorld(LaggedWorld):
     def step(self, inputs: Array) -> Array:
         axes = self.axes
         hands = inputs[:, :axes] - self.offset
-        self.hand = np.where(self.roster[:, None], hands, self.hand)
+        self.hand = np.where(self.holding[:, None], hands, self.hand)
         self.force = self.contact(inputs[:, axes:])
         # what goes back is the object as it is now, beside the hands as they are now: theory section 6 is in this order
         seen = self.position + self.offset

@@ -1,4 +1,4 @@
-"""The object between proxies that are led by velocity, each by no more energy than its person has sent (Ryu 2010).
+"""Object between proxies that are led by velocity, each with no more energy than its person has sent (Ryu 2010).
 
 The admittance form of the passivity controller, w = g - beta F, is solved in the same implicit step as the object. Per axis
 and user, along the direction s = +-1 in which a face is pushed (s = 1 for a cube): K, B spring and damper, e stretch before
@@ -36,7 +36,7 @@ MOST_ITERATIONS = 60
 
 
 class Led(NamedTuple):
-    """One user's proxy on one axis, along its own direction `side`."""
+    """Proxy of one user on one axis, along its own direction `side`."""
 
     rest: float  # K e
     gain: float  # G
@@ -47,7 +47,7 @@ class Led(NamedTuple):
     one_sided: bool
 
     def answer(self, velocity: float) -> tuple[float, float, float]:
-        """F, w and dF/dv for the object's velocity along `side`."""
+        """Return F, w and dF/dv for the object's velocity along `side`."""
         gain, asked = self.gain, self.asked
         at_rest = self.rest - gain * velocity  # r
         yielding = 1.0 + gain * self.give
@@ -61,7 +61,7 @@ class Led(NamedTuple):
         root = sqrt(at_rest * at_rest + 4.0 * yielding * gain * self.power)
         if toward > 0.0:
             size = 0.5 * (toward + root) / yielding
-        else:  # the same number, without a difference of two like ones
+        else:  # the same number, without cancellation
             size = 2.0 * gain * self.power / (root - toward) if root else 0.0
         slope = -0.5 * gain * (1.0 + toward / root) / yielding if root else 0.0
         led = (
@@ -99,7 +99,7 @@ class PowerWorld(HandWorld):
         for axis in range(axes):
             touching = axis == 0 or not self.one_sided
             proxies = []
-            for number in np.flatnonzero(self.roster).tolist():
+            for number in np.flatnonzero(self.holding).tolist():
                 stretch = hands[number][axis] - place[axis]
                 aim, pace, energy, filled = rows[number][axis::axes]
                 drift = (aim - offsets[number][axis] - hands[number][axis]) / period - pace
@@ -140,7 +140,7 @@ class PowerWorld(HandWorld):
         )
 
     def _kept(self, number: int, side: float, stretch: float, relative: float) -> float:
-        """What spring and damper of one user took in the step [J]."""
+        """Return the energy that spring and damper of one user took in the step [J]."""
         stiffness, damping = self._springs[number]
         period = self.frame_s
         after = stretch + period * relative
@@ -150,8 +150,8 @@ class PowerWorld(HandWorld):
         return 0.5 * stiffness * (now * now - was * was)
 
     def _velocity(self, proxies: Sequence[Led], before: float, pull: float) -> float:
-        """The object's (midpoint) velocity. f rises by at least the object's own slope, so the root lies between two Newton
-        steps from anywhere: that of the object alone and that with every spring in full.
+        """Return the object's (midpoint) velocity, by Newton within bounds. The residual rises by at least the object's own
+        slope, so the root lies between the Newton steps of the object alone and of that with every spring in full.
         """
         inertia = self.mass_kg / self.frame_s * (1.0 if self.one_sided else 2.0)
         own = inertia + self.object_damping

@@ -16,8 +16,8 @@ from cogrip.server.worlds.world import MOST_SAVED_J, Array, HandWorld, dot
 class PushWorld(HandWorld):
     """Depth is d = s (x_s - x_o) on the first axis.
 
-    A spring that follows a measured delay grows stiffer for nothing while nothing is pressed in. Else it pays from what its
-    contact took: T F (w - v) - change of K max(d, 0)^2 / 2, which is never below 0, as the step is implicit.
+    A spring with stiffness adaptation grows stiffer at no cost while nothing is pressed in. Else it pays from what its contact
+    took: T F (w - v) - change of K max(d, 0)^2 / 2, which is never below 0, as the step is implicit.
     """
 
     can_follow = True
@@ -41,9 +41,9 @@ class PushWorld(HandWorld):
         free_velocity = c * u
         depth = side * (self.hand[:, 0] - self.position[0])
         G = self.damping[:, 0] + K * period
-        share = 1.0 / (1.0 + G / b1)
-        rest = (K * depth + G * side * free_velocity[:, 0]) * share  # F at v = 0
-        slope = G * share  # dF / d(s v)
+        gain = 1.0 / (1.0 + G / b1)
+        rest = (K * depth + G * side * free_velocity[:, 0]) * gain  # F at v = 0
+        slope = G * gain  # dF / d(s v)
         v = 0.0 if self.fixed else self._object_velocity(rest, slope)
         push = np.maximum(0.0, rest - slope * side * v)
         force = np.zeros_like(self.force)
@@ -73,9 +73,9 @@ class PushWorld(HandWorld):
         return back
 
     def _follow(self, taken_j: Array, squares: Array) -> None:
-        """Move K towards its target; dK d^2 / 2 is paid, or put by where it is lowered. Shapes (n,)."""
+        """Move K towards its target; dK d^2 / 2 is paid, or saved where it is lowered. Shapes (n,)."""
         self._ledger += np.maximum(taken_j, 0.0)
-        change = np.where(self.roster & self.follows, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
+        change = np.where(self.holding & self.follows, self.target_stiffness[:, 0] - self.stiffness[:, 0], 0.0)
         if change.any():
             most = np.full_like(squares, np.inf)
             pressed = squares > 0.0
@@ -95,7 +95,7 @@ class PushWorld(HandWorld):
         return velocity
 
     def _object_velocity(self, rest: Array, slope: Array) -> float:
-        """v with m_o (v - v_o)/T + b_o v = sum s_i max(0, rest_i - slope_i s_i v) + F_ext.
+        """Return v with m_o (v - v_o)/T + b_o v = sum s_i max(0, rest_i - slope_i s_i v) + F_ext.
 
         The right side falls with v and is piecewise linear: walk its break points in order until the sign changes.
         """

@@ -1,4 +1,4 @@
-"""What every world has: the object's state, a proxy for each person, and the books."""
+"""Base of all worlds: state of the object, a proxy for each person, and the energy ledger."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -13,14 +13,13 @@ from cogrip.protocol.waves import server_gain
 Array = NDArray[np.float64]
 Row = tuple[float, ...]
 
-MOST_SAVED_J = 0.05  # that a spring may have put by to grow stiffer: what can be spent at once is bounded
+MOST_SAVED_J = 0.05  # that a spring may save to grow stiffer: what can be spent at once is bounded
 WORKSPACE_M = 0.5  # the object has left the room beyond this
-REACH_M = 2.0  # no hand holds it there any more: it is put back
+REACH_M = 2.0  # no hand reaches the object beyond this: it is put back
 
 
 def dot(a: Array, b: Array) -> float:
-    """Sum of products, one after the other: BLAS adds them up differently on every kind of processor, so no replay of its
-    sums on another machine would be exact."""
+    """Return the sum of products in one order on every processor; BLAS's order differs, and no replay elsewhere is exact."""
     return float(np.add.reduce(a * b, axis=None))
 
 
@@ -32,7 +31,7 @@ class World(ABC):
     """
 
     inputs_per_axis = 1  # waves
-    can_follow = False  # whether `aim` may be called: stiffness changes within the energy law
+    can_follow = False  # `aim` may be called: stiffness changes within the energy law
 
     def __init__(self, seats: Sequence[SeatSettings]) -> None:
         first = seats[0]
@@ -47,10 +46,10 @@ class World(ABC):
         self.target_damping = np.array([[seat.coupling.damping_nspm] for seat in seats])
         self.follows = np.array(
             [seat.follows for seat in seats]
-        )  # whose stiffness may change while they hold the object
+        )  # stiffness may change while the user holds the object
         self.stiffness = np.zeros((len(seats), 1))
         self.damping = np.zeros((len(seats), 1))
-        self.roster = np.zeros(len(seats), dtype=bool)
+        self.holding = np.zeros(len(seats), dtype=bool)
         self.position = np.zeros(axes)
         self.velocity = np.zeros(axes)
         self.offset = np.zeros((len(seats), axes))
@@ -62,31 +61,31 @@ class World(ABC):
 
     @abstractmethod
     def join(self, user: int, position_m: Array) -> None:
-        """A person takes a seat with the hand at position_m [m], shape (a,), in its own frame."""
+        """Let a person take hold with the hand at position_m [m], shape (a,), in its own frame."""
 
     @abstractmethod
     def leave(self, user: int) -> None:
-        """A person is gone: the spring's energy is discarded, never returned as a kick."""
+        """Let a person go: the spring's energy is discarded, never returned as a jerk."""
 
     @abstractmethod
     def step(self, inputs: Array) -> Array:
-        """Advance the object by one frame."""
+        """Advance the object by one frame. inputs: shape (n, inputs); returns what goes back to each."""
 
     @abstractmethod
     def proxy(self, user: int) -> Array:
-        """The person's hand as the server knows it [m], shape (a,), in the person's own frame."""
+        """Return the proxy of a person [m], shape (a,), in the person's own frame."""
 
     def aim(self, user: int, stiffness_npm: float) -> None:
-        """From now on the user's spring is to have this stiffness; how fast it gets there is a matter of energy."""
+        """Set the target of a user's stiffness; the energy law decides how fast it is reached."""
         raise NotImplementedError(f"{type(self).__name__}: a stiffness that changes would not be passive here")
 
     def advance(self, rows: Sequence[Row]) -> Sequence[Sequence[float]]:
-        """`step` in plain floats: a row a user in, a row a user out."""
+        """Step in plain floats: a row a user in, a row a user out."""
         answers: list[list[float]] = self.step(np.array(rows)).tolist()
         return answers
 
     def start_ledger(self, user: int) -> None:
-        """Somebody sits down: the user's work is counted from here."""
+        """Count the user's work from here: a new seat session."""
         self.port_work[user] = self._work_error[user] = 0.0
 
     def _book(self, work: Array) -> None:
@@ -94,37 +93,38 @@ class World(ABC):
         self.port_work, self._work_error = add_compensated(self.port_work, self._work_error, work)
 
     def rest(self) -> None:
-        """The object is put down."""
+        """Put the object down."""
         self.velocity = np.zeros(self.axes)
 
     def motion(self) -> Row:
-        """The object's position [m], then its velocity [m/s]."""
+        """Return the object's position [m], then its velocity [m/s]."""
         return tuple(self.position.tolist() + self.velocity.tolist())
 
     def worked(self) -> Sequence[float]:
-        """`port_work` in plain floats."""
+        """Return `port_work` in plain floats."""
         work: list[float] = self.port_work.tolist()
         return work
 
     def proxy_of(self, user: int) -> Row:
-        """`proxy` in plain floats."""
+        """Return `proxy` in plain floats."""
         return tuple(self.proxy(user).tolist())
 
     def stiffness_of(self, user: int) -> float:
-        """K of a user's spring as it is now [N/m]."""
+        """Return K of a user's spring now [N/m]."""
         return float(self.stiffness[user, 0])
 
     def force_of(self, user: int) -> Row:
-        """Force of one user's coupling [N], in plain floats."""
+        """Return the force of one user's coupling [N], in plain floats."""
         return tuple(self.force[user].tolist())
 
     @property
     def left_workspace(self) -> bool:
+        """Return whether the object is outside the workspace, or not a number."""
         return not all(abs(place) <= WORKSPACE_M for place in self.motion()[: self.axes])
 
     @property
     def out_of_reach(self) -> bool:
-        """Return whether nobody can hold the object where it is, or it is nowhere."""
+        """Return whether nobody can hold the object where it is, or it is not a number."""
         return not all(abs(place) <= REACH_M for place in self.motion()[: self.axes])
 
 
@@ -140,19 +140,19 @@ class HandWorld(World):
     def join(self, user: int, position_m: Array) -> None:
         if self.one_sided:
             self.hand[user] = position_m
-            # a hand that starts inside is taken to be on the surface: pressing in before joining stored no energy
+            # a hand that starts inside counts as on the surface: pressing in before joining stored no energy
             inside = max(0.0, self.side[user] * (position_m[0] - self.position[0]))
             self.hand[user, 0] -= self.side[user] * inside
         else:
             self.hand[user] = self.position
         self.offset[user] = position_m - self.hand[user]
         self.force[user] = 0.0
-        self.roster[user] = True
+        self.holding[user] = True
         self.stiffness[user] = self.target_stiffness[user]  # costs nothing while nothing is stretched
         self.damping[user] = self.target_damping[user]
 
     def leave(self, user: int) -> None:
-        self.roster[user] = False
+        self.holding[user] = False
         self.stiffness[user] = self.damping[user] = self.force[user] = 0.0
 
     def proxy(self, user: int) -> Array:

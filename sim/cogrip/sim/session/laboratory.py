@@ -29,6 +29,7 @@ from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import Settings, digest, rates_of
 from cogrip.protocol.version import VERSION
 from cogrip.server.checkpoint import RoomCheckpoint
+from cogrip.server.inputs import CloseLedger, Restore
 from cogrip.server.recorder import RecordedServer
 from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.link import LinkEmulator
@@ -192,7 +193,7 @@ class Laboratory:
         self.server.record(Nowhere())
         self.room = self.server.rooms[0]
         for checkpoint in checkpoints:
-            self.server.restore(checkpoint, self.now_ns)
+            self.server.handle(Restore(checkpoint), self.now_ns)
         self.alive = True
 
     # Datagrams
@@ -301,7 +302,7 @@ class Laboratory:
         """Record every end's accounts; nothing is recorded after."""
         for number, person in enumerate(self.people):
             person.core.account(self.ticks(number))
-        self.server.close_ledger()
+        self.server.handle(CloseLedger(), self.now_ns)
         self.server.record(Nowhere())
         for person in self.people:
             person.core.record(Nowhere())

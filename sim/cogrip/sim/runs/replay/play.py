@@ -14,10 +14,11 @@ from cogrip.client.recorder import start_of as client_start
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import Asked, Command, Datagram, Step, Tick
+from cogrip.protocol.recording.records import Answer, Command, Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.checkpoint import decode as decode_checkpoint
+from cogrip.server.inputs import Idle
+from cogrip.server.inputs import decode as decode_input
 from cogrip.server.recorder import RecordedServer, address_of, step_topic
 from cogrip.server.recorder import start_of as server_start
 from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
@@ -25,16 +26,11 @@ from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
 _command = msgspec.json.Decoder(Command).decode
+_input = msgspec.json.Decoder(Input).decode
 _step = msgspec.json.Decoder(Step).decode
 _force = msgspec.json.Decoder(tuple[float, ...]).decode
-_kick = msgspec.json.Decoder(tuple[str, str, str]).decode
-_names = msgspec.json.Decoder(list[str]).decode
 _granted = msgspec.json.Decoder(Grant | Denied).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
-
-
-MOST_REST = 10**9
-"""Steps at rest that are believed: three months of them."""
 
 
 class Play(Protocol):
@@ -126,16 +122,21 @@ class ServerPlay:
     """A server's core with all its rooms."""
 
     def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
+        if "command" in replay_input.kinds:
+            raise ValueError(
+                "it was recorded by an earlier version, whose server recorded its inputs in another form; "
+                "`cogrip report` and `cogrip export` still read it"
+            )
         rooms, software = server_start(replay_input.recording.header.start)
         self.core = RecordedServer(
             rooms,
             software,
-            lambda: _session(replay_input.asked()),
+            lambda: _session(replay_input.answer()),
             ReplayedAuthenticator(replay_input),
-            lambda: _ticket(replay_input.asked()),
+            lambda: _ticket(replay_input.answer()),
         )
         for room in self.core.rooms:
-            self.core.count_ticks(room, lambda: _told(replay_input.asked()))
+            self.core.count_ticks(room, lambda: _tick_count(replay_input.answer()))
         self.core.record(sink)
         self.ticks = 0
         self._kinds = replay_input.kinds
@@ -156,76 +157,57 @@ class ServerPlay:
         elif kind == "datagram_in":
             datagram = _datagram(message.payload)
             core.receive(datagram.data, address_of(datagram.address), now_ns)
-        elif kind == "command":
-            self._command(_command(message.payload), now_ns)
-
-    def _command(self, command: Command, now_ns: int) -> None:
-        core, words = self.core, command.reason
-        act: Callable[[], object] | None = {
-            "rest": lambda: self._rest(command, now_ns),
-            "stop": lambda: core.stop(words),
-            "socket_failed": lambda: core.socket_failed(words),
-            "kick": lambda: core.kick(*_kick(words)),
-            "revoke": lambda: core.revoke(_names(words)),
-            "restore": lambda: core.restore(decode_checkpoint(words.encode()), now_ns),
-            "disown": lambda: core.unbind_address(address_of(words)),
-            "close_books": core.close_ledger,
-        }.get(command.verb)
-        if act is None:
-            raise ValueError(f"no command {command.verb!r} is known")
-        act()
-
-    def _rest(self, command: Command, now_ns: int) -> None:
-        room = next((room for room in self.core.rooms if room.name == command.reason), None)
-        if room is None or not 0 <= command.count <= MOST_REST:
-            raise ValueError(f"a rest of {command.count} steps in room {command.reason!r}")
-        for _ in range(command.count):
-            self.core.tick(room, now_ns)
-        self.ticks += command.count
+        elif kind == "input":
+            given = decode_input(_input(message.payload).value)
+            if isinstance(given, Idle):
+                self.ticks += given.steps
+            core.handle(given, now_ns)
 
     def finish(self) -> None:
-        self.core.note_rest()
+        """Nothing is left to do."""
 
 
 class ReplayedAuthenticator:
-    """Lets in whom the recorded doorkeeper let in."""
+    """`Authenticator` that gives the recorded answers."""
 
     def __init__(self, replay_input: ReplayInput) -> None:
-        self._tape = replay_input
+        self._replay_input = replay_input
 
     def admit(self, hello: Hello) -> Grant | Denied:
-        return _grant(self._tape.asked())
+        return _grant(self._replay_input.answer())
 
     def admitted(self, grant: Grant) -> None:
-        """It was seen to when it happened."""
+        """Nothing is used up."""
 
 
 PLAYS: dict[str, Callable[[ReplayInput, Sink], Play]] = {"client": ClientPlay, "server": ServerPlay}
 """By the role in a recording's header."""
 
 
-def _session(asked: Asked) -> int:
-    if not asked.session:
+def _session(answer: Answer) -> int:
+    """Return the session number in an answer. Raises UntoldError where it answers another query: one is missing before it."""
+    if not answer.session:
         raise UntoldError
-    return asked.session
+    return answer.session
 
 
-def _ticket(asked: Asked) -> str:
-    """A ticket's mark, "" where the server gave none."""
-    if asked.session or asked.grant or asked.ticks:
+def _ticket(answer: Answer) -> str:
+    """Return the hash of a ticket, "" where the server gave none. Raises UntoldError as `_session` does."""
+    if answer.session or answer.grant or answer.ticks:
         raise UntoldError
-    return asked.ticket
+    return answer.ticket
 
 
-def _grant(asked: Asked) -> Grant | Denied:
-    if not asked.grant:
+def _grant(answer: Answer) -> Grant | Denied:
+    """Return an admission. Raises UntoldError as `_session` does."""
+    if not answer.grant:
         raise UntoldError
-    granted: Grant | Denied = _granted(asked.grant)
+    granted: Grant | Denied = _granted(answer.grant)
     return granted
 
 
-def _told(asked: Asked) -> TickCount:
-    """The ticks that an answer tells. Raises UntoldError where it answers another question: one is missing before it."""
-    if not asked.ticks:
+def _tick_count(answer: Answer) -> TickCount:
+    """Return the ticks of a loop. Raises UntoldError as `_session` does."""
+    if not answer.ticks:
         raise UntoldError
-    return _ticks(asked.ticks)
+    return _ticks(answer.ticks)

@@ -2,15 +2,13 @@
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Any
 
 import msgspec
 
 from cogrip.protocol.recording.reader import Damage, Message, Recording
-from cogrip.protocol.recording.records import KINDS, Answer, Asked, Clock, Gap, kind_of
+from cogrip.protocol.recording.records import KINDS, Answer, Clock, Gap, kind_of
 
-ANSWERS = {kind: msgspec.json.Decoder(record).decode for kind, record in KINDS.items() if record in (Asked, Answer)}
-"""Kinds of topics that hold answers, the present one and that of older recordings, with what decodes their messages."""
+_answer = msgspec.json.Decoder(Answer).decode
 
 
 class UntoldError(Exception):
@@ -29,7 +27,7 @@ class ReplayInput:
         self.last_ns = 0
         self._messages = self._read()
         self._ahead: deque[Message] = deque()
-        self._answers: deque[Any] = deque()
+        self._answers: deque[Answer] = deque()
 
     def _read(self) -> Iterator[Message]:
         recording = self.recording
@@ -49,9 +47,8 @@ class ReplayInput:
 
     def _take(self, message: Message) -> None:
         self._ahead.append(message)
-        decode = ANSWERS.get(self.kinds[message.topic])
-        if decode is not None:
-            self._answers.append(decode(message.payload))
+        if self.kinds[message.topic] == "answer":
+            self._answers.append(_answer(message.payload))
 
     def __iter__(self) -> Iterator[Message]:
         while True:
@@ -66,8 +63,8 @@ class ReplayInput:
             self.last_ns = message.time_ns
             yield message
 
-    def asked(self) -> Any:
-        """Return the next answer that the core was given, `Asked` or `Answer`. Raises UntoldError if there is none."""
+    def answer(self) -> Answer:
+        """Return the next answer that the core was given. Raises UntoldError if there is none."""
         while not self._answers:
             following = next(self._messages, None)
             if following is None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Damage, Recording, RecordingError
-from cogrip.protocol.recording.records import Gap, kind_of
+from cogrip.protocol.recording.records import Gap
 from cogrip.protocol.recording.recover import is_closed
 from cogrip.sim.runs.replay.comparison import Comparison, Difference
 from cogrip.sim.runs.replay.play import PLAYS, Play
-from cogrip.sim.runs.replay.replay_input import ANSWERS, ReplayInput, UntoldError
+from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +71,4 @@ def _compare(replay_input: ReplayInput, play: Play, comparison: Comparison, clos
             comparison.finish()
     except UntoldError:
         if closed and replay_input.hole is None:
-            topics = replay_input.recording.topics
-            answers = [topic for topic in topics if kind_of(topic) in ANSWERS]
-            comparison.untold(replay_input.last_ns, answers[0] if answers else topics[0])
+            comparison.untold(replay_input.last_ns, f"/{replay_input.recording.header.who}/answer")

@@ -1,0 +1,64 @@
+"""Inputs of a server core as values, each a tagged struct: `ServerCore.handle` takes it, a recording holds it as JSON text,
+replay feeds it back. Datagrams and steps have entries of their own, `ServerCore.receive` and `ServerCore.tick`.
+"""
+
+from typing import Annotated
+
+import msgspec
+
+from cogrip.server.checkpoint import RoomCheckpoint
+
+
+class Stop(msgspec.Struct, frozen=True, tag_field="kind", tag="stop"):
+    """End every seat and observer slot; the clients' accounts may still come (`ServerCore.awaits_accounts`)."""
+
+    reason: str
+
+
+class SocketFailed(msgspec.Struct, frozen=True, tag_field="kind", tag="socket_failed"):
+    """Count one refusal of the socket to send or receive as a drop."""
+
+    reason: str
+
+
+class Kick(msgspec.Struct, frozen=True, tag_field="kind", tag="kick"):
+    """End the seats and observer slots of this name. room: "" for any."""
+
+    user: str
+    room: str = ""
+    reason: str = ""
+
+
+class Revoke(msgspec.Struct, frozen=True, tag_field="kind", tag="revoke"):
+    """End what was taken with one of these tokens. tokens: public ids, sorted."""
+
+    tokens: tuple[str, ...]
+
+
+class UnbindAddress(msgspec.Struct, frozen=True, tag_field="kind", tag="unbind_address"):
+    """Release an address where another DTLS association speaks now: its holder keeps the seat and has to resume."""
+
+    address: str | tuple[str | int, ...]
+
+
+class Restore(msgspec.Struct, frozen=True, tag_field="kind", tag="restore"):
+    """Continue a room from the state of the server before; given before anybody joins."""
+
+    checkpoint: RoomCheckpoint
+
+
+class Idle(msgspec.Struct, frozen=True, tag_field="kind", tag="idle"):
+    """Step a room that is deserted, so often: a recording holds such steps as one input."""
+
+    room: str
+    steps: Annotated[int, msgspec.Meta(ge=1)]
+
+
+class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledger"):
+    """End the session: a recorder writes the accounts of all rooms and seats."""
+
+
+ServerInput = Stop | SocketFailed | Kick | Revoke | UnbindAddress | Restore | Idle | CloseLedger
+
+decode = msgspec.json.Decoder(ServerInput).decode
+"""Read an input from a recording. Raises msgspec.DecodeError (a ValueError)."""

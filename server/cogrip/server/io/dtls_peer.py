@@ -1,0 +1,56 @@
+"""Peer of the encrypted channel: its association, and what its datagrams can be."""
+
+from collections.abc import Sequence
+
+from cogrip.protocol.channel import Address
+from cogrip.protocol.dtls_records import CHANGE_CIPHER_SPEC, DATA, HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
+from cogrip.protocol.io.dtls import Association
+from cogrip.protocol.messages import MAX_DATAGRAM_BYTES
+from cogrip.server.rate_limit import network_of
+
+
+class Peer:
+    """Association with its handshake's nonce, and the time since its last change of state."""
+
+    __slots__ = (
+        "address", "association", "had_seat", "has_received", "last_flight", "most_requests", "network", "nonce", "records",
+        "repeats", "requests", "seated", "since_ns",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        association: Association,
+        nonce: bytes,
+        address: Address,
+        now_ns: int,
+        records: ClientRecords,
+        most_requests: int,
+    ) -> None:
+        self.association = association
+        self.nonce = nonce
+        self.address = address
+        self.network = network_of(address)
+        self.records = records
+        self.since_ns = now_ns
+        self.seated = False  # at the last check
+        self.had_seat = False  # or its address had one lately
+        self.has_received = False  # a message
+        self.requests = 0  # datagrams of this handshake, then those without a seat
+        self.most_requests = most_requests
+        self.last_flight: Sequence[bytes] = ()
+        self.repeats = 0  # of the last flight
+
+
+def is_of_session(datagram: bytes) -> bool:
+    """Return whether a datagram is one encrypted record of messages, by its header."""
+    return (
+        RECORD_HEADER_BYTES < len(datagram) <= MAX_DATAGRAM_BYTES
+        and datagram[0] == DATA
+        and bool(datagram[3] or datagram[4])
+        and len(datagram) == RECORD_HEADER_BYTES + int.from_bytes(datagram[11:13], "big")
+    )
+
+
+def is_of_handshake(datagram: bytes) -> bool:
+    """Return whether a datagram can only be of a handshake: all but messages, and encrypted alerts."""
+    return datagram[0] in (CHANGE_CIPHER_SPEC, HANDSHAKE) or not (datagram[3] or datagram[4])

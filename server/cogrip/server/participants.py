@@ -1,0 +1,99 @@
+"""People as the server knows them: whoever has a seat, and observers."""
+
+from math import inf, isnan
+from typing import Literal, NamedTuple
+
+from cogrip.protocol.accounts import ClientAccount, SeatAccount
+from cogrip.protocol.channel import Address
+from cogrip.protocol.clock import Clock
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.session import SEAT
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.port import Port
+from cogrip.server.rate_limit import HELLOS, Buckets
+from cogrip.server.seat_limits import Record
+from cogrip.server.stiffness_adaptation import StiffnessAdapter
+
+MOST_EARLIER = 8  # seat sessions before the last one that a seat keeps the accounts of
+
+
+class Participant:
+    """Common fields of a seat and an observer.
+
+    address      None: unbound; `SeatTable` alone writes it
+    ticket       session ticket, to repeat the welcome; neither recorded nor saved
+    ticket_hash  hash of the ticket that resumes this session, "" none
+    token        public id of the token that admitted the session
+    """
+
+    def __init__(self, number: int, name: str) -> None:
+        self.number = number
+        self.name = name
+        self.session = self.nonce = 0
+        self.address: Address = None
+        self.last_received_ns = self.since_ns = 0
+        self.clock = Clock()
+        self.ticket = self.ticket_hash = self.token = ""
+        self.hellos = Buckets(1, HELLOS)
+
+    def begin(self, session: int, nonce: int, now_ns: int) -> None:
+        """Begin a session."""
+        self.session, self.nonce = session, nonce
+        self.last_received_ns = self.since_ns = now_ns
+        self.clock = Clock()
+
+
+class Observer(Participant):
+    """One observer of a room."""
+
+
+class SeatSession(NamedTuple):
+    """Accounts of both ends of a seat session that is over; None where the client did not report."""
+
+    client: ClientAccount | None
+    seat: SeatAccount
+
+    def least_margin(self) -> float:
+        """Return the least energy margin that this end measured [J]; one that is not a number is the least of all."""
+        margins = [self.seat.up_margin_j, self.seat.line_margin_j]
+        return min([-inf if isnan(margin) else margin for margin in margins if margin is not None], default=0.0)
+
+
+class Seat(Participant):
+    """One person's seat. `state` changes by `protocol.session.SEAT` alone."""
+
+    def __init__(self, settings: SeatSettings, number: int = 0) -> None:
+        super().__init__(number, settings.user)
+        self.settings = settings
+        self.state: Literal["free", "seated"] = "free"
+        self.rtt_ns: int | None = None  # newest measured round trip
+        self.port: Port | None = None
+        self.adapter: StiffnessAdapter | None = None
+        self.on_object = False
+        self.line_margin_j = 0.0
+        self.line_reserve = EnergyReserve(settings.rates.network_hz)
+        self.account: ClientAccount | None = None  # reported by the client when it left
+        self.last: SeatAccount | None = None  # of this end, at that time
+        self.earlier: list[SeatSession] = []  # oldest first
+        self.record: Record | None = None  # of the device that the seat was taken with
+        self.reserved_until_ns: int | None = None  # for the ticket's holder
+        self.farewell = b""  # the last one, to be repeated
+        self.farewell_ns = 0
+        self.power_left = 1.0  # of the power's bucket, when the seat was left
+        self.limited: dict[str, int] = {}  # limitations before the present port, by reason
+
+    def close_seat_session(self) -> None:
+        """Keep the accounts of the session before; of too many, drop the most passive session."""
+        if self.last is not None:
+            self.earlier.append(SeatSession(self.account, self.last))
+        if len(self.earlier) > MOST_EARLIER:
+            self.earlier.remove(max(self.earlier, key=SeatSession.least_margin))
+        self.account = self.last = None
+
+    def step(self, event: str) -> bool:
+        """Change the state by an event; False where the event does not apply."""
+        after = SEAT.get((self.state, event))
+        if after is None:
+            return False
+        self.state = after  # type: ignore[assignment]  # the table's values are states
+        return True

@@ -1,0 +1,59 @@
+"""Coupling schemes at the server: which message carries a frame, which port takes it in, which world it moves.
+
+A new scheme is a row of `SCHEMES`; a new world for waves a row of `WAVE_WORLDS`.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from cogrip.protocol.messages import Power, State, Waves
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.port import Port
+from cogrip.server.power_port import PowerPort
+from cogrip.server.seat_limits import SeatLimits
+from cogrip.server.state_port import StatePort
+from cogrip.server.wave_port import WavePort
+from cogrip.server.worlds.grip import GripWorld
+from cogrip.server.worlds.lagged import CoupledWorld, PaperWorld
+from cogrip.server.worlds.power import PowerWorld
+from cogrip.server.worlds.push import PushWorld
+from cogrip.server.worlds.small_room import MOST, SmallGripWorld
+from cogrip.server.worlds.world import World
+
+MakeWorld = Callable[[Sequence[SeatSettings]], World]
+
+WAVE_WORLDS: dict[str, MakeWorld] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
+"""Passive worlds, by the kind of the object."""
+
+
+def make_wave_world(seats: Sequence[SeatSettings]) -> World:
+    """Return the passive world of an object, unless the settings ask for the paper's own step."""
+    first = seats[0]
+    if first.coupling.server_step == "paper":
+        return PaperWorld(seats)
+    if first.object.kind == "cube" and len(seats) * first.object.axes <= MOST:
+        return SmallGripWorld(seats)
+    return WAVE_WORLDS[first.object.kind](seats)
+
+
+class Scheme(NamedTuple):
+    """One coupling scheme."""
+
+    frame: type[Waves | State | Power]
+    make_port: Callable[[SeatSettings, SeatLimits, float], Port]
+    make_world: MakeWorld
+
+
+SCHEMES = {
+    "wave": Scheme(Waves, WavePort, make_wave_world),
+    "coupling": Scheme(State, StatePort, CoupledWorld),
+    "tdpa": Scheme(Power, PowerPort, PowerWorld),
+}
+"""By `coupling.kind` of the settings, the same for all seats of a room."""
+
+FRAMES = tuple(scheme.frame for scheme in SCHEMES.values())
+
+
+def make_world(seats: Sequence[SeatSettings]) -> World:
+    """Return the world for these seats, all of one room."""
+    return SCHEMES[seats[0].coupling.kind].make_world(seats)

@@ -1,0 +1,111 @@
+"""Ports of schemes whose newest message wins: the base of both, and the port of virtual coupling."""
+
+from typing import Generic, TypeVar
+
+from cogrip.protocol.accounts import LinkCount
+from cogrip.protocol.latest_state import StateReceiver
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import rounding_fraction
+from cogrip.protocol.loop_meter import LoopMeter
+from cogrip.protocol.messages import Power, Stamp, State
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.port import Row
+from cogrip.server.seat_limits import SeatLimits, StateLimiter
+
+M = TypeVar("M", State, Power)
+
+
+class LatestStatePort(Generic[M]):
+    """Takes in states that a hand can have, and keeps the newest."""
+
+    loops: LoopMeter | None = None  # no stiffness adapts
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
+        self._axes = seat.object.axes
+        self._states = StateLimiter(seat.rates.frame_s, limits)
+        self._receiver: StateReceiver[M] = StateReceiver()
+        self._number = -1
+        self._fresh = False
+        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
+        self.origin: Row | None = None
+        self.hand: Row | None = None
+
+    def _origin(self, message: M) -> Row:
+        """Return the hand before this first message."""
+        return message.position_m
+
+    def _accept(self, message: M) -> bool:
+        """Take in a state; an implausible one is counted and left out. False where it cannot be of this line."""
+        if not self._states.fits(message):
+            return True
+        before = self._receiver.newest
+        if not self._receiver.receive(message):
+            return False
+        self._states.took(message)
+        if self._receiver.newest > before:
+            self.hand = message.position_m
+        if self.origin is None:
+            self.origin = self._origin(message)
+        return True
+
+    def _pop(self, frames: int) -> M | None:
+        """Return the newest message; `frames` as in `pop`."""
+        self._states.step(frames)
+        self._fresh = self._receiver.pop()
+        return self._receiver.latest
+
+    def port_in_j(self) -> float | None:
+        """Return the energy that had gone in at the client's port, less what came out, where a new message reports it."""
+        return self._receiver.latest.port_j if self._fresh and self._receiver.latest else None
+
+    @property
+    def lost(self) -> int:
+        return self._receiver.lost
+
+    def playout_account(self) -> None:
+        """There is no jitter buffer."""
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
+
+
+class StatePort(LatestStatePort[State]):
+    """Port of virtual coupling: the newest device state in, the object's state out."""
+
+    power_left = 1.0  # there is no such bucket
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
+        super().__init__(seat, limits)
+        self._row: Row = (0.0,) * (2 * self._axes)
+        self.made_j = self.used_j = 0.0
+        self.up_margin_j: float | None = None
+        self.up_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
+
+    def receive(self, message: State) -> bool:
+        return len(message.position_m) == self._axes and self._accept(message)
+
+    @property
+    def limited(self) -> dict[str, int]:
+        return self._states.counts
+
+    @property
+    def neutral(self) -> Row:
+        """An object that rests where the hand is."""
+        return (self.hand or (0.0,) * self._axes) + (0.0,) * self._axes
+
+    def pop(self, frames: int) -> Row:
+        newest = self._pop(frames)
+        return newest.position_m + newest.velocity_mps if newest else (0.0,) * (2 * self._axes)
+
+    def push(self, row: Row) -> None:
+        self._row = row
+        self._number += 1
+
+    @property
+    def rounding_j(self) -> float:
+        """Least such error: of the energy of both directions only the difference is known."""
+        return self._rounding * abs(self._receiver.latest.port_j) if self._receiver.latest else 0.0
+
+    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> State:
+        row, axes = self._row, self._axes
+        return State(session, self._number, row[:axes], row[axes:], port_j, self._receiver.acknowledged, stamp)

@@ -1,0 +1,121 @@
+"""Port of the wave scheme: plays forward waves to the world within the seat's limits, sends the returning waves back."""
+
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
+from cogrip.protocol.line.receiver import LineReceiver
+from cogrip.protocol.line.sender import LineSender
+from cogrip.protocol.loop_meter import LoopMeter
+from cogrip.protocol.messages import Stamp, Waves
+from cogrip.protocol.settings import SeatSettings
+from cogrip.server.port import Row
+from cogrip.server.seat_limits import SeatLimits, WaveLimiter
+
+MOST_M = 1e3  # from the middle of a person's own frame
+
+
+class WavePort:
+    """See `Port`. Rows are waves [sqrt(W)], shape (axes,)."""
+
+    def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
+        axes, playout, frame_s = seat.object.axes, seat.playout, seat.rates.frame_s
+        self._half_frame_s = 0.5 * frame_s
+        self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment)
+        self._sender = LineSender(axes, playout.redundancy)
+        self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits, power_left)
+        self._axes = axes
+        self._port_j: float | None = None
+        self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
+        self._made_j = CompensatedSum()
+        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
+        self.origin: Row | None = None
+        self.hand: Row | None = None
+        self.up_margin_j: float | None = 0.0
+        self.up_reserve = EnergyReserve(seat.rates.network_hz)
+        self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None
+
+    def receive(self, message: Waves) -> bool:
+        if len(message.state) != 2 * self._axes:
+            return False
+        if self.origin is None and not all(-MOST_M <= place <= MOST_M for place in message.state):
+            return False  # no hand is there
+        metadata = (message.made_j, message.port_j, message.acknowledged)
+        if not self._receiver.receive(message.first, message.waves, message.total, message.squares, metadata):
+            return False
+        self.hand = message.state[self._axes :]
+        if self.origin is None:
+            self.origin = message.state[: self._axes]
+        return True
+
+    @property
+    def neutral(self) -> Row:
+        return (0.0,) * self._axes
+
+    def pop(self, frames: int) -> Row:
+        receiver = self._receiver
+        wave = receiver.pop(frames)
+        self._port_j = None
+        self.up_reserve.elapse(frames)
+        if receiver.metadata is not None:
+            sent_j, self._port_j, acknowledged = receiver.metadata
+            self._sent_j = sent_j
+            margin = sent_j - receiver.played_j + self._rounding * sent_j
+            self.up_reserve.update(margin)
+            if self.up_margin_j is None or margin < self.up_margin_j:
+                self.up_margin_j = margin
+            if acknowledged and self.loops is not None:  # from a returning frame to the step that learns it was felt
+                self.loops.add(self._sender.next_number + frames - acknowledged)
+        for _ in range(frames - 1):
+            self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
+        return self._limiter.limit(wave)
+
+    @property
+    def made_j(self) -> float:
+        return self._made_j.value
+
+    @property
+    def rounding_j(self) -> float:
+        return self._rounding * (self._sent_j + self._made_j.value)
+
+    @property
+    def used_j(self) -> float:
+        return self._receiver.played_j - self._limiter.taken_j
+
+    @property
+    def power_left(self) -> float:
+        return self._limiter.fullness
+
+    @property
+    def deficit(self) -> list[float]:
+        """Forward waves sent and not played, shape (axes,) [sqrt(W)]."""
+        return self._receiver.deficit
+
+    @property
+    def limited(self) -> dict[str, int]:
+        return self._limiter.counts
+
+    def push(self, row: Row) -> None:
+        self._sender.push(row)
+        self._limiter.book(row)
+        square = 0.0  # of all axes first, as the receiver adds them: else rounding alone would make a margin
+        for value in row:
+            square += value * value
+        self._made_j.add(square * self._half_frame_s)
+
+    def port_in_j(self) -> float | None:
+        return self._port_j
+
+    def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Waves:
+        first, waves, total, squares = self._sender.contents()
+        acknowledged = self._receiver.acknowledged
+        return Waves(session, first, waves, total, squares, self.made_j, port_j, acknowledged, stamp, object_state)
+
+    @property
+    def lost(self) -> int:
+        return self._receiver.lost
+
+    def playout_account(self) -> PlayoutAccount | None:
+        return self._receiver.playout_account()
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
