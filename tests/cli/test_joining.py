@@ -11,6 +11,7 @@ from rich.console import Console
 from cogrip.cli.session import join
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import Paths
 from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
@@ -220,7 +221,7 @@ def seeing(view: View | None) -> ObserverCore:
     seat = msgspec.structs.replace(seat_settings(resolve({"users": [{"name": "a"}]}), 0), user="observer 1")
     hello = join.Wanted(join.Place("127.0.0.1", 1, ""), "", "").to_look_on()
     core = ObserverCore(ClientSession(hello))
-    core.call(0)
+    core.handle(Connect(), 0)
     core.receive(messages.encode(Welcome(3, hello.nonce, 5, "", "1", seat, "t", "observer")), 0)
     if view is not None:
         core.receive(messages.encode(view), 0)

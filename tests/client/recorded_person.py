@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from cogrip.client.inputs import CloseLedger, Connect, DeviceFailed, KeepSeat, Leave, Poll, Rearm, Stop
 from cogrip.client.recorder import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
@@ -58,10 +59,10 @@ class Person(RecordedEnd):
         return messages.encode(Welcome(3, 1, self.session, digest(self.settings), "test", seat, TICKET))
 
     def take_seat(self) -> None:
-        self.core.call(self.now_ns)
+        self.core.handle(Connect(), self.now_ns)
         self.core.receive(self.welcome(), self.now_ns)
         self.now_ns += 300_000_000
-        self.core.keep_seat(self.now_ns)
+        self.core.handle(KeepSeat(), self.now_ns)
 
     def frame(self, value: float) -> bytes:
         """The next frame of the line down."""
@@ -88,7 +89,7 @@ class Person(RecordedEnd):
     def run_tick(self, gap: int, sample: Sample | None, words: Sequence[Word] = ()) -> None:
         core = self.core
         if self.heard:  # what came since the last tick; a live loop calls the core before it ticks again
-            core.keep_seat(self.now_ns)
+            core.handle(KeepSeat(), self.now_ns)
         self.heard = False
         self.tick += gap
         now_ns = self.now_ns = due_ns(START_NS, self.tick, DEVICE_HZ) + gap * 1000  # late, as live ticks are
@@ -116,12 +117,13 @@ class Person(RecordedEnd):
             self.run_tick(1, self.sample((place,) * 3, (speed,) * 3), words)
 
     def end(self, reason: str) -> None:
-        account = self.core.account(TickCount(self.tick + 1, self.tick + 1, Percentiles(1.0, 2.0, 3.0, 4.0)))
-        self.core.leave(reason, account, self.now_ns)
+        ticks = TickCount(self.tick + 1, self.tick + 1, Percentiles(1.0, 2.0, 3.0, 4.0))
+        self.core.handle(CloseLedger(ticks), self.now_ns)
+        self.core.handle(Leave(reason), self.now_ns)
 
     def poll(self, later_ns: int, words: Sequence[Word] = ()) -> None:
         self.now_ns += later_ns
-        self.core.poll(self.now_ns)
+        self.core.handle(Poll(), self.now_ns)
         for word in words:
             self.core.receive(self.word(*word), self.now_ns)
             self.heard = True
@@ -135,14 +137,14 @@ def scripted() -> Person:
     person.run(60)
     person.run_tick(1, Sample((math.nan, 0.0), None))
     person.run(5)
-    person.core.rearm()
+    person.core.handle(Rearm(), person.core.now_ns)
     person.run(30)
     person.run_tick(300, person.sample((person.swing_m(300),) * 2, ()))  # the watchdog
-    person.core.rearm()
+    person.core.handle(Rearm(), person.core.now_ns)
     person.run(40)
-    person.core.fail("device: unplugged")
+    person.core.handle(DeviceFailed("device: unplugged"), person.core.now_ns)
     person.run_tick(1, None)
-    person.core.stop()
+    person.core.handle(Stop(), person.core.now_ns)
     person.run(10)
     person.end("the session is over")
     person.poll(100_000_000)
@@ -165,7 +167,7 @@ def outages() -> Person:
     person.run(530, answered=False)
     person.run_tick(3, person.sample((person.swing_m(3),) * 3, ()), [("renewed", 0, 0.0), ("next", 0, 0.1)])
     person.run(60)
-    person.core.stop()
+    person.core.handle(Stop(), person.core.now_ns)
     person.run(5)
     person.end("the session is over")
     person.poll(1_000_000, [("farewell", 0, 0.0)])

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.client.core import ClientCore
-from cogrip.client.device_port import BarePort
+from cogrip.client.device_port import BarePort, DevicePort
+from cogrip.client.inputs import Connect
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
@@ -56,14 +57,14 @@ class Client:
         hello = make_hello(
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
         )  # fmt: skip
-        self.core = ClientCore(hello, capability(axes, gives_velocity, latency, speed_mps))
-        if bare:  # hands here are random numbers, which the device port would control
-            self.core.make_port = BarePort
-        self.core.call(0)
+        record = capability(axes, gives_velocity, latency, speed_mps)
+        # hands here are random numbers, which the device port would control
+        self.core = ClientCore(hello, record, BarePort if bare else DevicePort)
+        self.core.handle(Connect(), 0)
         self.settings, self.session = settings, 7
         self.welcome(0)
         assert self.core.seated
-        self.core._plausibility = Believing()  # type: ignore[assignment]
+        self.core.seated.hand.plausibility = Believing()  # type: ignore[assignment]
         self.core.outbox.clear()
         self.line = LineSender(axes, 8)
         self.axes = axes

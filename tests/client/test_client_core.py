@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.core import RECKON_S
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
+from cogrip.client.hand_motion import RECKON_S
+from cogrip.client.inputs import Rearm
 from cogrip.protocol import messages
 from cogrip.protocol.line.concealment import FASTEST
 from cogrip.protocol.messages import Stamp, State, Waves
@@ -32,8 +33,8 @@ def test_work_is_the_sum_of_force_times_displacement(seed: int, axes: int) -> No
         force = client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())
         before = place
     core = client.core
-    assert core.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
-    assert core.leak_j == pytest.approx(work - client.waves.port_j, rel=1e-9, abs=1e-14)
+    assert core.ledger.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
+    assert core.ledger.leak_j == pytest.approx(work - client.waves.port_j, rel=1e-9, abs=1e-14)
 
 
 def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
@@ -42,7 +43,7 @@ def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
     random, x, estimate = np.random.default_rng(4), 0.0, 0.0
     for number in range(1000):
         if number == 400:  # the ramp is behind us
-            start = client.core.leak_j
+            start = client.core.ledger.leak_j
             leak = 0.0
         step = float(random.uniform(-1e-4, 1e-4))
         if number:
@@ -53,7 +54,7 @@ def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
             client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.01, 0.01)))
         client.tick(number, x, velocity=[estimate])
     assert "slew limited" not in client.core.safety.counts
-    assert client.core.leak_j - start == pytest.approx(leak, rel=1e-9)
+    assert client.core.ledger.leak_j - start == pytest.approx(leak, rel=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
@@ -109,7 +110,7 @@ def test_skipped_ticks_are_booked_and_frames_numbered_on(gaps: list[int], seed: 
         for message in sent:
             assert isinstance(message, Waves)
             assert message.first + len(message.waves) == number // M
-    assert client.core.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
+    assert client.core.ledger.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
     assert client.waves.count().applied == number // M
     returned = sum(held[(tick - 1) // M] for tick in range(1, number + 1))
     assert client.total() == pytest.approx(ROOT * (x - 0.02) - returned * T_C, abs=1e-12)
@@ -167,7 +168,7 @@ def test_a_stalled_device_faults_and_its_line_ends_in_a_matched_termination() ->
     assert core.safety.quiet
     client.tick(260, 0.0)
     assert core.safety.state == "fault"
-    core.rearm()
+    core.handle(Rearm(), core.now_ns)
     assert core.safety.state == "live"
 
 
@@ -272,6 +273,6 @@ def test_books_of_a_whole_session(device: str) -> None:
     for person, rows in zip(lab.people, trace, strict=True):
         place, force = np.array(rows).T
         core = person.core
-        assert core.work_j == pytest.approx(float(np.sum(force[:-1] * np.diff(place))), rel=1e-9)
-        assert core.leak_j == pytest.approx(core.work_j - core.coupling.port_j, abs=1e-12)
-        assert core.least_leak_j <= core.leak_j
+        assert core.ledger.work_j == pytest.approx(float(np.sum(force[:-1] * np.diff(place))), rel=1e-9)
+        assert core.ledger.leak_j == pytest.approx(core.ledger.work_j - core.coupling.port_j, abs=1e-12)
+        assert core.ledger.least_leak_j <= core.ledger.leak_j

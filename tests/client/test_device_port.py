@@ -20,6 +20,7 @@ from cogrip.client.device_port import (
     UNPAID,
     DevicePort,
 )
+from cogrip.client.inputs import CloseLedger
 from cogrip.client.oscillation import TRAIN
 from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
@@ -262,6 +263,6 @@ def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, 
             client.hear(due_ns(0, number, DEVICE_HZ), *random.uniform(-wave, wave, axes).tolist())
         client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())
         assert core.port.balance_j >= -core.port.reserve_j - 1e-12
-    margin = core.account(TickCount()).device.margin_j
+    margin = core.handle(CloseLedger(TickCount()), core.now_ns).device.margin_j
     assert margin is not None
     assert margin >= -1e-12

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from cogrip.client.inputs import ClientInput, DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.safety import Safety
 from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, SupervisedDevice
 from cogrip.devices.device import Capability, DeviceError, Sample
@@ -20,25 +21,24 @@ class Core:
     """What a handle knows of a core."""
 
     def __init__(self) -> None:
-        self.capability = RECORD
+        self.capability, self.now_ns = RECORD, 0
         self.safety = Safety(RECORD, 1.0 / RATE_HZ)
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
         self.equipped: list[Capability] = []
         self.acting: list[tuple[float, ...]] = []
 
-    def fail(self, reason: str) -> None:
-        self.safety.fail(reason)
-
-    def rearm(self) -> None:
-        assert self.safety.event("rearm")
-        assert self.safety.event("go")
-
-    def equip(self, capability: Capability) -> None:
-        self.equipped.append(capability)
-
-    def acted(self, force_n: tuple[float, ...]) -> None:
-        self.acting.append(force_n)
+    def handle(self, given: ClientInput, now_ns: int) -> None:
+        match given:
+            case DeviceFailed(reason):
+                self.safety.fail(reason)
+            case Rearm():
+                assert self.safety.event("rearm")
+                assert self.safety.event("go")
+            case DeviceOpened(capability):
+                self.equipped.append(capability)
+            case ForceApplied(force_n):
+                self.acting.append(force_n)
 
 
 class Scripted:
@@ -159,14 +159,14 @@ def test_re_arming_without_a_fault_does_nothing(held: Held) -> None:
     assert held.handle.rearm() == ""
     held.run(2 * SETTLED)
     assert held.state == "live"
-    held.core.fail("later")
+    held.core.handle(DeviceFailed("later"), held.core.now_ns)
     held.run(2 * SETTLED)
     assert held.state == "fault", "it was not asked of this fault"
     assert ("open", RATE_HZ) not in held.device.calls
 
 
 def test_a_device_that_did_not_fail_is_not_opened_anew(held: Held) -> None:
-    held.core.fail("over-speed")
+    held.core.handle(DeviceFailed("over-speed"), held.core.now_ns)
     held.run(30)
     assert held.handle.rearm() == ""
     held.run(SETTLED)
@@ -197,7 +197,7 @@ def test_a_device_that_failed_is_opened_anew(held: Held) -> None:
 
 @pytest.mark.parametrize(("gap", "state"), [(MOST_GAP_TICKS - 1, "live"), (MOST_GAP_TICKS, "fault")])
 def test_samples_must_come_without_a_gap(held: Held, gap: int, state: str) -> None:
-    held.core.fail("device stall")
+    held.core.handle(DeviceFailed("device stall"), held.core.now_ns)
     held.handle.rearm()
     held.run(SETTLED // 2)
     held.device.sample = None
@@ -210,7 +210,7 @@ def test_samples_must_come_without_a_gap(held: Held, gap: int, state: str) -> No
 
 
 def test_a_device_that_stays_silent_is_given_up(held: Held) -> None:
-    held.core.fail("device stall")
+    held.core.handle(DeviceFailed("device stall"), held.core.now_ns)
     held.device.sample = None
     held.handle.rearm()
     held.run(ARMING + 1)

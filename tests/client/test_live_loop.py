@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from cogrip.client import loop
+from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import JoinError
 from cogrip.client.loop import Ended, LiveClient, let_go
 from cogrip.client.safety import FAULT_OUT_S
@@ -89,7 +90,7 @@ class Server:
         self.failed = ""
 
     def call(self, core: Any, stop: Stop) -> None:
-        core.call(0)
+        core.handle(Connect(), 0)
         seat = seat_settings(self.settings, 0)
         core.receive(
             messages.encode(Welcome(PROTOCOL_VERSION, 1, 7, digest(self.settings), "test", seat, "a-ticket")), 0

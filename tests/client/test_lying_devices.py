@@ -106,7 +106,7 @@ def test_a_position_that_jumps_and_stays(kind: str, model: str, jump_m: float) -
 
     laboratory, anna, device = session(kind, model, lambda address: Liar(address, lie))
     work_j: list[float] = []
-    laboratory.run(lambda lab: work_j.append(anna.core.work_j))
+    laboratory.run(lambda lab: work_j.append(anna.core.ledger.work_j))
     ends_well(laboratory, anna, device, "the position jumped: ")
     assert anna.core.safety.counts["implausible jump"] == 3
     assert abs(work_j[BEGIN + 30] - work_j[BEGIN - 1]) < 2e-3, "no hand has worked over the jump"

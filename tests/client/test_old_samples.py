@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.velocity import AlphaBeta, memory_for
 from cogrip.devices.device import Sample
 from cogrip.protocol import messages
@@ -66,12 +67,12 @@ def test_displacement_force_and_wave_of_one_tick_are_booked_together(latency: in
     for gap in [M, *gaps]:
         hand.run(gap)
         if hand.random.random() < 0.2:
-            hand.client.core.acted((0.5 * hand.client.core.force_n[0],))
+            hand.client.core.handle(ForceApplied((0.5 * hand.client.core.force_n[0],)), hand.client.core.now_ns)
     core, waves = hand.client.core, hand.client.waves
     work = sum(force * step for step, force in zip(hand.mean, hand.force, strict=False))
-    assert core.work_j == pytest.approx(work, rel=1e-9, abs=1e-14)
-    assert core.work_j - (waves.made_j - waves.used_j) == pytest.approx(core.leak_j, rel=1e-9, abs=1e-13)
-    assert core.leak_j == pytest.approx(hand.leak(), rel=1e-9, abs=1e-13)
+    assert core.ledger.work_j == pytest.approx(work, rel=1e-9, abs=1e-14)
+    assert core.ledger.work_j - (waves.made_j - waves.used_j) == pytest.approx(core.ledger.leak_j, rel=1e-9, abs=1e-13)
+    assert core.ledger.leak_j == pytest.approx(hand.leak(), rel=1e-9, abs=1e-13)
     used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0  # from `latency` ticks before the first one on
     assert waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15), "each wave for all its ticks, and no other"
 
@@ -82,13 +83,13 @@ def test_with_the_force_let_through_only_the_dampers_error_leaks(latency: int, s
     hand, start = OldHand(latency, seed, size=0.04), 400  # the ramp is behind us
     for _ in range(start):
         hand.run(1)
-    before = hand.client.core.leak_j
+    before = hand.client.core.ledger.leak_j
     for _ in range(200):
         hand.run(1)
     rows = list(zip(hand.mean, hand.estimate, strict=False))[start:]
     leak = sum(20.0 * (estimate - step / T_C) * step for step, estimate in rows)
     assert not hand.client.core.safety.counts
-    assert hand.client.core.leak_j - before == pytest.approx(leak, rel=1e-9, abs=1e-13)
+    assert hand.client.core.ledger.leak_j - before == pytest.approx(leak, rel=1e-9, abs=1e-13)
 
 
 @given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
@@ -106,9 +107,9 @@ def test_virtual_coupling_books_a_displacement_with_the_force_it_was_made_agains
         client.core.receive(messages.encode(state), due_ns(0, now, DEVICE_HZ))
         client.tick(now, places[-1 - latency], velocity=[0.01], age=latency)
         if now == 400:
-            before = client.core.leak_j
+            before = client.core.ledger.leak_j
     assert client.core.coupling.port_j != 0.0
-    assert client.core.leak_j == pytest.approx(before, abs=1e-12)
+    assert client.core.ledger.leak_j == pytest.approx(before, abs=1e-12)
 
 
 @given(LATENCIES, st.integers(1, 60), st.integers(1, 60))
@@ -116,9 +117,9 @@ def test_a_fault_absorbs_each_wave_for_its_own_ticks_too(latency: int, well: int
     hand = OldHand(latency, 5)
     for number in range(well + ill + 40):
         if number == well:
-            hand.client.core.fail("a test")
+            hand.client.core.handle(DeviceFailed("a test"), hand.client.core.now_ns)
         if number == well + ill:
-            hand.client.core.rearm()
+            hand.client.core.handle(Rearm(), hand.client.core.now_ns)
         hand.run(1)
         used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0
         assert hand.client.waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15)
@@ -158,7 +159,7 @@ def test_a_loop_that_was_late_makes_no_jump_of_a_hand_that_went_on(gaps: list[in
     for gap in [1] * 400 + gaps + [1] * 3:
         last, now = now, now + gap
         if now == 400:
-            start = client.core.leak_j
+            start = client.core.ledger.leak_j
         for tick in range(last // M, now // M):
             client.hear(due_ns(0, tick * M, DEVICE_HZ), 0.0)
         client.tick(now, 1e-4 * last, velocity=[speed], age=gap)
@@ -166,14 +167,14 @@ def test_a_loop_that_was_late_makes_no_jump_of_a_hand_that_went_on(gaps: list[in
         "the first tick shows what was before the hand"
     )
     assert client.waves.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), "the least that it may be"
-    assert client.core.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
+    assert client.core.ledger.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
 
 
 def test_the_record_says_what_the_core_estimates_with() -> None:
     """A device may say only once it is open that it gives no velocity, how light it is, and how old its samples are."""
     light = replace(capability(gives_velocity=False, latency=1), apparent_mass_kg=0.03)
     client = Client()
-    client.core.equip(light)
+    client.core.handle(DeviceOpened(light), client.core.now_ns)
     estimator = AlphaBeta(1, T_C, memory_for(light, T_C))
     random = np.random.default_rng(8)
     expected: Sequence[float] = ()

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
 from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -217,10 +218,10 @@ def test_the_books_hold_what_the_hand_felt_to_the_last_bit_of_work(latency: int)
             client.core.receive(messages.encode(power(number // M, 1.0, number * 1e-5, axes=2)), number)
         force = client.tick(number, *places[number], velocity=(0.0, 0.0), age=latency)
         if number % 7 == 0:
-            client.core.acted(tuple(0.5 * value for value in force))
-    assert abs(client.core.work_j) > 1e-6
-    assert client.core.port_j == pytest.approx(client.core.work_j, abs=1e-15)
-    assert client.core.leak_j == pytest.approx(0.0, abs=1e-15)
+            client.core.handle(ForceApplied(tuple(0.5 * value for value in force)), client.core.now_ns)
+    assert abs(client.core.ledger.work_j) > 1e-6
+    assert client.core.ledger.port_j == pytest.approx(client.core.ledger.work_j, abs=1e-15)
+    assert client.core.ledger.leak_j == pytest.approx(0.0, abs=1e-15)
 
 
 def test_the_proxy_is_sent_exactly_where_the_hand_went() -> None:
@@ -240,7 +241,7 @@ def test_a_faulty_hand_moves_no_proxy_and_claims_nothing() -> None:
     client = Client(1, kind="tdpa")
     for number in range(5 * M + 1):
         client.tick(number, 1e-4 * number, velocity=(0.1,))
-    client.core.fail("device: unplugged")
+    client.core.handle(DeviceFailed("device: unplugged"), client.core.now_ns)
     client.sent()
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
@@ -260,7 +261,7 @@ def test_who_takes_leave_claims_nothing_and_lets_the_proxy_come_to_a_stop() -> N
         if number % M == 0:
             client.core.receive(messages.encode(power(number // M, 2.0, 0.0)), number)
         client.tick(number, 1e-4 * number, velocity=(0.1,))
-    client.core.stop()
+    client.core.handle(Stop(), client.core.now_ns)
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
     claimed, places = [energy.value for energy in control._in], []
@@ -282,14 +283,14 @@ def test_a_new_server_begins_with_new_books() -> None:
     client = Client(1, kind="tdpa")
     for number in range(6 * M + 3):
         client.tick(number, 1e-4 * number, velocity=(0.1,))
-    before = client.core.port_j
+    before = client.core.ledger.port_j
     quiet_ns = client.core.session.last_received_ns + 600_000_000
-    client.core.poll(quiet_ns)
+    client.core.handle(Poll(), quiet_ns)
     client.renew(quiet_ns)
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
     assert (control.port_j, control.left_j) == (0.0, (0.0,))
-    assert client.core.port_j == before
+    assert client.core.ledger.port_j == before
     client.sent()
     for number in range(6 * M + 3, 7 * M + 1):
         client.tick(number, 1e-4 * number, velocity=(0.1,))

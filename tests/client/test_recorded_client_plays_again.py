@@ -11,10 +11,11 @@ import msgspec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.recorder import COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, KINDS, TICK, RecordedClient, start_of
+from cogrip.client.inputs import Connect, DeviceFailed, KeepSeat, Rearm, Stop
+from cogrip.client.recorder import DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, KINDS, TICK, RecordedClient, start_of
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Welcome
-from cogrip.protocol.recording.records import Command, Datagram, Tick
+from cogrip.protocol.recording.records import Datagram, Input, Tick
 
 from tests.client.recorded_person import SCRIPT, TICKET, TOKEN, Person, Word, capability, outages
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
@@ -59,7 +60,7 @@ PEOPLE = st.builds(Person, st.integers(1, 3), st.booleans(), st.sampled_from(WOR
 
 def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: Sequence[Any]) -> None:
     core = person.core
-    core.call(0)
+    core.handle(Connect(), 0)
     for later_ns, words in before:
         person.poll(later_ns, words)
     person.poll(2_000_000, [*last, ("welcome", 0, 0.0)])
@@ -72,13 +73,15 @@ def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: 
             case "poll", later_ns, words:
                 person.poll(later_ns, words)
             case "fail", reason:
-                core.fail(reason)
+                core.handle(DeviceFailed(reason), core.now_ns)
             case "keep_seat", *_:
-                core.keep_seat(person.now_ns)
+                core.handle(KeepSeat(), person.now_ns)
             case "end", reason:
                 person.end(reason)
-            case verb, *_:
-                getattr(core, verb)()
+            case "stop", *_:
+                core.handle(Stop(), core.now_ns)
+            case "rearm", *_:
+                core.handle(Rearm(), core.now_ns)
 
 
 @settings(max_examples=300)
@@ -87,6 +90,14 @@ def test_whatever_happened_plays_again_exactly(
     person: Person, before: list[Any], last: list[Any], actions: list[Any]
 ) -> None:
     played(person, before, last, actions)
+    person.exact()
+
+
+def test_a_line_that_is_owed_energy_sends_nothing() -> None:
+    person = Person(1, False, {"coupling": {"decimator": "none"}, "object": {"kind": "wall"}})
+    silence = [("tick", 1, None, []), ("tick", 2500, None, [("renewed", 0, 0.0)])]
+    played(person, [], [], [("run", 32, False), *silence, ("run", 8, False)])
+    assert person.core.coupling.sent == (0.0,)
     person.exact()
 
 
@@ -113,9 +124,9 @@ def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
 def test_a_scripted_session_has_everything() -> None:
     SCRIPT.exact()
     kinds = {KINDS[topic] for topic, *_ in SCRIPT.noted}
-    assert kinds == {"tick", "datagram_in", "datagram_out", "command", "event", "account"}
-    verbs = [msgspec.json.decode(payload, type=Command).verb for topic, _, payload in SCRIPT.noted if topic == COMMAND]
-    assert set(verbs) == {"call", "poll", "keep_seat", "rearm", "fail", "stop", "account", "leave"}
+    assert kinds == {"tick", "datagram_in", "datagram_out", "input", "event", "account"}
+    given = [msgspec.json.decode(payload, type=Input).kind for topic, _, payload in SCRIPT.noted if topic == INPUT]
+    assert set(given) == {"connect", "poll", "keep_seat", "rearm", "device_failed", "stop", "close_ledger", "leave"}
     texts = [json.loads(payload)["text"] for topic, _, payload in SCRIPT.noted if topic == EVENT]
     assert [text.split(":")[0] for text in texts] == [
         "live", "fault", "live", "fault", "degraded", "live", "fault", "idle",
@@ -167,4 +178,4 @@ def test_nothing_is_lost_before_it_is_known_where_it_goes() -> None:
     for person in (at_once, later):
         person.run(20)
     assert later.noted == at_once.noted
-    assert msgspec.json.decode(later.noted[0][2], type=Command).verb == "call"
+    assert msgspec.json.decode(later.noted[0][2], type=Input).kind == "connect"

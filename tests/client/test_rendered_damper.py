@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from cogrip.client.core import ClientCore
+from cogrip.client.inputs import Connect
 from cogrip.client.rendered_damper import OverloadError, is_carried, refusal, rounded_down
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.client.velocity import largest_impedance
@@ -72,7 +73,7 @@ class Grown(SimulatedDevice):
 def seated(device: SimulatedDevice, settings: SeatSettings) -> ClientCore:
     hello = make_hello(software="t", nonce=7, room="", name="", digest="", device="sim:phantom", axes=1, rate_hz=1024.0)
     core = ClientCore(hello, device.capability)
-    core.call(0)
+    core.handle(Connect(), 0)
     core.receive(messages.encode(Welcome(3, 7, 1, "", "1", settings, "ticket", "player")), 0)
     assert core.seated
     return core

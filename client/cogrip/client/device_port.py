@@ -29,6 +29,7 @@ from typing import Literal
 
 from cogrip.client.oscillation import OscillationDetector
 from cogrip.client.safety import SOFT_SLOPE_NPS
+from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import DeviceAccount
@@ -275,9 +276,8 @@ def cure(found: Trouble, seat: SeatSettings, record: Capability) -> str:
             f"the force sits at its limit of {record.peak_force_n:g} N; push less, or set coupling.stiffness_npm lower than "
             f"{coupling.stiffness_npm:g}"
         )
-    wave = coupling.kind == "wave"
-    key, value = ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
-    return f"the force oscillates at the hand; set coupling.{key} lower than {value:g}"
+    key = SCHEMES[coupling.kind].softer_key
+    return f"the force oscillates at the hand; set coupling.{key} lower than {getattr(coupling, key):g}"
 
 
 class BarePort(DevicePort):

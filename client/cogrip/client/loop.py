@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from cogrip.client import inputs
 from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError
 from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S
@@ -30,6 +31,7 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
+NO_TICKS = TickCount()
 REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"
 
 
@@ -109,7 +111,7 @@ class LiveClient:
             self._open(handle)
             self._keep_seat()
             if refused := self.judge(seat, core.capability):
-                self._leave(refused, core.account(TickCount()))
+                self._leave(refused)
                 raise RefusedError(refused)
             self._keep_seat()
             recorder = self._record(seat)
@@ -122,8 +124,7 @@ class LiveClient:
             except BaseException:  # a defect, wherever it is: the hand may be pushed by the last force
                 let_go(device, core.force_n, pacer)
                 raise
-            account = core.account(pacer.count())
-            self._leave(failed, account)
+            account = self._leave(failed, pacer.count())
         finally:
             handle.close()
             core.record(Nowhere())
@@ -157,7 +158,7 @@ class LiveClient:
             ]
         except (ValueError, ArithmeticError) as error:
             words = f"the server's settings are impossible: {error}"
-            self._leave(words, self._core.account(TickCount()))
+            self._leave(words)
             raise JoinError(f"{words}; whoever runs the server can mend its [link]") from None
 
     def _open(self, handle: SupervisedDevice) -> None:
@@ -165,7 +166,7 @@ class LiveClient:
         try:
             handle.open()
         except DeviceError as error:
-            self._leave(f"device: {error}", self._core.account(TickCount()))
+            self._leave(f"device: {error}")
             raise
 
     def _record(self, seat: SeatSettings) -> Recorder | None:
@@ -187,7 +188,7 @@ class LiveClient:
     def _keep_seat(self) -> None:
         """Let the server hear of us while the device and the rest are being made ready."""
         now_ns = time.monotonic_ns()
-        self._core.keep_seat(now_ns)
+        self._core.handle(inputs.KeepSeat(), now_ns)
         self._send(now_ns)
 
     def _loop(self, pacer: Pacer, handle: SupervisedDevice) -> str:
@@ -223,7 +224,7 @@ class LiveClient:
                     if safety.state == "fault":
                         failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
-                        core.stop()
+                        core.handle(inputs.Stop(), now_ns)
             elif core.released:
                 return failed
             work_us = (clock() - now_ns) // 1000
@@ -236,7 +237,7 @@ class LiveClient:
             refused = handle.rearm()
             now_ns = time.monotonic_ns()
             self._drain(now_ns)  # what waited meanwhile, before the server is taken for silent
-            self._core.poll(now_ns)  # noted, so that a replay hears it before the next tick, too
+            self._core.handle(inputs.Poll(), now_ns)  # noted, so that a replay hears it before the next tick, too
             self.say(f"not re-armed: {refused}" if refused else "re-arming")
         if handle.refusal:
             self.say(f"not re-armed: {handle.refusal}")
@@ -274,21 +275,24 @@ class LiveClient:
         elif before == "degraded" and after == "live":
             self.say("the server is heard again: force ramps in")
 
-    def _leave(self, failed: str, account: ClientAccount) -> None:
-        """Say goodbye and wait a moment for the answer."""
+    def _leave(self, failed: str, ticks: TickCount = NO_TICKS) -> ClientAccount:
+        """Say goodbye with the account of this end, and wait a moment for the answer."""
         core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
-        core.leave((failed or self.stop.reason or self.over() or "the session is over")[:300], account, now_ns)
+        account = core.handle(inputs.CloseLedger(ticks), now_ns)
+        reason = failed or self.stop.reason or self.over() or "the session is over"
+        core.handle(inputs.Leave(reason[:300]), now_ns)
         if session.state != "leaving":  # the server stopped first: it waits for our account
             self._up = None
             self._send(now_ns)
         while session.state == "leaving":
             now_ns = time.monotonic_ns()
-            core.poll(now_ns)
+            core.handle(inputs.Poll(), now_ns)
             self._send(now_ns)
             self._drain(now_ns)
             self.calls.poll(now_ns, resuming=False)
             time.sleep(POLL_S)
+        return account
 
     def _send(self, now_ns: int) -> None:
         outbox, up, hello = self._core.outbox, self._up, self._core.session.hello

@@ -2,6 +2,7 @@
 
 from collections import deque
 
+from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import View
 from cogrip.protocol.session import ClientSession
@@ -24,8 +25,17 @@ class ObserverCore:
         """Messages to send, oldest first."""
         return self.session.outbox
 
-    def call(self, now_ns: int) -> None:
-        self.session.call(now_ns)
+    def handle(self, given: SessionInput, now_ns: int) -> None:
+        """Do what an input asks for. `Poll` also sends the sign of life."""
+        session = self.session
+        match given:
+            case Connect():
+                session.call(now_ns)
+            case Poll():
+                session.poll(now_ns)
+                session.heartbeat(now_ns)
+            case Leave():
+                session.leave(given.reason, None, now_ns)
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
@@ -41,14 +51,6 @@ class ObserverCore:
         else:
             self.view, self._session_id, self._seen_ns = message, message.session, now_ns
             self.views += 1
-
-    def poll(self, now_ns: int) -> None:
-        """Session timers, and the word that we are still there; call at least every 100 ms."""
-        self.session.poll(now_ns)
-        self.session.heartbeat(now_ns)
-
-    def leave(self, reason: str, now_ns: int) -> None:
-        self.session.leave(reason, None, now_ns)
 
     def age_ns(self, now_ns: int) -> int | None:
         """Since the newest view came, None before the first."""

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cogrip.client.inputs import Leave, Poll
 from cogrip.client.io.paths import POLL_S, Paths
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol.io.stop import Stop
@@ -39,7 +40,7 @@ class LiveObserver:
                 told = session.state
             self.show(core, now_ns)
             time.sleep(LOOK_S)
-        core.leave(self.stop.reason or "seen enough", time.monotonic_ns())
+        core.handle(Leave(self.stop.reason or "seen enough"), time.monotonic_ns())
         while session.state == "leaving":
             self._exchange(time.monotonic_ns())
             time.sleep(POLL_S)
@@ -48,7 +49,7 @@ class LiveObserver:
 
     def _exchange(self, now_ns: int) -> None:
         core, session, calls = self.core, self.core.session, self.calls
-        core.poll(now_ns)
+        core.handle(Poll(), now_ns)
         while core.outbox:
             message = core.outbox.popleft()
             calls.send(message, message == session.hello)

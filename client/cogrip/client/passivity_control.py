@@ -21,7 +21,7 @@ from math import inf
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
-from cogrip.protocol.messages import Frame, Power, Stamp
+from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
 
@@ -34,14 +34,11 @@ SOFT_NPS = 410.0  # slope of the force while the controller holds it
 
 
 class PassivityControl(LatestStateCoupling[Power]):
-    """An observer, and a controller of the force by what it has observed.
-
-    Before `elapse`, `applied_n` is to be the force that the hand felt in the ticks that are booked, shape (axes,).
-    """
+    """Observer of the energy at the hand, and controller of the force by what it has observed."""
 
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates = seat.object.axes, seat.rates
-        super().__init__(axes)
+        super().__init__(seat)
         self._tick_s = tick_s = rates.tick_s
         self._frame_s = rates.frame_s
         self._most_damping = seat.coupling.impedance_nspm
@@ -64,12 +61,10 @@ class PassivityControl(LatestStateCoupling[Power]):
         self._speed: tuple[float, ...] = (0.0,) * axes  # mean of the last frame
         self._frame = 0
         self._loop: float | None = None
-        self.applied_n: Sequence[float] = (0.0,) * axes
         self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
         self._rounding = rounding_share(rates.ticks_per_frame)
         self._slack_j = 0.0  # what rounding alone can put W out by
-        self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)  # W, the least of all axes
         self.controlled = 0  # ticks and axes in which the controller held the force
 
@@ -97,9 +92,6 @@ class PassivityControl(LatestStateCoupling[Power]):
     def given_j(self) -> float:
         """Energy that has gone in at the object, less what was told to have gone in here."""
         return sum(self._received) - sum([energy.value for energy in self._in])
-
-    def set_latency(self, ticks: int) -> None:
-        """Nothing to keep: what is booked comes with its own force."""
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """One tick has passed, with the displacement it shows / T.
@@ -141,9 +133,6 @@ class PassivityControl(LatestStateCoupling[Power]):
             self.down_margin_j = margin
         if margin < self.down_reserve.least_j:
             self.down_reserve.least_j = margin
-
-    def elapse_absent(self) -> None:
-        """One tick has passed without a hand: the proxy stands still."""
 
     def end_frame(self, spare_j: float = inf) -> None:
         self._made_j.add(self._made_now_j)
@@ -242,8 +231,8 @@ class PassivityControl(LatestStateCoupling[Power]):
             self._receiver.heard, stamp,
         )  # fmt: skip
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, Power) or not message.of_axes(len(self._in)):
+    def receive(self, message: Power) -> bool:
+        if not message.of_axes(len(self._in)):
             return False
         return self._receiver.receive(message)
 

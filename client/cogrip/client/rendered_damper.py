@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import floor, log10
 
+from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.protocol.settings import Coupling, SeatSettings
@@ -30,9 +31,8 @@ class Damper:
 
 def damper_of(coupling: Coupling) -> Damper:
     """The damper in the client's own force law."""
-    if coupling.kind == "coupling":
-        return Damper("B", "damping_nspm", coupling.damping_nspm)
-    return Damper("b", "impedance_nspm", coupling.impedance_nspm)
+    symbol, key = SCHEMES[coupling.kind].damper
+    return Damper(symbol, key, getattr(coupling, key))
 
 
 def is_carried(seat: SeatSettings, record: Capability) -> bool:

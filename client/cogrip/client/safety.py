@@ -10,8 +10,10 @@ waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. What that
 (docs/decisions/0004-leaks.md).
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
+from typing import Literal, get_args
 
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
@@ -29,17 +31,26 @@ MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met 
 WARNED = "near thermal limit"  # counted before anything is limited
 WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
 
-TRANSITIONS: Mapping[tuple[str, str], str] = {
+State = Literal["idle", "calibrating", "armed", "live", "degraded", "fault"]
+Transition = Literal["open", "calibrated", "go", "stale", "fresh", "rearm", "fail", "stop"]
+STATES: tuple[State, ...] = get_args(State)
+TRANSITIONS: Mapping[tuple[State, Transition], State] = {
     ("idle", "open"): "calibrating",
     ("calibrating", "calibrated"): "armed",
     ("armed", "go"): "live",
     ("live", "stale"): "degraded",
     ("degraded", "fresh"): "live",
     ("fault", "rearm"): "armed",
-    **{(state, "fail"): "fault" for state in ("calibrating", "armed", "live", "degraded")},
-    **{(state, "stop"): "idle" for state in ("calibrating", "armed", "live", "degraded", "fault")},
+    ("calibrating", "fail"): "fault",
+    ("armed", "fail"): "fault",
+    ("live", "fail"): "fault",
+    ("degraded", "fail"): "fault",
+    ("calibrating", "stop"): "idle",
+    ("armed", "stop"): "idle",
+    ("live", "stop"): "idle",
+    ("degraded", "stop"): "idle",
+    ("fault", "stop"): "idle",
 }
-STATES = ("idle", "calibrating", "armed", "live", "degraded", "fault")
 
 
 class Safety:
@@ -67,11 +78,11 @@ class Safety:
         self._derated = 0
         self.limited = False  # whether a limit held the force of this tick: peak, warm motors or slope
         self.derated = False  # whether warm motors did
-        self.state = "idle"
+        self.state: State = "idle"
         self.reason = ""
         self.warning = ""
         self.diverged = ""
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
 
     def keep_to(self, capability: Capability) -> None:
         """These are the limits from now on."""
@@ -84,9 +95,9 @@ class Safety:
 
     def note(self, name: str) -> None:
         """Count something that was dealt with."""
-        self.counts[name] = self.counts.get(name, 0) + 1
+        self.counts[name] += 1
 
-    def event(self, name: str, reason: str = "") -> bool:
+    def event(self, name: Transition, reason: str = "") -> bool:
         """Take a step of TRANSITIONS; False if there is none from here."""
         after = TRANSITIONS.get((self.state, name))
         if after is None:

@@ -8,10 +8,12 @@ arming --fails, or not settled within ARMING_S--> fault, and `refusal` says why
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from math import isfinite
 
 from cogrip.client.core import ClientCore
+from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.rendered_damper import OverloadError, refusal
 from cogrip.client.safety import STALL_S
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, defect, defects_named
@@ -41,7 +43,7 @@ class SupervisedDevice:
         self.device = device
         self._spared = spared
         self.refusal = ""  # why an arming that had begun came to nothing
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         self._core = core
         self._rate_hz = rate_hz
         self._clock = clock
@@ -60,7 +62,7 @@ class SupervisedDevice:
             self.device.open(self._rate_hz)
             opened = self.device.capability
         if opened != before:
-            self._core.equip(opened)
+            self._core.handle(DeviceOpened(opened), self._core.now_ns)
             try:
                 self._judge(opened)
             except OverloadError:
@@ -113,14 +115,14 @@ class SupervisedDevice:
             self.close()  # so that whoever sees to it can have it
         if self._arming and self._last - self._first >= SETTLED_S * self._rate_hz:
             self._arming = False
-            self._core.rearm()
+            self._core.handle(Rearm(), self._core.now_ns)
 
     def close(self) -> None:
         """Let go of the device. What it raises is counted: nothing more can be done about it."""
         try:
             self.device.close()
         except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
-            self._count(f"{type(error).__name__} as the device was closed")
+            self.counts[f"{type(error).__name__} as the device was closed"] += 1
 
     def rearm(self) -> str:
         """Begin to leave a latched fault; a device that failed is opened anew first. Returns why that cannot be, "" if it can.
@@ -164,9 +166,9 @@ class SupervisedDevice:
         """The device says that this acts, and not what it was asked for."""
         wrong = self._reports.judge(force_n)
         if not wrong:
-            self._core.acted(force_n)
+            self._core.handle(ForceApplied(force_n), self._core.now_ns)
             return
-        self._count(wrong)
+        self.counts[wrong] += 1
         if self._reports.fault:
             self._fail(DeviceError(f"{self._name}: {self._reports.fault}"))
 
@@ -179,7 +181,7 @@ class SupervisedDevice:
         if took_ns <= tick_ns:
             self._blocked_ns = max(0.0, self._blocked_ns - 0.25 * tick_ns)  # two calls a tick
             return False
-        self._count(f"slow {verb}")
+        self.counts[f"slow {verb}"] += 1
         self._blocked_ns += took_ns - tick_ns
         if self._blocked_ns < STALL_S * 1e9:
             return False
@@ -192,9 +194,6 @@ class SupervisedDevice:
                 )
             )
         return True
-
-    def _count(self, name: str) -> None:
-        self.counts[name] = self.counts.get(name, 0) + 1
 
     def _watch(self, heard: bool, tick: int) -> None:
         """Samples come again, or they do not."""
@@ -216,4 +215,4 @@ class SupervisedDevice:
             self._arming = False
             self.refusal = str(error)
         if self._core.safety.state != "fault":
-            self._core.fail(f"device: {error}")
+            self._core.handle(DeviceFailed(f"device: {error}"), self._core.now_ns)

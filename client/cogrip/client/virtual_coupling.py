@@ -10,7 +10,7 @@ from math import inf
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Frame, Stamp, State
+from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import SeatSettings
 
 
@@ -19,7 +19,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
-        super().__init__(axes)
+        super().__init__(seat)
         self._stiffness = seat.coupling.stiffness_npm
         self._damping = seat.coupling.damping_nspm
         self._given_j = CompensatedSum()
@@ -30,14 +30,12 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self._tick_s = seat.rates.tick_s
         self._last_force: Sequence[float] = (0.0,) * axes
         self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
-        self.made_j = self.used_j = 0.0
         self._port_j = CompensatedSum()
         self.down_margin_j: float | None = None
         self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
 
     @property
     def port_j(self) -> float:
-        """Energy that went into the coupling here."""
         return self._port_j.value
 
     @property
@@ -55,7 +53,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on: a displacement is booked with the force that it was made against."""
-        self._late = deque([*[(0.0,) * len(self.forward)] * ticks, *self._late], maxlen=ticks)
+        self._late = deque([*[(0.0,) * len(self.sent)] * ticks, *self._late], maxlen=ticks)
 
     def _booked(self) -> Sequence[float]:
         """The force that belongs to the tick that is booked."""
@@ -123,8 +121,8 @@ class VirtualCoupling(LatestStateCoupling[State]):
     ) -> State:  # fmt: skip
         return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.heard, stamp)
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):
+    def receive(self, message: State) -> bool:
+        if 2 * len(message.position_m) != len(self.object_state):
             return False
         return self._receiver.receive(message)
 

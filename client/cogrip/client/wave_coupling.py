@@ -24,6 +24,7 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
 
+from cogrip.client.coupling import Coupling
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
@@ -32,7 +33,7 @@ from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Frame, Stamp, Waves
+from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
 
 RELAX_RAD_S = 100.0  # w
@@ -43,12 +44,11 @@ Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
 OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
 
 
-class WaveCoupling:
-    """`elapse` books the tick that has passed, `end_frame` and `start_frame` stand at frame borders, `force` is the law."""
-
-    stored_j = 0.0  # of what the line took, nothing is kept here
+class WaveCoupling(Coupling[Waves]):
+    """The client's end of a wave line in each direction."""
 
     def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
         axes, rates, coupling = seat.object.axes, seat.rates, seat.coupling
         self._b = coupling.impedance_nspm
         self._root = sqrt(2.0 * self._b)
@@ -67,11 +67,7 @@ class WaveCoupling:
         self._written_off = [0.0] * axes  # sum of e over the ticks of this frame
         self._zero = (0.0,) * axes
         self._late: deque[Held] = deque(maxlen=0)  # of the last L ticks, oldest first
-        self.gain = 1.0  # of the ramp that the force goes through
-        self.implausible = False  # the wave held now was larger than any device like this one brings about
         self._most_wave = inf
-        self.carried_nspm = inf  # impedance that the device renders at most
-        self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
         self._deflection_m = [0.0] * axes  # z
         self._deflected = False  # whether any z is not 0
         self._withheld = [0.0] * axes  # sum of what frames lacked the energy for
@@ -80,15 +76,10 @@ class WaveCoupling:
         self._given = CompensatedSum()  # energy that the line gave, less what it took, up to the last frame that ended
         self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
-        self.local_n: Sequence[float] = self._zero  # the part of the law that follows the hand's own motion
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
-        self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
-        self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
-        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
         self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
         self._made_now_j = self._used_now_j = 0.0  # since
         self._rounding = rounding_share(rates.ticks_per_frame)
-        self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)
 
     @property
@@ -103,7 +94,6 @@ class WaveCoupling:
 
     @property
     def port_j(self) -> float:
-        """Energy that went into the line here."""
         return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
 
     def fit(self, record: Capability, lag_s: float) -> None:
@@ -127,7 +117,6 @@ class WaveCoupling:
 
     @property
     def gap(self) -> bool:
-        """Whether the wave held now stands for one that is missing."""
         return self._receiver.gap
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
@@ -206,8 +195,9 @@ class WaveCoupling:
         half_frame_s = self._half_tick_s * self._ticks_per_frame
         brought = half_frame_s * sum([v * v for v in self.returning])
         going = half_frame_s * sum([u * u for u in sent])
-        if going > spare_j + brought:
-            scale = sqrt(max(0.0, spare_j + brought) / going)
+        most = max(0.0, spare_j + brought)
+        if going > most:
+            scale = sqrt(most / going)
             sent = tuple([scale * u for u in sent])
             going *= scale * scale
         if sent is not mean:
@@ -256,13 +246,9 @@ class WaveCoupling:
             root *= ratio
             velocity_mps = [v + RELAX_RAD_S * z for v, z in zip(velocity_mps, self._deflection_m, strict=True)]
         self._ratio = ratio
+        self.reduced = ratio != 1.0 or self._deflected
         self.local_n = local_n = [b * velocity for velocity in velocity_mps]
         return [local - root * wave for local, wave in zip(local_n, self.returning, strict=True)]
-
-    @property
-    def reduced(self) -> bool:
-        """True while less than b is rendered, or a deflection comes back."""
-        return self._ratio != 1.0 or self._deflected
 
     @property
     def given_border_j(self) -> float:
@@ -284,8 +270,8 @@ class WaveCoupling:
             origin_m + position_m,
         )  # fmt: skip
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, Waves) or len(message.state) != len(self.object_state):
+    def receive(self, message: Waves) -> bool:
+        if len(message.state) != len(self.object_state):
             return False
         mark = (message.made_j, message.port_j, message.heard)
         taken = self._receiver.receive(message.first, message.waves, message.total, message.squares, mark)
@@ -295,12 +281,10 @@ class WaveCoupling:
 
     @property
     def played(self) -> bool:
-        """Whether the frame that plays now had come in its time."""
         return self._receiver.played
 
     @property
     def newest(self) -> int:
-        """Number of the newest frame heard of; -1 before the first."""
         return self._receiver.newest
 
     @property
@@ -309,12 +293,10 @@ class WaveCoupling:
         return self._receiver.deficit
 
     def lost(self) -> int:
-        """Frames from the server that were lost so far."""
         return self._receiver.lost
 
     @property
     def playout_frames(self) -> int:
-        """Frames that are held back now."""
         return self._receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any, Protocol
 
+from cogrip.client.inputs import Connect, Poll
 from cogrip.client.path_migration import PathMigration
 from cogrip.protocol.channel import PEER, Channel
 from cogrip.protocol.io.stop import Stop
@@ -79,8 +80,7 @@ class Core(Protocol):
 
     session: ClientSession
 
-    def call(self, now_ns: int) -> None: ...
-    def poll(self, now_ns: int) -> None: ...
+    def handle(self, given: Connect | Poll, now_ns: int) -> object: ...
     def receive(self, datagram: bytes, now_ns: int) -> None: ...
 
 
@@ -234,9 +234,9 @@ class Paths:
                 raise JoinError(self._placed(failed or f"{stop.reason} before a seat was had"))
             if not called and self.ready:
                 called = True
-                core.call(now_ns)
+                core.handle(Connect(), now_ns)
             elif called:
-                core.poll(now_ns)
+                core.handle(Poll(), now_ns)
             elif self.counts.get(REFUSED) and now_ns - begun_ns >= GIVE_UP_NS:
                 raise JoinError(self._placed(f"no server answered within {GIVE_UP_NS / 1e9:g} s"))
             while session.outbox:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
@@ -92,7 +93,7 @@ def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
         users=[
             UserRecord(
                 person.name,
-                person.core.account(laboratory.ticks(number)),
+                person.core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns),
                 laboratory.room.seat_account(number),
                 _earlier(laboratory.room, number),
                 laboratory.room.seats[number].settings.coupling.stiffness_npm,

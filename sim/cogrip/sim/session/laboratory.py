@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import count
 
-from cogrip.client.device_port import BarePort
+from cogrip.client import inputs
+from cogrip.client.device_port import BarePort, DevicePort
 from cogrip.client.path_migration import PathMigration
 from cogrip.client.recorder import RecordedClient
 from cogrip.client.supervised_device import SupervisedDevice
@@ -65,9 +66,7 @@ class Person:
             digest=digest(settings), device=address_of(user), axes=settings.object.axes, rate_hz=float(record.rate_hz),
             force_n=record.peak_force_n, speed_mps=record.speed_mps,
         )  # fmt: skip
-        self.core = RecordedClient(hello, device.capability)
-        if bare:
-            self.core.make_port = BarePort
+        self.core = RecordedClient(hello, device.capability, BarePort if bare else DevicePort)
         self.handle = SupervisedDevice(device, self.core, self.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
@@ -139,7 +138,7 @@ class Laboratory:
     def _call(self, person: Person) -> None:
         """Hello and welcome over a perfect link; from then on the configured one."""
         now_ns = self.now_ns
-        person.core.call(now_ns)
+        person.core.handle(inputs.Connect(), now_ns)
         while person.core.outbox:
             self.server.receive(person.core.outbox.popleft(), person.address, now_ns)
         self._from_server()
@@ -162,7 +161,7 @@ class Laboratory:
         """This person lets the force go and then says goodbye, as the live client does."""
         person = self.people[number]
         person.going = True
-        person.core.stop()
+        person.core.handle(inputs.Stop(), self.now_ns)
 
     def come(self, number: int) -> Person:
         """Who had this seat before comes again, with a hand that begins anew."""
@@ -264,9 +263,9 @@ class Laboratory:
             if person.ticks_at(tick):
                 person.core.sense(tick - person.begins, person.handle.read(tick - person.begins), now_ns)
             elif border and person.gone:
-                person.core.poll(now_ns)
+                person.core.handle(inputs.Poll(), now_ns)
             elif border:
-                person.core.keep_seat(now_ns)
+                person.core.handle(inputs.KeepSeat(), now_ns)
 
     def _act(self, moment: Moment) -> None:
         frame, now_ns = self._frame, self.now_ns
@@ -282,7 +281,8 @@ class Laboratory:
 
     def _say_goodbye(self, person: Person, ticks: int) -> None:
         person.going, person.gone = False, True
-        person.core.leave("had enough", person.core.account(TickCount(due=ticks, run=ticks)), self.now_ns)
+        person.core.handle(inputs.CloseLedger(TickCount(due=ticks, run=ticks)), self.now_ns)
+        person.core.handle(inputs.Leave("had enough"), self.now_ns)
         person.handle.close()
 
     def run(
@@ -300,7 +300,7 @@ class Laboratory:
     def close_ledger(self) -> None:
         """Note what every end knows; nothing is recorded after."""
         for number, person in enumerate(self.people):
-            person.core.account(self.ticks(number))
+            person.core.handle(inputs.CloseLedger(self.ticks(number)), self.now_ns)
         self.server.close_ledger()
         self.server.record(Nowhere())
         for person in self.people:

@@ -9,12 +9,13 @@ from typing import Protocol
 
 import msgspec
 
-from cogrip.client.recorder import RecordedClient, capability_of, sample_of
+from cogrip.client.inputs import decode as decode_client_input
+from cogrip.client.recorder import RecordedClient, sample_of
 from cogrip.client.recorder import start_of as client_start
-from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import Asked, Command, Datagram, Step, Tick
+from cogrip.protocol.recording.records import Asked, Command, Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import decode as decode_checkpoint
@@ -25,14 +26,17 @@ from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
 _command = msgspec.json.Decoder(Command).decode
+_input = msgspec.json.Decoder(Input).decode
 _step = msgspec.json.Decoder(Step).decode
-_force = msgspec.json.Decoder(tuple[float, ...]).decode
 _kick = msgspec.json.Decoder(tuple[str, str, str]).decode
 _names = msgspec.json.Decoder(list[str]).decode
 _granted = msgspec.json.Decoder(Grant | Denied).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
 
 
+EARLIER = (
+    "an earlier version of cogrip recorded it, with other inputs; `cogrip report` and `cogrip export` still read it"
+)
 MOST_REST = 10**9
 """Steps at rest that are believed: three months of them."""
 
@@ -55,6 +59,8 @@ class ClientPlay:
     """One person's core."""
 
     def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
+        if "command" in replay_input.kinds:
+            raise ValueError(EARLIER)
         hello, capability = client_start(replay_input.recording.header.start)
         self.core = RecordedClient(hello, capability)
         self.core.record(sink)
@@ -62,7 +68,6 @@ class ClientPlay:
         self._gives_velocity = capability.gives_velocity
         self._kinds = replay_input.kinds
         self._waiting: list[tuple[bytes, int]] = []
-        self._account: ClientAccount | None = None
 
     def take(self, message: Message) -> None:
         self.core.outbox.clear()  # it was noted; nobody is there to send it to
@@ -73,9 +78,9 @@ class ClientPlay:
             self._waiting.append((_datagram(message.payload).data, now_ns))
             if not self.core.seated:  # nothing ticks yet
                 self._hear()
-        elif kind == "command":
+        elif kind == "input":
             self._hear()
-            self._command(_command(message.payload), now_ns)
+            self.core.handle(decode_client_input(_input(message.payload).value), now_ns)
 
     def finish(self) -> None:
         self._hear()
@@ -94,32 +99,6 @@ class ClientPlay:
         core.timing = (tick.late_us, tick.work_us, tick.skipped)
         core.act(now_ns)
         self.ticks += 1
-
-    def _command(self, command: Command, now_ns: int) -> None:
-        core = self.core
-        act: Callable[[], object] | None = {
-            "call": lambda: core.call(now_ns),
-            "poll": lambda: core.poll(now_ns),
-            "keep_seat": lambda: core.keep_seat(now_ns),
-            "fail": lambda: core.fail(command.reason),
-            "acted": lambda: core.acted(_force(command.reason)),
-            "equip": lambda: core.equip(capability_of(command.reason)),
-            "stop": core.stop,
-            "rearm": core.rearm,
-            "account": lambda: self._end(command),
-            "leave": lambda: self._leave(command, now_ns),
-        }.get(command.verb)
-        if act is None:
-            raise ValueError(f"no command {command.verb!r} is known")
-        act()
-
-    def _end(self, command: Command) -> None:
-        self._account = self.core.account(_ticks(command.ticks))
-
-    def _leave(self, command: Command, now_ns: int) -> None:
-        if self._account is None:
-            raise ValueError("a client leaves before its account was made up")
-        self.core.leave(command.reason, self._account, now_ns)
 
 
 class ServerPlay:
