@@ -1,4 +1,4 @@
-"""One who looks on, without I/O: the session, and the newest view of the object and of the hands that hold it."""
+"""An observer without I/O: the session, and the newest view of the object and of the hands that hold it."""
 
 from collections import deque
 
@@ -12,7 +12,7 @@ class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is."""
 
     def __init__(self, session: ClientSession) -> None:
-        """session: a new one, or one whose welcome said that its client may only look on."""
+        """session: a new one, or one whose welcome gave an observer's place."""
         self.session = session
         self.rtt = DurationHistogram()
         self.view: View | None = None
@@ -39,12 +39,12 @@ class ObserverCore:
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
-        if not isinstance(message, View):
+        if not isinstance(message, View):  # the session counts a coupling's frames as unexpected
             return
         rtt_ns = self.session.clock.read(message.stamp, now_ns)
         if rtt_ns is not None:
             self.rtt.add(rtt_ns)
-        if not _whole(message):
+        if not _fits(message):
             self.session.drop("unfit")
         elif self.view is not None and message.session == self._session_id and message.number <= self.view.number:
             self.session.drop("late view")
@@ -53,11 +53,11 @@ class ObserverCore:
             self.views += 1
 
     def age_ns(self, now_ns: int) -> int | None:
-        """Since the newest view came, None before the first."""
+        """Return the time since the newest view came, None before the first."""
         return None if self.view is None else now_ns - self._seen_ns
 
 
-def _whole(view: View) -> bool:
-    """Whether hands and forces are those of the seats it names."""
+def _fits(view: View) -> bool:
+    """Return True where hands and forces are those of the seats it names."""
     axes, odd = divmod(len(view.object), 2)
     return not odd and len(view.proxies_m) == len(view.forces_n) == axes * len(view.seats)

@@ -1,4 +1,4 @@
-"""The damper that a seat's settings ask its device to render, held against what that device carries.
+"""The damper that the settings of a seat ask of its device, compared with what that device carries.
 
 Settings are the server's, and the device is the client's: a client judges its own device with every seat it is given.
 """
@@ -30,19 +30,19 @@ class Damper:
 
 
 def damper_of(coupling: Coupling) -> Damper:
-    """The damper in the client's own force law."""
+    """Return the damper in the client's own force law."""
     symbol, key = SCHEMES[coupling.kind].damper
     return Damper(symbol, key, getattr(coupling, key))
 
 
 def is_carried(seat: SeatSettings, record: Capability) -> bool:
-    """True where the device carries the damper that the seat asks for."""
+    """Return True where the device carries the damper that the seat asks for."""
     most = largest_impedance(record, seat.rates.tick_s).impedance_nspm
     return damper_of(seat.coupling).value_nspm <= most * (1.0 + ROUNDING)
 
 
 def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:
-    """Why the device must not be driven so, with the value that would do; "" where it carries what the seat asks for.
+    """Return why the device must not be driven so, with the value that would do; "" where it carries what is asked.
 
     section: of the settings, in which the value stands.
     """
@@ -60,7 +60,7 @@ def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -
 
 
 def bound_words(carried: Carried, record: Capability) -> str:
-    """Say what binds, at the largest b."""
+    """Return in words which bound binds at the largest b."""
     if carried.bound == "lag":
         return f"the {carried.lag_ticks:.2g} ticks that its damper is late take all of its {record.apparent_mass_kg:.3g} kg"
     if carried.bound == "noise":
@@ -69,7 +69,7 @@ def bound_words(carried: Carried, record: Capability) -> str:
 
 
 def rounded_down(value: float) -> float:
-    """To three digits, and not above the value."""
+    """Return the value to three digits, and not above it."""
     if not value > 0.0:
         return 0.0
     step = 10.0 ** (floor(log10(value)) - 2)

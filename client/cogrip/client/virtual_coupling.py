@@ -15,7 +15,7 @@ from cogrip.protocol.settings import SeatSettings
 
 
 class VirtualCoupling(LatestStateCoupling[State]):
-    """A spring and a damper at the device rate, to where the object was last said to be."""
+    """A spring and a damper at the device rate, to the newest object state received."""
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
@@ -45,18 +45,18 @@ class VirtualCoupling(LatestStateCoupling[State]):
 
     @property
     def stored_j(self) -> float:
-        """In the spring."""
+        """Energy in the spring."""
         if self._stretch is None:
             return 0.0
         stiffness, peak = self._rendered_npm, self._peak_n
         return self.gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
-        """Samples are `ticks` ticks old from now on: a displacement is booked with the force that it was made against."""
+        """Samples are `ticks` ticks old from now on: a displacement goes with the force that it was made against."""
         self._late = deque([*[(0.0,) * len(self.sent)] * ticks, *self._late], maxlen=ticks)
 
-    def _booked(self) -> Sequence[float]:
-        """The force that belongs to the tick that is booked."""
+    def _entered(self) -> Sequence[float]:
+        """Return the force that belongs to the tick that is entered."""
         late = self._late
         if not late:
             return self._last_force
@@ -65,19 +65,18 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return force
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        """One tick has passed. There is no wave that could let go."""
+        """Enter a tick. There is no wave that could release the object: `hold` changes nothing."""
         power = 0.0
         self._given_j.add(self._drag_w(mean_velocity_mps) * self._tick_s)
-        for force, speed in zip(self._booked(), mean_velocity_mps, strict=True):
+        for force, speed in zip(self._entered(), mean_velocity_mps, strict=True):
             power += force * speed
         self._port_j.add(power * self._tick_s)
 
     def elapse_absent(self) -> None:
-        """One tick has passed without a hand."""
-        self._booked()
+        self._entered()
 
     def _drag_w(self, velocity_mps: Sequence[float]) -> float:
-        """Power that the object's velocity gives the hand through the damper."""
+        """Return the power that the object's velocity gives the hand through the damper [W]."""
         if self._stretch is None:
             return 0.0
         drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
@@ -128,7 +127,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
 
 
 def _spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
-    """Energy in a spring whose force ends at `peak_n`."""
+    """Return the energy in a spring whose force ends at `peak_n`."""
     force = stiffness_npm * abs(stretch_m)
     if force <= peak_n:
         return 0.5 * force * abs(stretch_m)

@@ -84,7 +84,7 @@ class Person:
         """Another address, where the live client would dial anew."""
         resuming = self.core.session.state == "resuming"
         if self.migration.due(now_ns, resuming, True, refused):
-            self.migration.dialled(f"{self._address} dial {self.migration.dials + 1}", now_ns)
+            self.migration.tried(f"{self._address} path {self.migration.attempts + 1}", now_ns)
         self.migration.spare(now_ns, resuming)
 
     @property
@@ -210,7 +210,7 @@ class Laboratory:
                 continue
             migration, hello = person.migration, person.core.session.hello
             for datagram in person.up.due(now_ns):
-                address = migration.asking if datagram == hello else migration.path
+                address = migration.newest if datagram == hello else migration.path
                 if self.alive and address not in person.lost:
                     self.server.receive(datagram, address, now_ns)
 
