@@ -81,12 +81,12 @@ def test_no_more_leaves_through_the_motors_than_came_in_whatever_the_law_and_the
         work += sum(f * d for f, d in zip(force, step, strict=True))
         own += hypot(*step) * (damping * hypot(*step) / T_C + friction)
         x = tuple(at + d for at, d in zip(x, step, strict=True))
-        tried.book(work, given_j)
+        tried.enter(work, given_j)
         if number % M == 0:
             spare = tried.spare_j + brought
             given_j += brought - share * max(0.0, spare)
             tried.end_frame(start, x, T_N, 0.0)
-            tried.book(work, given_j)
+            tried.enter(work, given_j)
             start = x
         assert tried.balance_j >= -tried.reserve_j - 1e-12
         assert work + given_j + own >= -tried.reserve_j - 1e-12
@@ -127,10 +127,10 @@ def test_the_devices_damping_is_credited_with_the_motion_of_a_frame_less_one_cou
 
 def test_energy_of_long_ago_pays_for_nothing() -> None:
     tried = port()
-    tried.book(5.0, 0.0)
+    tried.enter(5.0, 0.0)
     tried.end_frame((0.0,) * 3, (0.0,) * 3, T_N, 0.3)
     assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j)
-    tried.book(4.0, 0.0)
+    tried.enter(4.0, 0.0)
     assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j - 1.0)
 
 
@@ -138,16 +138,16 @@ def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back() -> None:
     """But what the motors gave is."""
     tried = port()
     tried.ramped = True
-    tried.book(-0.01, -0.5)
+    tried.enter(-0.01, -0.5)
     assert tried.balance_j == pytest.approx(-0.01)
     assert tried.earned_j == pytest.approx(-0.51)
     assert tried.spare_j == pytest.approx(tried.earned_j + 0.05), "it may be sent no more: half the mass, at 1 m/s"
     tried.ramped = False
     assert tried.spare_j == pytest.approx(tried.balance_j + 0.05)
-    tried.book(-0.03, -0.5)
+    tried.enter(-0.03, -0.5)
     assert tried.balance_j == pytest.approx(-0.03)
     tried.ramped = True
-    tried.book(-0.04, -0.5)
+    tried.enter(-0.04, -0.5)
     assert tried.balance_j == pytest.approx(-0.04)
 
 
@@ -161,7 +161,7 @@ def test_a_damper_pays_for_what_is_lent_for_long() -> None:
 
 def test_an_overdrawn_port_says_so_and_begins_anew() -> None:
     tried = port()
-    tried.book(-50.0, 0.0)
+    tried.enter(-50.0, 0.0)
     found = [tried.watch([0.0] * 3, False, [0.0] * 3) for _ in range(DEVICE_HZ)]
     assert found.index("energy") == round(REST_S * DEVICE_HZ)
     assert tried.balance_j == 0.0
@@ -175,12 +175,12 @@ def test_the_reserve_of_now_begins_anew_with_the_port_and_its_least_does_not() -
     def second(work_j: float) -> None:
         for tick in range(DEVICE_HZ + 8):
             tried.elapse()
-            tried.book(work_j, 0.0)
+            tried.enter(work_j, 0.0)
             if tick % 8 == 7:
                 tried.end_frame([0.0] * 3, [0.0] * 3, 8 / DEVICE_HZ, 0.0)
 
     tried.ramped = False
-    tried.book(-0.02, 0.0)
+    tried.enter(-0.02, 0.0)
     assert tried.account().reserve_j is None
     second(-0.01)
     assert tried.account().reserve_j == pytest.approx(tried.reserve_j - 0.01)

@@ -117,4 +117,4 @@ def test_a_clear_line_does_not_yield() -> None:
     for _ in range(50):
         force = end.frame(0.2, 0.05)
     assert force == pytest.approx([B * 0.05 - ROOT * 0.2] * M)
-    assert end.coupling._share == 1.0
+    assert end.coupling._line_gain == 1.0

@@ -26,7 +26,7 @@ class Coupling(ABC, Generic[M]):
 
         applied_n      before `elapse`: the force that the hand felt in the ticks that are entered
         carried_nspm   before `force`: impedance, or damping, that the device renders at most
-        gain           gain of the ramp that the force goes through
+        ramp_gain      gain of the ramp that the force goes through
         cut_n          what limits took from the force that is held now, None for nothing
 
     and reads
@@ -46,7 +46,7 @@ class Coupling(ABC, Generic[M]):
         axes = seat.object.axes
         self.applied_n: Sequence[float] = (0.0,) * axes
         self.carried_nspm = inf
-        self.gain = 1.0
+        self.ramp_gain = 1.0
         self.cut_n: Sequence[float] | None = None
         self.local_n: Sequence[float] = (0.0,) * axes
         self.reduced = self.implausible = False

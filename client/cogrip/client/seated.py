@@ -181,11 +181,11 @@ class SeatedClient:
                 coupling.elapse(mean, velocity, hold)
             border = tick % ticks_per_frame == 0
             if border:
-                port.book(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)
+                port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_border_j)
                 coupling.end_frame(port.spare_j)
                 if position_m is not None:
                     self._end_frame(position_m)
-        port.book(ledger.work.value, ledger.closed_given_j + coupling.given_j)
+        port.enter(ledger.work.value, ledger.closed_given_j + coupling.given_j)
         ledger.compare()
         return border or elapsed >= ticks_per_frame
 
@@ -234,7 +234,7 @@ class SeatedClient:
         if wish is not None and (paying := port.paying_nspm):
             wish = [law + paying * speed for law, speed in zip(wish, hand.velocity_mps, strict=True)]
         force = safety.limit(port.limit(wish) if wish is not None else None, coupling.gap)
-        coupling.gain = safety.gain
+        coupling.ramp_gain = safety.gain
         port.ramped = not safety.full
         coupling.cut_n = None
         if wish is not None and safety.state == "live":

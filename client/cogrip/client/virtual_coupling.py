@@ -49,7 +49,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         if self._stretch is None:
             return 0.0
         stiffness, peak = self._rendered_npm, self._peak_n
-        return self.gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
+        return self.ramp_gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
         """Samples are `ticks` ticks old from now on: a displacement goes with the force that it was made against."""
@@ -80,7 +80,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         if self._stretch is None:
             return 0.0
         drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
-        return self.gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
+        return self.ramp_gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
 
     def end_frame(self, spare_j: float = inf) -> None:
         self._number += 1
