@@ -10,7 +10,7 @@ from cogrip.client.hand_motion import RECKON_S
 from cogrip.client.inputs import Rearm
 from cogrip.protocol import messages
 from cogrip.protocol.line.concealment import FASTEST
-from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.messages import Power, Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
 from cogrip.protocol.settings import resolve
@@ -217,22 +217,16 @@ def test_virtual_coupling_sends_states_and_holds_its_object() -> None:
     assert [message.number for message in sent if isinstance(message, State)] == list(range(len(sent)))
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1)),
-        Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4),
-    ],
-    ids=["kind", "axes"],
-)
-def test_what_does_not_fit_the_seat_is_counted(message: messages.AnyMessage) -> None:
-    client = Client()
+AXES = Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4)
+STATE, POWER = State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1)), Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))
+
+
+@pytest.mark.parametrize(("kind", "message"), [("wave", AXES), ("wave", STATE), ("coupling", POWER), ("tdpa", STATE)])
+def test_a_message_that_does_not_fit_the_seat_is_counted(kind: str, message: messages.AnyMessage) -> None:
+    client = Client(kind=kind)
     client.tick(0, 0.0)
     client.core.receive(messages.encode(message), 0)
     assert client.core.session.dropped == {"unfit": 1}
-
-
-# Old samples ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("network_hz", [32, 128, 1024])

@@ -1,4 +1,4 @@
-"""The live loop where something is wrong beyond every foresight: a hand is let go softly, and impossible settings are told."""
+"""The live loop with defects and impossible settings: the hand is released softly, and the error is reported."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -9,7 +9,7 @@ import pytest
 from cogrip.client import loop
 from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import JoinError
-from cogrip.client.loop import Ended, LiveClient, let_go
+from cogrip.client.loop import Ended, LiveClient, fade_out
 from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.protocol import messages
@@ -87,9 +87,8 @@ class Server:
         self.breaks = poll
         self.settings = resolve({"link": link, "users": [{"name": "anna"}]})
         self.sent: list[Any] = []
-        self.failed = ""
 
-    def call(self, core: Any, stop: Stop) -> None:
+    def connect(self, core: Any, stop: Stop) -> None:
         core.handle(Connect(), 0)
         seat = seat_settings(self.settings, 0)
         core.receive(
@@ -105,6 +104,9 @@ class Server:
 
     def counted(self) -> dict[str, int]:
         return {}
+
+    def explained(self, failed: str) -> str:
+        return failed
 
 
 @pytest.fixture
@@ -127,7 +129,7 @@ def client(device: Any, server: Any, make_link: Any = LinkEmulator) -> LiveClien
     return LiveClient(device, hello, server, Stop(), lambda words: None, make_link, lambda seat: None)
 
 
-def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTime) -> None:
+def test_a_defect_in_the_loop_releases_the_hand_softly_before_it_is_raised(clock: VirtualTime) -> None:
     def breaks() -> None:
         if len(device.forces) == 80:
             raise RuntimeError("a defect")
@@ -136,7 +138,7 @@ def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTim
     with pytest.raises(RuntimeError, match="a defect"):
         client(device, Server(breaks)).run()
     held, faded = device.forces[79], device.forces[80:]
-    assert held > 0.1, "there was a force to let go"
+    assert held > 0.1, "there was a force to release"
     assert len(faded) == TICKS
     steps = [before - after for before, after in zip([held, *faded], faded, strict=False)]
     assert steps == pytest.approx([held / TICKS] * TICKS)
@@ -222,7 +224,7 @@ def test_a_driver_that_raises_as_it_is_opened_or_closed(clock: VirtualTime) -> N
 
 
 @pytest.mark.parametrize(("took_s", "most_s"), [(0.03, 0.05), (0.005, 0.05), (0.0015, 0.1)])
-def test_a_device_whose_reads_block_the_loop_is_let_go(clock: VirtualTime, took_s: float, most_s: float) -> None:
+def test_a_device_whose_reads_block_the_loop_is_released(clock: VirtualTime, took_s: float, most_s: float) -> None:
     """From the first read that blocks to zero force, in the time of the loop. 494 ms for reads of 30 ms before."""
     began: list[int] = []
 
@@ -269,17 +271,19 @@ def test_a_device_whose_writes_block_gets_zero_with_the_next(clock: VirtualTime)
 
 
 @pytest.mark.parametrize("rate_hz", [1, 128, 1024, 8192])
-def test_letting_go_takes_so_long_at_any_rate(rate_hz: int) -> None:
+def test_the_fade_takes_the_same_time_at_any_rate(rate_hz: int) -> None:
     clock, device = VirtualTime(), Moving()
     pacer = Pacer(rate_hz, 0, clock=clock.monotonic_ns, sleep=clock.sleep, spin_ns=0)
-    let_go(device, (3.0,), pacer)  # type: ignore[arg-type]
+    fade_out(device, (3.0,), pacer)  # type: ignore[arg-type]
     assert len(device.forces) == max(1, round(FAULT_OUT_S * rate_hz))
     assert device.forces == sorted(device.forces, reverse=True)
     assert device.forces[-1] == 0.0
 
 
 @pytest.mark.parametrize("error", [ValueError, OverflowError, ZeroDivisionError])
-def test_impossible_settings_are_told_and_the_seat_is_given_back(clock: VirtualTime, error: type[Exception]) -> None:
+def test_impossible_settings_are_reported_and_the_seat_is_given_back(
+    clock: VirtualTime, error: type[Exception]
+) -> None:
     def impossible(profile: object, seed: str) -> Any:
         raise error("link loss = 2")
 

@@ -12,7 +12,7 @@ from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
 from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp, State
+from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
 
@@ -187,7 +187,6 @@ def test_axes_keep_their_own_books() -> None:
 def test_only_power_of_these_axes_fits() -> None:
     control = control_of(2)
     assert not control.receive(power(0, 1.0, 1.0, axes=1))
-    assert not control.receive(State(7, 0, (0.0,) * 2, (0.0,) * 2, 0.0, 0, Stamp(1)))
     short = Power(7, 0, (0.0,) * 2, (0.0,) * 2, (0.0,), (0.0,) * 2, (0.0,) * 2, 0.0, 0, Stamp(1))
     assert not control.receive(short)
     assert control.receive(power(0, 1.0, 1.0, axes=2))

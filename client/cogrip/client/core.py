@@ -9,26 +9,15 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, overload
 
+from cogrip.client import inputs
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import DevicePort
 from cogrip.client.energy_ledger import EnergyLedger
-from cogrip.client.inputs import (
-    ClientInput,
-    CloseLedger,
-    Connect,
-    DeviceFailed,
-    DeviceOpened,
-    ForceApplied,
-    KeepSeat,
-    Leave,
-    Poll,
-    Rearm,
-    Stop,
-)
+from cogrip.client.inputs import ClientInput, CloseLedger
 from cogrip.client.safety import Safety
 from cogrip.client.seated import MakePort, SeatedClient
 from cogrip.devices.device import Capability, Sample
-from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles
+from cogrip.protocol.accounts import ClientAccount, DelayAccount, Percentiles, TickCount
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import Hello, Stamp
 from cogrip.protocol.session import ClientSession
@@ -128,43 +117,25 @@ class ClientCore:
         """Return the force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
         return self._seat.act(now_ns)
 
-    def _connect(self, given: Connect) -> None:
-        self.session.call(self.now_ns)
-
-    def _poll(self, given: Poll) -> None:
-        self.session.poll(self.now_ns)
-
-    def _keep_seat(self, given: KeepSeat) -> None:
-        self.session.heartbeat(self.now_ns)
-
-    def _device_opened(self, given: DeviceOpened) -> None:
-        self._seat.equip(given.capability)
-
-    def _device_failed(self, given: DeviceFailed) -> None:
+    def _fail(self, reason: str) -> None:
         if self.seated is not None:
-            self.safety.fail(given.reason)
+            self.seated.safety.fail(reason)
 
-    def _force_applied(self, given: ForceApplied) -> None:
-        self._seat.applied(given.force_n)
-
-    def _stop(self, given: Stop) -> None:
+    def _stop(self) -> None:
         if self.seated is not None:
             self.seated.stop()
 
-    def _rearm(self, given: Rearm) -> None:
-        self._seat.rearm()
-
-    def _close_ledger(self, given: CloseLedger) -> ClientAccount:
+    def _close_ledger(self, ticks: TickCount) -> ClientAccount:
         rtt_ms = Percentiles.of(self.delays.rtt, 1e6)
-        self.account = self._seat.account(given.ticks, rtt_ms, self.delays.account(self.session))
+        self.account = self._seat.account(ticks, rtt_ms, self.delays.account(self.session))
         return self.account
 
-    def _leave(self, given: Leave) -> None:
+    def _leave(self, reason: str) -> None:
         """Raises ValueError before `CloseLedger`."""
         if self.account is None:
             raise ValueError("a client leaves before its ledger was closed")
         if self.session.state in ("seated", "resuming"):
-            self.session.leave(given.reason, self.account, self.now_ns)
+            self.session.leave(reason, self.account, self.now_ns)
         elif self.session.farewell is not None:
             self.session.answer_farewell(self.account)
 
@@ -235,15 +206,15 @@ class ClientCore:
 
 
 HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount | None]] = {
-    Connect: ClientCore._connect,
-    Poll: ClientCore._poll,
-    KeepSeat: ClientCore._keep_seat,
-    DeviceOpened: ClientCore._device_opened,
-    DeviceFailed: ClientCore._device_failed,
-    ForceApplied: ClientCore._force_applied,
-    Stop: ClientCore._stop,
-    Rearm: ClientCore._rearm,
-    CloseLedger: ClientCore._close_ledger,
-    Leave: ClientCore._leave,
+    inputs.Connect: lambda core, given: core.session.call(core.now_ns),
+    inputs.Poll: lambda core, given: core.session.poll(core.now_ns),
+    inputs.KeepSeat: lambda core, given: core.session.heartbeat(core.now_ns),
+    inputs.DeviceOpened: lambda core, given: core._seat.equip(given.capability),
+    inputs.DeviceFailed: lambda core, given: core._fail(given.reason),
+    inputs.ForceApplied: lambda core, given: core._seat.applied(given.force_n),
+    inputs.Stop: lambda core, given: core._stop(),
+    inputs.Rearm: lambda core, given: core._seat.rearm(),
+    inputs.CloseLedger: lambda core, given: core._close_ledger(given.ticks),
+    inputs.Leave: lambda core, given: core._leave(given.reason),
 }
 """What `handle` does with each input."""

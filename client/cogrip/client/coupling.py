@@ -120,9 +120,7 @@ class Coupling(ABC, Generic[M]):
         """Return the law's force on the hand [N]."""
 
     @abstractmethod
-    def message(
-        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> M:  # fmt: skip
+    def message(self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]) -> M:
         """Return what is sent of the frame that ended."""
 
     @abstractmethod

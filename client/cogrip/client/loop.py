@@ -71,9 +71,7 @@ class LiveClient:
     record_at: Callable[[SeatSettings], Path | None]
     seconds: float | None = None
     rearms: bool = False  # stay after a fault, without force, until the person re-arms; else a fault ends the session
-    judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: (
-        ""
-    )  # why the device must not be held so, or ""
+    judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: ""  # why not to hold the device so, or ""
     over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     _core: RecordedClient = field(init=False)

@@ -20,6 +20,7 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
+from cogrip.client.coupling import Row
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
@@ -214,8 +215,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         return wish
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
-        velocity_mps: Sequence[float],
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> Power:  # fmt: skip
         """Return the message of the frame that ended.
 

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf
 
+from cogrip.client.coupling import Row
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
@@ -115,8 +116,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return force
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
-        velocity_mps: Sequence[float],
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> State:  # fmt: skip
         return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.heard, stamp)
 

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from cogrip.client.coupling import Coupling
+from cogrip.client.coupling import Coupling, Row
 from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
@@ -223,8 +223,7 @@ class WaveCoupling(Coupling[Waves]):
         return self._given.value - (self._made_now_j - self._used_now_j)
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
-        velocity_mps: Sequence[float],
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> Waves:  # fmt: skip
         first, waves, total, squares = self._sender.contents()
         return Waves(
