@@ -14,9 +14,9 @@ from cogrip.client.device_port import (
     DOWN,
     FADE,
     LEAST,
-    MOST_RESTS,
+    MOST_RELEASES,
     PAYING,
-    REST_S,
+    RELEASED_S,
     UNPAID,
     DevicePort,
 )
@@ -163,7 +163,7 @@ def test_an_overdrawn_port_says_so_and_begins_anew() -> None:
     tried = port()
     tried.enter(-50.0, 0.0)
     found = [tried.watch([0.0] * 3, False, [0.0] * 3) for _ in range(DEVICE_HZ)]
-    assert found.index("energy") == round(REST_S * DEVICE_HZ)
+    assert found.index("energy") == round(RELEASED_S * DEVICE_HZ)
     assert tried.balance_j == 0.0
     assert tried.account().margin_j == pytest.approx(tried.reserve_j - 50.0), "the verdict does not forget it"
 
@@ -227,19 +227,19 @@ def test_a_shaken_hand_is_seen_however_little_is_rendered() -> None:
     assert _shake(port(), 30, force_n=0.2) == ""
 
 
-def test_oscillation_lets_go_and_is_a_fault_where_it_goes_on() -> None:
+def test_oscillation_lets_go_and_is_a_fault_where_it_persists() -> None:
     tried = port()
-    for _ in range(MOST_RESTS + 1):
-        assert not tried.goes_on
+    for _ in range(MOST_RELEASES + 1):
+        assert not tried.persists
         assert _shake(tried, 30) == "oscillation"
-        assert tried.resting
-        for _ in range(round(REST_S * DEVICE_HZ)):
+        assert tried.releasing
+        for _ in range(round(RELEASED_S * DEVICE_HZ)):
             tried.elapse()
-        assert not tried.resting
-    assert tried.goes_on
+        assert not tried.releasing
+    assert tried.persists
     assert tried.account().oscillates
     tried.rearm()
-    assert not tried.goes_on
+    assert not tried.persists
 
 
 kinds = st.sampled_from(["wave", "coupling", "tdpa"])

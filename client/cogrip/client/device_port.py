@@ -45,11 +45,11 @@ BELOW = 0.8  # fraction of the impedance at which a train began: the most that i
 UP_S = 2.0  # in which the impedance rises by a factor of e, up to that
 TRUST_S = 60.0  # in which that bound rises by a factor of e
 LEAST = 0.02  # fraction of the record's impedance
-REST_S = 0.5  # for which the force is released where it oscillates, or sits at its limit
-MOST_RESTS = 2  # releases; one more within GOES_ON_S is a fault
-GOES_ON_S = 10.0
+RELEASED_S = 0.5  # for which the force is released where it oscillates, or sits at its limit
+MOST_RELEASES = 2  # one more within PERSISTS_S is a fault
+PERSISTS_S = 10.0
 
-Trouble = Literal["", "oscillation", "limit", "energy"]
+Cause = Literal["", "oscillation", "limit", "energy"]
 
 
 class DevicePort:
@@ -68,7 +68,7 @@ class DevicePort:
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
         self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
-        self._rest_ticks, self._goes_on_ticks = round(REST_S / tick_s), round(GOES_ON_S / tick_s)
+        self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
         self.balance_j = self.least_j = 0.0
         self.later_j = -inf
         self._given_j = 0.0  # of the last call
@@ -81,10 +81,10 @@ class DevicePort:
         self._changed = False  # a controller here changed the force of this tick
         self._exhausted = 0  # ticks for which the balance has paid for no force
         self._tick = 0
-        self._turned = -self._rest_ticks - 1  # tick of the last turn of a train
+        self._turned = -self._released_ticks - 1  # tick of the last turn of a train
         self._releases = 0
-        self._rests: list[int] = []  # ticks of the releases of the last GOES_ON_S
-        self._rest_left = 0
+        self._released_at: list[int] = []  # ticks of the releases of the last PERSISTS_S
+        self._released_left = 0
         self._detector = OscillationDetector(capability.axes, tick_s)
         self.keep_to(capability)
 
@@ -176,7 +176,7 @@ class DevicePort:
         local_n: Sequence[float],
         limited: bool = False,
         reduced: bool = False,
-    ) -> Trouble:
+    ) -> Cause:
         """Enter the force of a tick and adapt the impedance. Returns why the force is to be released, "" to go on.
 
         force_n   to the motors until the next tick [N], shape (axes,)
@@ -196,7 +196,7 @@ class DevicePort:
         ):  # what the hand's motion would make, whatever is rendered of it: or it could shake on unseen
             local_n = [record / carried * local for local in local_n]
         if detector.add(force_n, clipped, local_n):
-            if self._tick - self._turned > self._rest_ticks:  # the first of its train
+            if self._tick - self._turned > self._released_ticks:  # the first of its train
                 self._most_nspm = max(LEAST * record, BELOW * carried)
             self._turned = self._tick
             self.carried_nspm = max(LEAST * record, DOWN * carried)
@@ -204,41 +204,43 @@ class DevicePort:
             self._most_nspm = min(record, self._trust * self._most_nspm)
             self.carried_nspm = min(self._most_nspm, self._up * carried)
         self._exhausted = self._exhausted + 1 if self.balance_j <= -self._faded_j else 0
-        exhausted = self._exhausted > self._rest_ticks
+        exhausted = self._exhausted > self._released_ticks
         if not (detector.oscillates or detector.at_limit or exhausted):
             return ""
-        found: Trouble = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
+        found: Cause = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
         if exhausted:
             self._begin_anew()
         self.oscillates = self.oscillates or detector.oscillates
         self._releases += 1
-        self._rest_left = self._rest_ticks
-        self._rests = [tick for tick in self._rests if self._tick - tick < self._goes_on_ticks] + [self._tick]
+        self._released_left = self._released_ticks
+        self._released_at = [tick for tick in self._released_at if self._tick - tick < self._persists_ticks] + [
+            self._tick
+        ]
         detector.forget()
         return found
 
     # Releases
 
     @property
-    def resting(self) -> bool:
+    def releasing(self) -> bool:
         """True while the force is released because it oscillated, or sat at its limit."""
-        return self._rest_left > 0
+        return self._released_left > 0
 
     @property
-    def goes_on(self) -> bool:
+    def persists(self) -> bool:
         """True where releases have not helped."""
-        return len(self._rests) > MOST_RESTS
+        return len(self._released_at) > MOST_RELEASES
 
     def elapse(self) -> None:
         """Enter a tick, with force or without."""
         self._tick += 1
-        if self._rest_left:
-            self._rest_left -= 1
+        if self._released_left:
+            self._released_left -= 1
 
     def rearm(self) -> None:
         """Begin anew after a fault. The impedance that was found stays."""
-        self._rests.clear()
-        self._rest_left = 0
+        self._released_at.clear()
+        self._released_left = 0
         self._detector.forget()
         self._begin_anew()
 
@@ -264,7 +266,7 @@ class DevicePort:
         )
 
 
-def cure(found: Trouble, seat: SeatSettings, record: Capability) -> str:
+def cure(found: Cause, seat: SeatSettings, record: Capability) -> str:
     """Return why the force was released, and what to do."""
     coupling = seat.coupling
     if found == "energy":
@@ -303,5 +305,5 @@ class BarePort(DevicePort):
         local_n: Sequence[float],
         limited: bool = False,
         reduced: bool = False,
-    ) -> Trouble:
+    ) -> Cause:
         return ""

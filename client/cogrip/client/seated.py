@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from math import dist, hypot
 
 from cogrip.client.coupling import AnyCoupling
-from cogrip.client.device_port import DevicePort, Trouble, cure
+from cogrip.client.device_port import Cause, DevicePort, cure
 from cogrip.client.energy_ledger import EnergyLedger
 from cogrip.client.felt_stiffness import FeltStiffness
 from cogrip.client.hand_motion import HandMotion
@@ -211,7 +211,7 @@ class SeatedClient:
         self._acted = self.tick
         if session.state == "resuming" or session.stale(now_ns):
             safety.event("stale", "nothing new from the server")
-        elif safety.state == "degraded" and not self.port.resting:
+        elif safety.state == "degraded" and not self.port.releasing:
             safety.event("fresh")
         force, before, peaks = self._render(), self.force_n, self.peaks
         self.force_n = force
@@ -247,11 +247,11 @@ class SeatedClient:
                 self._release(found)
         return force
 
-    def _release(self, found: Trouble) -> None:
+    def _release(self, found: Cause) -> None:
         """Degrade, or fault where that has not helped."""
         safety, reason = self.safety, cure(found, self.settings, self.capability)
         safety.note(f"released: {found}")
-        if self.port.goes_on:
+        if self.port.persists:
             safety.diverged = safety.diverged or reason
             safety.fail(f"{reason}, then re-arm")
         else:
