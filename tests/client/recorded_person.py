@@ -21,7 +21,7 @@ DEVICE_HZ, M = 1024, 8
 START_NS = 1_000_000_000  # of tick 0
 SESSION = 7
 TOKEN, TICKET = "t0ken-t0ken-t0ken-t0ke", "tick3t-tick3t-tick3t-t"
-Word = tuple[str, int, float]  # what, which of that kind, how large
+Word = tuple[str, int, float]  # kind, number within it, size
 
 
 def capability(axes: int, gives_velocity: bool) -> Capability:
@@ -46,7 +46,7 @@ class Person(RecordedEnd):
         super().__init__(RecordedClient(hello, capability(axes, gives_velocity)), client_topics("anna"))
         self.axes, self.gives_velocity = axes, gives_velocity
         self.tick, self.now_ns = -1, 0
-        self.heard = False
+        self.received = False
         self.session = SESSION
         self.line = LineSender(axes, 4)
         self.said: list[bytes] = [b""]
@@ -70,7 +70,7 @@ class Person(RecordedEnd):
         return next_frame(self.line, self.session, (value,) * self.axes, stamp, self.settings.coupling.kind)
 
     def word(self, kind: str, number: int, value: float) -> bytes:
-        """A datagram as it may arrive; `number` tells which of that kind."""
+        """Return a datagram as it may arrive. number: which one of that kind."""
         known = {
             **mangled(self.said, number),
             **well_formed(self.session, number, (value,) * self.axes, value),
@@ -88,9 +88,9 @@ class Person(RecordedEnd):
 
     def run_tick(self, gap: int, sample: Sample | None, words: Sequence[Word] = ()) -> None:
         core = self.core
-        if self.heard:  # what came since the last tick; a live loop calls the core before it ticks again
+        if self.received:  # since the last tick; a live loop calls the core before it ticks again
             core.handle(KeepSeat(), self.now_ns)
-        self.heard = False
+        self.received = False
         self.tick += gap
         now_ns = self.now_ns = due_ns(START_NS, self.tick, DEVICE_HZ) + gap * 1000  # late, as live ticks are
         core.sense(self.tick, sample, now_ns)
@@ -105,11 +105,11 @@ class Person(RecordedEnd):
         return Sample(tuple(position_m[: self.axes]), velocity)
 
     def swing_m(self, gap: int) -> float:
-        """Where a hand that swings is `gap` ticks on."""
+        """Return where a hand that swings is after `gap` ticks."""
         return 0.02 * math.sin(0.02 * (self.tick + gap))
 
     def run(self, ticks: int, answered: bool = True) -> None:
-        """A hand that swings, and a server that answers or has fallen silent."""
+        """Tick with a hand that swings, and a server that answers or has fallen silent."""
         for _ in range(ticks):
             phase = 0.02 * (self.tick + 1)
             place, speed = self.swing_m(1), 0.02 * 0.02 * DEVICE_HZ * math.cos(phase)
@@ -126,11 +126,11 @@ class Person(RecordedEnd):
         self.core.handle(Poll(), self.now_ns)
         for word in words:
             self.core.receive(self.word(*word), self.now_ns)
-            self.heard = True
+            self.received = True
 
 
 def scripted() -> Person:
-    """A session with every kind of message, every command, every state."""
+    """Return a session with every kind of message, input and state."""
     person = Person(2, gives_velocity=False)
     person.poll(0, [("garbage", 3, 0.0)])
     person.take_seat()
@@ -156,7 +156,7 @@ SCRIPT = scripted()
 
 
 def outages() -> Person:
-    """A session that comes back to its line, and then to a new one."""
+    """Return a session that resumes its line, and then begins a new one."""
     person = Person(1)
     person.poll(0)
     person.take_seat()

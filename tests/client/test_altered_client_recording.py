@@ -142,10 +142,12 @@ def test_another_input_is_found_by_what_comes_of_it(kind: str, instead: ClientIn
 
 def test_a_wave_that_was_heard_otherwise_is_found_where_it_is_played() -> None:
     at = SCRIPT.places("datagram_in")[4]
-    heard = messages.decode(msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data)
-    assert isinstance(heard, Waves)
-    wave = (*heard.waves[:-1], next_float(heard.waves[-1]))
-    found = SCRIPT.altered(at, encode(Datagram(messages.encode(msgspec.structs.replace(heard, waves=wave))))).difference
+    received = messages.decode(msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data)
+    assert isinstance(received, Waves)
+    wave = (*received.waves[:-1], next_float(received.waves[-1]))
+    found = SCRIPT.altered(
+        at, encode(Datagram(messages.encode(msgspec.structs.replace(received, waves=wave))))
+    ).difference
     assert found is not None
     assert (found.time_ns, found.topic, found.field) == (SCRIPT.noted[at][1], "/anna/tick", "wave_down[1]")
     assert float(found.replayed) == next_float(float(found.recorded))

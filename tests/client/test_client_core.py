@@ -1,4 +1,4 @@
-"""One person's client without I/O: exact books, no drift, skipped ticks, a stale link."""
+"""The client core: exact energy ledger, no drift, skipped ticks, a stale link."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, wal
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_work_is_the_sum_of_force_times_displacement(seed: int, axes: int) -> None:
-    """Whatever the velocity estimate says, and whatever safety takes of the force."""
+    """The sum is exact for any velocity estimate and any limit of the force."""
     client, random = Client(axes), np.random.default_rng(seed)
     path, work, before = walk(seed, 400, axes), 0.0, None
     force: tuple[float, ...] = (0.0,) * axes
@@ -90,8 +90,8 @@ def test_the_velocity_encoder_drifts_with_its_reading() -> None:
 
 
 @given(st.lists(st.integers(1, 40), min_size=5, max_size=60), st.integers(0, 2**32 - 1))
-def test_skipped_ticks_are_booked_and_frames_numbered_on(gaps: list[int], seed: int) -> None:
-    """However the loop stumbles: every border has its frame, and the frames hold the whole displacement."""
+def test_skipped_ticks_are_entered_and_frames_numbered_on(gaps: list[int], seed: int) -> None:
+    """Every border has its frame, and the frames hold the whole displacement, for any gaps of the loop."""
     client, random = Client(), np.random.default_rng(seed)
     number, x, work = 0, 0.02, 0.0
     (force,) = client.tick(0, x)
@@ -134,8 +134,8 @@ def test_frames_inside_a_gap_play_their_own_waves() -> None:
     assert client.frames() == [pytest.approx((-wave,)) for wave in (0.0, 0.1, 0.2, 0.3)], "a hand at rest reflects"
 
 
-def test_displacement_over_missing_samples_is_reckoned_and_then_put_right() -> None:
-    """For a few ticks the hand goes on as it did; whatever was assumed, the sum of what was sent is the true displacement."""
+def test_displacement_over_missing_samples_is_reckoned_and_then_corrected() -> None:
+    """The hand goes on as it did for a few ticks; the sum of what was sent is the true displacement all the same."""
     client = Client()
     for number in range(20):
         client.tick(number, 0.001 * number, velocity=[1.0])
@@ -183,10 +183,10 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
         last_ns = due_ns(0, 504, DEVICE_HZ)
         if number in silent:
             assert (client.core.safety.state == "degraded") is (now_ns - last_ns > STALE_NS)
-    assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is paid back of the first frame"
+    assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is compensated of the first frame"
     assert force[silent[-1]] == 0.0
     assert client.core.safety.state == "live"
-    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + FASTEST), "what was lost is still being paid back"
+    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + FASTEST), "what was lost is still being compensated"
     assert client.core.safety.reason == ""
     assert max(abs(np.diff(force[768:]))) < ROOT * 0.3 / (0.3 * DEVICE_HZ / M), "it ramps in, it does not jump"
 
@@ -230,8 +230,8 @@ def test_a_message_that_does_not_fit_the_seat_is_counted(kind: str, message: mes
 
 
 @pytest.mark.parametrize("network_hz", [32, 128, 1024])
-def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> None:
-    """For as long at every rate."""
+def test_felt_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> None:
+    """The time is the same at every rate."""
     frame_s = 1.0 / network_hz
     samples = round(REST_S * network_hz)
     rest = FeltStiffness(0.0, frame_s)
@@ -253,7 +253,7 @@ def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
 
 
 @pytest.mark.parametrize("device", ["sim:ideal", "sim:phantom"])
-def test_books_of_a_whole_session(device: str) -> None:
+def test_ledger_of_a_whole_session(device: str) -> None:
     """Work from the trace of forces and positions, port energy from the waves, the rest is the leak."""
     settings = resolve({"seconds": 2.0, "users": [{"name": "a", "device": device}, {"name": "b", "device": device}]})
     lab = Laboratory(settings)

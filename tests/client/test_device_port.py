@@ -71,13 +71,13 @@ def test_no_more_leaves_through_the_motors_than_came_in_whatever_the_law_and_the
     work = given_j = own = 0.0
     force: tuple[float, ...] = (0.0,) * 3
     x = start = (0.0,) * 3
-    for number, (wish, way, brought, share) in enumerate(ticks, 1):
+    for number, (wish, motion, brought, share) in enumerate(ticks, 1):
         law = tried.limit([8.0 * part / max(1.0, hypot(*wish)) for part in wish])
         change = [new - old for new, old in zip(law, force, strict=True)]
         share = min(1.0, slope_n / max(slope_n, hypot(*change)))
         force = tuple([old + share * part for old, part in zip(force, change, strict=True)])
-        length = max(1.0, hypot(*way))
-        step = [STEP_M * part / length for part in way]
+        length = max(1.0, hypot(*motion))
+        step = [STEP_M * part / length for part in motion]
         work += sum(f * d for f, d in zip(force, step, strict=True))
         own += hypot(*step) * (damping * hypot(*step) / T_C + friction)
         x = tuple(at + d for at, d in zip(x, step, strict=True))
@@ -247,18 +247,18 @@ kinds = st.sampled_from(["wave", "coupling", "tdpa"])
 
 @given(kinds, st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9), st.floats(0.0, 30.0))
 def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, speed: float, wave: float) -> None:
-    """Whatever the server sends and however the hand moves, with velocities that are not even the hand's."""
+    """The port is passive for any waves, any motion, and velocities that are not the hand's."""
     client, random = (
         Client(axes, speed_mps=2.0, bare=False, kind=kind, impedance_nspm=60.0),
         np.random.default_rng(seed),
     )
-    place, way = np.zeros(axes), np.zeros(axes)
+    place, motion = np.zeros(axes), np.zeros(axes)
     core = client.core
     for number in range(700):
         if random.random() < 0.05:
-            way = random.uniform(-1.0, 1.0, axes)
-            way *= speed / max(1.0, float(np.linalg.norm(way)))
-        place = np.clip(place + way * T_C, -0.9, 0.9)
+            motion = random.uniform(-1.0, 1.0, axes)
+            motion *= speed / max(1.0, float(np.linalg.norm(motion)))
+        place = np.clip(place + motion * T_C, -0.9, 0.9)
         if kind == "wave" and number % M == 0 and number:
             client.hear(due_ns(0, number, DEVICE_HZ), *random.uniform(-wave, wave, axes).tolist())
         client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())

@@ -1,4 +1,4 @@
-"""Whatever a server or a device says, no force above the device's limit reaches the hand, and none that is not finite."""
+"""Hostile servers and devices: no force above the device's limit reaches the hand, and none that is not finite."""
 
 import math
 from random import Random

@@ -36,7 +36,7 @@ class Hostile:
         self.core.handle(Connect(), 0)
 
     def welcome(self, device_hz: int, network_hz: int) -> None:
-        """With rates that no settings of ours may have led to."""
+        """Receive a seat assignment with rates that no valid settings have."""
         seat = structs.replace(seat_settings(self.settings, 0), rates=Rates(device_hz, network_hz))
         answer = Welcome(PROTOCOL_VERSION, 1, SESSION, digest(self.settings), "x", seat, "")
         self.core.receive(messages.encode(answer), 0)

@@ -43,7 +43,7 @@ class VirtualTime:
 
 
 class Moving:
-    """A hand that moves on evenly: a damper's force. Breaks as it is told, and notes what it was given."""
+    """A hand that moves on evenly: a damper's force. Breaks as it is written, and notes what it was given."""
 
     def __init__(self, read: Callable[[int], None] = lambda tick: None, axes: int = 1) -> None:
         self.capability = capability(axes)
@@ -81,7 +81,7 @@ class Moving:
 
 
 class Server:
-    """Gives a seat, and hears the goodbye. Breaks the loop as it is told."""
+    """Gives a seat, and receives the goodbye. Breaks the loop as it is written."""
 
     def __init__(self, poll: Callable[[], None] = lambda: None, **link: object) -> None:
         self.breaks = poll
@@ -225,7 +225,7 @@ def test_a_driver_that_raises_as_it_is_opened_or_closed(clock: VirtualTime) -> N
 
 @pytest.mark.parametrize(("took_s", "most_s"), [(0.03, 0.05), (0.005, 0.05), (0.0015, 0.1)])
 def test_a_device_whose_reads_block_the_loop_is_released(clock: VirtualTime, took_s: float, most_s: float) -> None:
-    """From the first read that blocks to zero force, in the time of the loop. 494 ms for reads of 30 ms before."""
+    """The time runs from the first read that blocks to zero force."""
     began: list[int] = []
 
     def blocks(tick: int) -> None:
@@ -239,10 +239,10 @@ def test_a_device_whose_reads_block_the_loop_is_released(clock: VirtualTime, too
     assert isinstance(ended, Ended)
     assert ended.failed.startswith(f"device: test: its read took {took_s * 1e3:.1f} ms, and a tick has 0.98 ms")
     assert ended.counts["slow read"] >= 1
-    told = [(at, force) for at, force in zip(device.times, device.forces, strict=True) if at >= began[0]]
-    assert max(force for _, force in told) > 0.3
-    assert next(at for at, force in told if force == 0.0) - began[0] <= most_s * 1e9
-    steps = [abs(new - old) for (_, old), (_, new) in pairwise(told)]
+    written = [(at, force) for at, force in zip(device.times, device.forces, strict=True) if at >= began[0]]
+    assert max(force for _, force in written) > 0.3
+    assert next(at for at, force in written if force == 0.0) - began[0] <= most_s * 1e9
+    steps = [abs(new - old) for (_, old), (_, new) in pairwise(written)]
     assert max(steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
 
 

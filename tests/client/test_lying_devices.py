@@ -186,7 +186,7 @@ def test_a_position_that_freezes_while_there_is_a_velocity(speed_mps: Callable[[
     ids=["nan", "-50 F", "+3 N", "two axes"],
 )  # fmt: skip
 def test_a_report_of_a_force_that_nobody_asked_for(report: Report) -> None:
-    """The books hold what was asked, and it ends."""
+    """The ledger holds what was asked, and the force ends."""
     laboratory, anna, device = session("wave", "sim:phantom", lambda address: Liar(address, None, report))
     held: list[float] = []
     laboratory.run(lambda lab: held.append(anna.core.force_n[0]))

@@ -1,4 +1,4 @@
-"""Samples that are old when they are read: each is booked with the force and the wave it was made against."""
+"""Samples that are old when they are read: each is entered with the force and the wave it was made against."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -55,14 +55,14 @@ class OldHand:
         self.mean += [(self.place[-1 - L] - self.place[-1 - L - gap]) / gap] * gap if gap else []
 
     def leak(self, since: int = 0) -> float:
-        """sum (F - b y + sqrt(2b) v) y T_c of the ticks booked after tick `since`, each with the force and wave of its time."""
+        """sum (F - b y + sqrt(2b) v) y T_c of ticks after tick `since`, each with force and wave of its time."""
         rows = zip(self.mean, self.force, self.wave, strict=False)
         return sum((force - 20.0 * step / T_C + ROOT * wave) * step for step, force, wave in list(rows)[since:])
 
 
 @given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
-def test_displacement_force_and_wave_of_one_tick_are_booked_together(latency: int, gaps: list[int], seed: int) -> None:
-    """Of any age, with ticks skipped and forces limited: leak = sum (F - b y + sqrt(2b) v) y T_c, force and wave of then."""
+def test_displacement_force_and_wave_of_one_tick_are_entered_together(latency: int, gaps: list[int], seed: int) -> None:
+    """At any age, with ticks skipped and forces limited, leak = sum (F - b y + sqrt(2b) v) y T_c, force and wave of then."""
     hand = OldHand(latency, seed)
     for gap in [M, *gaps]:
         hand.run(gap)
@@ -93,10 +93,10 @@ def test_with_the_force_let_through_only_the_dampers_error_leaks(latency: int, s
 
 
 @given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
-def test_virtual_coupling_books_a_displacement_with_the_force_it_was_made_against(
+def test_virtual_coupling_enters_a_displacement_with_the_force_it_was_made_against(
     latency: int, gaps: list[int], seed: int
 ) -> None:
-    """Once the force is let through, nothing leaks."""
+    """Nothing leaks once the force is let through."""
     client, random = Client(latency=latency, kind="coupling"), np.random.default_rng(seed)
     places, now, before = [0.0] * (latency + 1), 0, 0.0
     for gap in [1] * 400 + gaps:
@@ -185,6 +185,3 @@ def test_the_record_says_what_the_core_estimates_with() -> None:
     assert list(client.core.velocity_mps) == expected
     assert memory_for(light, T_C) == 0.5
     assert len(client.waves._late) == 1
-
-
-# Stiffness felt at rest ----------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The client's end of time-domain passivity control: exact books, and how far the controller keeps to them."""
+"""The client's end of time-domain passivity control: an exact energy ledger, and a controller that keeps to it."""
 
 import itertools
 import math
@@ -48,10 +48,10 @@ def run_tick(control: PassivityControl, guess: float, speed: float) -> float:
 
 speeds = st.floats(-1.0, 1.0)
 ticks = st.lists(st.tuples(speeds, speeds), min_size=1, max_size=40)
-heard = st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(0.0, 0.01), ticks), min_size=1, max_size=6)
+energies = st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(0.0, 0.01), ticks), min_size=1, max_size=6)
 
 
-@given(heard)
+@given(energies)
 def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[Any]) -> None:
     """The bound of docs/decisions/0011-methods.md: in a tick W falls to -E(0), and below it by no more than
     |F| (|dx| - ASTRAY T) of the force that may be given, and what the damper took that pays debts.
@@ -94,7 +94,7 @@ def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[A
     )
 )
 def test_a_hand_slower_than_the_guess_may_be_wrong_never_takes_more_than_is_there(frames: list[Any]) -> None:
-    """Whatever its velocity is taken for: W >= -E(0). The damper that pays debts is put where the hand goes."""
+    """W >= -E(0) for any guess of its velocity. The damper that pays a deficit acts where the hand goes."""
     control, said = control_of(), 0.0
     for number, (wanted, more, moves) in enumerate(frames):
         said += more
@@ -148,14 +148,14 @@ def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take() -> No
 def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reserve_is_full() -> None:
     control = control_of()
     control._left = [CompensatedSum(-1e-3)]
-    books = (
+    cases = (
         (5e-4, 0.0, -5e-4), (1.5e-3, 5e-4, 5e-4), (1e-3, 1e-3, 1e-3), (5e-3, 3.5e-3, 3.5e-3), (1e-3, 4e-3, 4e-3),
         (1e-3, 5e-3, 4e-3),
     )  # fmt: skip
-    for push, told, left in books:
+    for push, entered, left in cases:
         control.applied_n = (1.0,)
         control.elapse((push / T_C,), (0.0,))
-        assert control._in[0].value == pytest.approx(told, abs=1e-12), push
+        assert control._in[0].value == pytest.approx(entered, abs=1e-12), push
         assert control.left_j[0] == pytest.approx(left, abs=1e-12), push
     assert control.left_j[0] == pytest.approx(RESERVE_J)
 

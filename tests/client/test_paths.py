@@ -129,9 +129,9 @@ def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(far: Far, make: 
     paths.poll(0, resuming=True)
     paths.send(b"hello", hello=True)
     paths.send(b"more waves")
-    heard = dict(reversed(far.hear()) for _ in range(2))
-    [new] = [address for address in heard if address != old]
-    assert heard == {old: b"more waves", new: b"hello"}
+    received = dict(reversed(far.hear()) for _ in range(2))
+    [new] = [address for address in received if address != old]
+    assert received == {old: b"more waves", new: b"hello"}
     far.say(b"old words", old)
     assert arrived(paths, answers=lambda message: message == b"welcome") == [b"old words"], "both are received from"
     far.say(b"welcome", new)

@@ -29,7 +29,7 @@ THREE = st.tuples(NUMBERS, NUMBERS, NUMBERS)
 
 
 def words(*kinds: str, most: int = 3) -> st.SearchStrategy[list[Word]]:
-    """For `Person.word`."""
+    """Draw words for `Person.word`."""
     return st.lists(st.tuples(st.sampled_from(kinds), st.integers(0, 300), st.floats(-1.0, 1.0)), max_size=most)
 
 
@@ -154,13 +154,13 @@ def test_silences_play_again_exactly_and_no_secret_is_noted() -> None:
     for secret in (TOKEN.encode(), TICKET.encode()):
         assert any(secret in datagram for datagram in said)
         assert not any(secret in each for each in noted)
-    heard = [messages.decode(datagram) for datagram in datagrams]
-    hellos = [message for message in heard if isinstance(message, Hello)]
+    received = [messages.decode(datagram) for datagram in datagrams]
+    hellos = [message for message in received if isinstance(message, Hello)]
     assert {(hello.token, hello.ticket) for hello in hellos} == {("", ""), ("", "-")}
-    assert {len(each) for each, message in zip(datagrams, heard, strict=True) if isinstance(message, Hello)} == {
+    assert {len(each) for each, message in zip(datagrams, received, strict=True) if isinstance(message, Hello)} == {
         messages.HELLO_BYTES
     }
-    assert [message.ticket for message in heard if isinstance(message, Welcome)] == ["-"] * 3
+    assert [message.ticket for message in received if isinstance(message, Welcome)] == ["-"] * 3
 
 
 @given(st.integers(1, 3), st.floats(1e-9, 1e6), st.booleans())

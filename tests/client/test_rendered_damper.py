@@ -1,4 +1,4 @@
-"""What a seat asks a device to render, and what the device carries: nothing is driven beyond it, whatever a server sends."""
+"""The damper of a seat and what its device carries: nothing is driven beyond that, whatever a server sends."""
 
 from dataclasses import replace
 
@@ -90,7 +90,7 @@ def test_a_device_is_not_even_opened_with_more_than_it_carries() -> None:
 
 
 def test_a_device_that_turns_out_weaker_is_closed_again() -> None:
-    """At first, and when it is opened anew after a fault."""
+    """The record is judged at first, and when the device is opened anew after a fault."""
     whole = phantom()
     device = Grown(whole.capability, whole.plant, whole.hand)
     device.record = replace(whole.capability, damping_nspm=8.0)

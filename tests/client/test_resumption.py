@@ -1,4 +1,4 @@
-"""A client whose server fell silent and came back: on the same line, or on a new one; the books go on, the force ramps in."""
+"""Resumption after a silence of the server: on the same line, or on a new one; the ledger goes on, the force ramps in."""
 
 import math
 
@@ -189,7 +189,7 @@ def test_what_is_sent_in_the_old_session_meanwhile_is_not_for_the_new_line() -> 
 # Taking leave ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_hand_that_stops_lets_the_object_go_slowly_and_then_leaves() -> None:
+def test_a_hand_that_stops_releases_the_object_slowly_and_then_leaves() -> None:
     client = Client()
     run(client, range(400), -0.3)
     client.core.handle(Stop(), client.core.now_ns)
@@ -205,7 +205,7 @@ def test_a_hand_that_stops_lets_the_object_go_slowly_and_then_leaves() -> None:
     assert ticks == pytest.approx(RELEASE_S * DEVICE_HZ + loop * M, abs=M + 1)
     waves = [wave for (wave,) in client.frames()]
     assert waves[0] == pytest.approx(0.3, rel=0.02), "a hand at rest reflects"
-    assert waves[-1] == pytest.approx(-0.15, rel=0.1), "an end that has let go half gives way"
+    assert waves[-1] == pytest.approx(-0.15, rel=0.1), "a released end yields by half"
     assert max(abs(np.diff(waves))) < 0.45 / (RELEASE_S / T_N) * 1.1
     assert client.core.force_n == (0.0,)
 

@@ -62,7 +62,7 @@ def test_no_wish_warms_a_winding_beyond_its_continuous_force(
 
 
 def test_the_law_keeps_its_margin_and_no_more() -> None:
-    """Where the limit acts on a force, 1 - h shrinks with the time constant FADE_S."""
+    """1 - h shrinks with the time constant FADE_S where the limit acts on a force."""
     thermal = ThermalLimit(T_C, *PHANTOM)
     while thermal.limit_n == 8.5:
         thermal.enter(8.5**2)
@@ -113,7 +113,7 @@ def test_it_is_said_before_it_acts() -> None:
         acted_at = tick if safety.derated and acted_at is None else acted_at
     assert said_at is not None
     assert acted_at is not None
-    assert acted_at - said_at > 0.5 * 1024, "time enough to let go"
+    assert acted_at - said_at > 0.5 * 1024, "time enough to release it"
     assert "1.4 N" in safety.warning
     assert safety.counts["near thermal limit"] == 1
     for _ in range(80 * 1024):

@@ -55,7 +55,7 @@ class Stop(Input, frozen=True, gc=False):
 
 
 class Rearm(Input, frozen=True, gc=False):
-    """Leave a latched fault. The caller has seen to its cause."""
+    """Leave a latched fault. The caller has removed its cause."""
 
 
 class CloseLedger(Input, frozen=True, gc=False):

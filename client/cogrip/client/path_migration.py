@@ -1,4 +1,4 @@
-"""When to open another path to a server that has fallen silent, and which path to use. A driver knows what a path is.
+"""Path migration: when to open another path to a server that has fallen silent, and which path to use.
 
 seated          one path
 resuming        another path is opened at once, and again: after AGAIN_NS while nothing answers, after REFUSED_NS where nobody

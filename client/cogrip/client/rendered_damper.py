@@ -51,10 +51,10 @@ def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -
     damper, tick_s = damper_of(seat.coupling), seat.rates.tick_s
     carried = largest_impedance(record, tick_s)
     most, symbol = carried.impedance_nspm, damper.symbol
-    share = damper.value_nspm * tick_s / record.apparent_mass_kg
+    fraction = damper.value_nspm * tick_s / record.apparent_mass_kg
     return (
         f"{seat.user}: {symbol} = {damper.value_nspm:g} N s/m is more than device {record.family}:{record.model} carries: "
-        f"{symbol} T_c / m = {share:.2f}; at {most:.3g} N s/m, its {carried.bound} bound, {bound_words(carried, record)}; "
+        f"{symbol} T_c / m = {fraction:.2f}; at {most:.3g} N s/m, its {carried.bound} bound, {bound_words(carried, record)}; "
         f"set {section}.{damper.key} to {rounded_down(most):g} or less"
     )
 

@@ -260,8 +260,8 @@ class Safety:
         if change <= most_n:
             return wanted
         self.note(name)
-        share = most_n / change
-        return tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
+        fraction = most_n / change
+        return tuple([old + fraction * part for old, part in zip(self._out, step, strict=True)])
 
     def _clipped(self, gain: float) -> None:
         self.note("force clipped")

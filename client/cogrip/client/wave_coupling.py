@@ -188,13 +188,13 @@ class WaveCoupling(Coupling[Waves]):
         self._line_gain = receiver.share
         self.down_reserve.elapse()
         if receiver.mark is not None:
-            made_j, _, heard = receiver.mark
+            made_j, _, acknowledged = receiver.mark
             margin = made_j - receiver.played_j + self._rounding * made_j
             self.down_reserve.see(margin)
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
-            if heard:
-                self._loops.add(self._frame - heard)
+            if acknowledged:
+                self._loops.add(self._frame - acknowledged)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
         """Return F = b xdot - sqrt(2b) v (P eq. 16), with the velocity estimated now."""
