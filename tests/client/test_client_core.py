@@ -130,7 +130,7 @@ def test_frames_inside_a_gap_play_their_own_waves() -> None:
     assert client.waves.returning == (0.4,)
     assert client.waves.count().applied == 4
     energy = sum(wave**2 for wave in (0.1, 0.2, 0.3)) * T_N / 2
-    assert client.waves.used_j == pytest.approx(energy, rel=1e-12)
+    assert client.waves.energy.used_j == pytest.approx(energy, rel=1e-12)
     assert client.frames() == [pytest.approx((-wave,)) for wave in (0.0, 0.1, 0.2, 0.3)], "a hand at rest reflects"
 
 

@@ -71,10 +71,12 @@ def test_displacement_force_and_wave_of_one_tick_are_entered_together(latency: i
     core, waves = hand.client.core, hand.client.waves
     work = sum(force * step for step, force in zip(hand.mean, hand.force, strict=False))
     assert core.ledger.work_j == pytest.approx(work, rel=1e-9, abs=1e-14)
-    assert core.ledger.work_j - (waves.made_j - waves.used_j) == pytest.approx(core.ledger.leak_j, rel=1e-9, abs=1e-13)
+    assert core.ledger.work_j - (waves.energy.made_j - waves.energy.used_j) == pytest.approx(
+        core.ledger.leak_j, rel=1e-9, abs=1e-13
+    )
     assert core.ledger.leak_j == pytest.approx(hand.leak(), rel=1e-9, abs=1e-13)
     used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0  # from `latency` ticks before the first one on
-    assert waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15), "each wave for all its ticks, and no other"
+    assert waves.energy.used_j == pytest.approx(used, rel=1e-9, abs=1e-15), "each wave for all its ticks, and no other"
 
 
 @given(LATENCIES, st.integers(0, 2**32 - 1))
@@ -122,7 +124,7 @@ def test_a_fault_absorbs_each_wave_for_its_own_ticks_too(latency: int, well: int
             hand.client.core.handle(Rearm(), hand.client.core.now_ns)
         hand.run(1)
         used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0
-        assert hand.client.waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15)
+        assert hand.client.waves.energy.used_j == pytest.approx(used, rel=1e-9, abs=1e-15)
 
 
 @given(LATENCIES, st.lists(st.integers(1, 12), min_size=10, max_size=60), st.integers(0, 2**32 - 1))
@@ -166,7 +168,9 @@ def test_a_loop_that_was_late_makes_no_jump_of_a_hand_that_went_on(gaps: list[in
     assert client.total() == pytest.approx(ROOT * 1e-4 * (now - 1), rel=1e-9), (
         "the first tick shows what was before the hand"
     )
-    assert client.waves.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), "the least that it may be"
+    assert client.waves.energy.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), (
+        "the least that it may be"
+    )
     assert client.core.ledger.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
 
 

@@ -212,7 +212,7 @@ class Ends:
             speed = (wave[tick % len(wave)] / ROOT,)
             self.client.elapse(speed, speed)
         self.client.end_frame()
-        mark = (self.client.made_j, self.client.port_j, 0)
+        mark = (self.client.energy.made_j, self.client.port_j, 0)
         assert self.port._receiver.receive(*self.client._sender.contents(), mark)
         self.port.take(1)
 
@@ -222,12 +222,15 @@ def test_a_force_that_is_held_for_hours_is_no_energy_made() -> None:
     ends = Ends()
     for _ in range(26):
         ends.frame(4483.7)
-    assert ends.client.made_j > 1e6
+    assert ends.client.energy.made_j > 1e6
     for _ in range(20_000):
         ends.frame(HELD_N / ROOT)
     assert ends.port.up_margin_j == 0.0
     first, held = Fraction(4483.7 / ROOT * ROOT), Fraction(HELD_N / ROOT / ROOT * ROOT)
-    for frames, energy in ((20_000, ends.client.made_j), (19_999, ends.port._receiver.played_j)):  # one is under way
+    for frames, energy in (
+        (20_000, ends.client.energy.made_j),
+        (19_999, ends.port._receiver.played_j),
+    ):  # one is under way
         true = (26 * first**2 + frames * held**2) * Fraction(FRAME_S / 2)
         assert abs(Fraction(energy) - true) <= Fraction(rounding_share(M)) * true
 
@@ -238,7 +241,7 @@ def test_energy_that_was_made_is_seen_to_a_nanojoule() -> None:
     for _ in range(128):
         ends.frame(2.0**0.5)
     assert ends.port.up_margin_j == 0.0
-    ends.client._made_j.add(-1e-9)
+    ends.client.energy._made.add(-1e-9)
     ends.frame(2.0**0.5)
     ends.frame(2.0**0.5)
     assert ends.port.up_margin_j == pytest.approx(-1e-9, abs=1e-13)

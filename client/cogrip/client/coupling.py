@@ -12,11 +12,41 @@ from typing import Any, Generic, TypeVar
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
 M = TypeVar("M", Waves, State, Power)
 Row = tuple[float, ...]
+
+
+class PortEnergy:
+    """Energy through a port so far [J]: `made_j` into the line, `used_j` out of it, `..._now_j` in this frame."""
+
+    __slots__ = ("_made", "_used", "made_now_j", "used_now_j")
+
+    def __init__(self) -> None:
+        self._made, self._used = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
+        self.made_now_j = self.used_now_j = 0.0
+
+    def end_frame(self) -> None:
+        """Add the frame that ends."""
+        self._made.add(self.made_now_j)
+        self._used.add(self.used_now_j)
+        self.made_now_j = self.used_now_j = 0.0
+
+    @property
+    def made_j(self) -> float:
+        return self._made.value + self.made_now_j
+
+    @property
+    def used_j(self) -> float:
+        return self._used.value + self.used_now_j
+
+    @property
+    def port_j(self) -> float:
+        """Energy that stayed in the line."""
+        return (self._made.value - self._used.value) + (self.made_now_j - self.used_now_j)
 
 
 class Coupling(ABC, Generic[M]):

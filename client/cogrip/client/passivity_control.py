@@ -20,7 +20,7 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling import Row
+from cogrip.client.coupling import PortEnergy, Row
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_share
@@ -64,26 +64,15 @@ class PassivityControl(LatestStateCoupling[Power]):
         self._speed: tuple[float, ...] = (0.0,) * axes  # mean of the last frame
         self._frame = 0
         self._loop: float | None = None
-        self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
-        self._made_now_j = self._used_now_j = 0.0  # since
+        self.energy = PortEnergy()
         self._rounding = rounding_share(rates.ticks_per_frame)
         self._slack_j = 0.0  # what rounding alone can put W out by
         self.down_reserve = EnergyReserve(rates.network_hz)  # W, the least of all axes
         self.controlled = 0  # ticks and axes in which the controller held the force
 
     @property
-    def made_j(self) -> float:
-        """Energy that the hand has put in."""
-        return self._made_j.value + self._made_now_j
-
-    @property
-    def used_j(self) -> float:
-        """Energy that the hand has taken out."""
-        return self._used_j.value + self._used_now_j
-
-    @property
     def port_j(self) -> float:
-        return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
+        return self.energy.port_j
 
     @property
     def left_j(self) -> tuple[float, ...]:
@@ -113,7 +102,7 @@ class PassivityControl(LatestStateCoupling[Power]):
 
     def _put_in(self, axis: int, energy_j: float) -> None:
         """Enter energy from the hand. A part is kept until the reserve is full; a deficit is paid first."""
-        self._made_now_j += energy_j
+        self.energy.made_now_j += energy_j
         left = self._left[axis].value
         reserve = self._reserve[axis]
         if left < reserve:
@@ -125,7 +114,7 @@ class PassivityControl(LatestStateCoupling[Power]):
 
     def _take_out(self, axis: int, energy_j: float) -> None:
         """Enter energy to the hand."""
-        self._used_now_j += energy_j
+        self.energy.used_now_j += energy_j
         self._left[axis].add(-energy_j)
         left = self._left[axis].value
         margin = left + self._slack_j
@@ -135,9 +124,7 @@ class PassivityControl(LatestStateCoupling[Power]):
             self.down_reserve.least_j = margin
 
     def end_frame(self, spare_j: float = inf) -> None:
-        self._made_j.add(self._made_now_j)
-        self._used_j.add(self._used_now_j)
-        self._made_now_j = self._used_now_j = 0.0
+        self.energy.end_frame()
         self._number += 1
         rate = 1.0 / self._frame_s
         self._speed = tuple([(now - then) * rate for now, then in zip(self._moved, self._border, strict=True)])
@@ -159,7 +146,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         for axis, (now, then) in enumerate(zip(newest.entered_j, self._received, strict=True)):
             self._left[axis].add(now - then)
         self._wanted, self._received, self._taken = newest.force_n, newest.entered_j, newest.taken_j
-        self._slack_j = self._rounding * (self.used_j + sum(newest.entered_j))
+        self._slack_j = self._rounding * (self.energy.used_j + sum(newest.entered_j))
         self._reserve = [max(RESERVE_J, abs(force) * self._astray_m) for force in newest.force_n]
         self.object_state = newest.position_m + newest.velocity_mps
         if newest.heard:

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from cogrip.client.coupling import Coupling, Row
+from cogrip.client.coupling import Coupling, PortEnergy, Row
 from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
@@ -68,24 +68,13 @@ class WaveCoupling(Coupling[Waves]):
         self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
-        self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
-        self._made_now_j = self._used_now_j = 0.0  # since
+        self.energy = PortEnergy()
         self._rounding = rounding_share(rates.ticks_per_frame)
         self.down_reserve = EnergyReserve(rates.network_hz)
 
     @property
-    def made_j(self) -> float:
-        """Energy of the forward waves of all ticks."""
-        return self._made_j.value + self._made_now_j
-
-    @property
-    def used_j(self) -> float:
-        """Energy of the returning waves of all ticks."""
-        return self._used_j.value + self._used_now_j
-
-    @property
     def port_j(self) -> float:
-        return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
+        return self.energy.port_j
 
     def fit(self, record: Capability, lag_s: float) -> None:
         """Go by this device. Waves are plausible up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
@@ -135,8 +124,8 @@ class WaveCoupling(Coupling[Waves]):
             used += v * v
         self._decimator.push(forward)
         self.forward = forward
-        self._made_now_j += made * self._half_tick_s
-        self._used_now_j += used * self._half_tick_s
+        self.energy.made_now_j += made * self._half_tick_s
+        self.energy.used_now_j += used * self._half_tick_s
 
     def elapse_absent(self) -> None:
         """Enter a tick without a hand: send 0, absorb what comes (a matched termination)."""
@@ -144,7 +133,7 @@ class WaveCoupling(Coupling[Waves]):
         self._series.reset()
         self._decimator.push(self.forward)
         for v in self._entered()[0]:
-            self._used_now_j += v * v * self._half_tick_s
+            self.energy.used_now_j += v * v * self._half_tick_s
 
     def end_frame(self, spare_j: float = inf) -> None:
         """Send the wave of the frame that ends, of at most `spare_j` more energy than the frame brought.
@@ -165,13 +154,11 @@ class WaveCoupling(Coupling[Waves]):
             going *= scale * scale
         if sent is not mean:
             self._withheld = [h + u - out for h, u, out in zip(held, mean, sent, strict=True)]
-            self._made_now_j = max(self._made_now_j, going)
+            self.energy.made_now_j = max(self.energy.made_now_j, going)
         self._given.add(brought - going)
         self.sent = sent
         self._sender.push(sent)
-        self._made_j.add(self._made_now_j)
-        self._used_j.add(self._used_now_j)
-        self._made_now_j = self._used_now_j = 0.0
+        self.energy.end_frame()
 
     def start_frame(self) -> None:
         """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
@@ -220,14 +207,14 @@ class WaveCoupling(Coupling[Waves]):
     @property
     def given_j(self) -> float:
         """Energy that the line gave, with the frame under way: the line takes no more of it than this."""
-        return self._given.value - (self._made_now_j - self._used_now_j)
+        return self._given.value - (self.energy.made_now_j - self.energy.used_now_j)
 
     def message(
         self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> Waves:  # fmt: skip
         first, waves, total, squares = self._sender.contents()
         return Waves(
-            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.heard, stamp,
+            session, first, waves, total, squares, self.energy.made_j, self.port_j, self._receiver.heard, stamp,
             origin_m + position_m,
         )  # fmt: skip
 
