@@ -24,7 +24,7 @@ Table = dict[str, Any]
 
 def with_clock(core: ClientCore, clock: Callable[[int], int]) -> None:
     """This client's clock shows `clock(now_ns)` from now on, in all that it is called with."""
-    for name in ("receive", "sense", "act", "poll", "keep_seat", "leave"):
+    for name in ("receive", "sense", "act", "handle"):
         called = getattr(core, name)
         setattr(core, name, lambda *given, called=called: called(*given[:-1], clock(given[-1])))
 
