@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from math import dist, hypot, sqrt
 from typing import Any
 
+from cogrip.client.inputs import CloseLedger
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.line.concealment import CONCEALMENTS
 from cogrip.protocol.line.jitter_buffer import Frames
@@ -155,7 +156,8 @@ def try_out(setup: Setup, name: str) -> Trial:
     laboratory.run(watch.tick, watch.frame)
     margins, sent, missing, longest = [], 0, 0, 0
     for number, person in enumerate(laboratory.people):
-        seat, client = laboratory.room.seat_account(number), person.core.account(laboratory.ticks())
+        seat = laboratory.room.seat_account(number)
+        client = person.core.handle(CloseLedger(laboratory.ticks()), person.core.now_ns)
         margins += [seat.up_margin_j, seat.line_margin_j, client.down_margin_j]
         sent += client.down.sent
         missing += client.down.lost + client.down.late
@@ -168,7 +170,7 @@ def try_out(setup: Setup, name: str) -> Trial:
         law_peak_n=watch.law_peak_n,
         law_step_n=watch.law_step_n,
         least_margin_j=min(margin for margin in margins if margin is not None),
-        least_leak_j=min(person.core.least_leak_j for person in laboratory.people),
+        least_leak_j=min(person.core.ledger.least_leak_j for person in laboratory.people),
         missing=missing / max(1, sent),
         longest_gap=longest,
         gaps_m=tuple(watch.gaps_m),

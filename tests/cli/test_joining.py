@@ -11,6 +11,7 @@ from rich.console import Console
 from cogrip.cli.session import join, join_target, joined_device
 from cogrip.cli.session.observe import Every, line, table
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import Paths
 from cogrip.client.loop import LiveClient
 from cogrip.client.observer import ObserverCore
@@ -221,7 +222,7 @@ def seeing(view: View | None) -> ObserverCore:
     seat = msgspec.structs.replace(seat_settings(resolve({"users": [{"name": "a"}]}), 0), user="observer 1")
     hello = join_target.Target("127.0.0.1", 1, "").observer()
     core = ObserverCore(ClientSession(hello))
-    core.call(0)
+    core.handle(Connect(), 0)
     core.receive(messages.encode(Welcome(3, hello.nonce, 5, "", "1", seat, "t", "observer")), 0)
     if view is not None:
         core.receive(messages.encode(view), 0)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from cogrip.client.inputs import CloseLedger, Connect, DeviceFailed, KeepSeat, Leave, Poll, Rearm, Stop
 from cogrip.client.recorder import KINDS, RecordedClient, client_topics
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
@@ -20,7 +21,7 @@ DEVICE_HZ, M = 1024, 8
 START_NS = 1_000_000_000  # of tick 0
 SESSION = 7
 TOKEN, TICKET = "t0ken-t0ken-t0ken-t0ke", "tick3t-tick3t-tick3t-t"
-Word = tuple[str, int, float]  # what, which of that kind, how large
+Word = tuple[str, int, float]  # kind, number within it, size
 
 
 def capability(axes: int, gives_velocity: bool) -> Capability:
@@ -45,7 +46,7 @@ class Person(RecordedEnd):
         super().__init__(RecordedClient(hello, capability(axes, gives_velocity)), client_topics("anna"))
         self.axes, self.gives_velocity = axes, gives_velocity
         self.tick, self.now_ns = -1, 0
-        self.heard = False
+        self.received = False
         self.session = SESSION
         self.line = LineSender(axes, 4)
         self.said: list[bytes] = [b""]
@@ -58,10 +59,10 @@ class Person(RecordedEnd):
         return messages.encode(Welcome(3, 1, self.session, digest(self.settings), "test", seat, TICKET))
 
     def take_seat(self) -> None:
-        self.core.call(self.now_ns)
+        self.core.handle(Connect(), self.now_ns)
         self.core.receive(self.welcome(), self.now_ns)
         self.now_ns += 300_000_000
-        self.core.keep_seat(self.now_ns)
+        self.core.handle(KeepSeat(), self.now_ns)
 
     def frame(self, value: float) -> bytes:
         """The next frame of the line down."""
@@ -69,7 +70,7 @@ class Person(RecordedEnd):
         return next_frame(self.line, self.session, (value,) * self.axes, stamp, self.settings.coupling.kind)
 
     def word(self, kind: str, number: int, value: float) -> bytes:
-        """A datagram as it may arrive; `number` tells which of that kind."""
+        """Return a datagram as it may arrive. number: which one of that kind."""
         known = {
             **mangled(self.said, number),
             **well_formed(self.session, number, (value,) * self.axes, value),
@@ -87,9 +88,9 @@ class Person(RecordedEnd):
 
     def run_tick(self, gap: int, sample: Sample | None, words: Sequence[Word] = ()) -> None:
         core = self.core
-        if self.heard:  # what came since the last tick; a live loop calls the core before it ticks again
-            core.keep_seat(self.now_ns)
-        self.heard = False
+        if self.received:  # since the last tick; a live loop calls the core before it ticks again
+            core.handle(KeepSeat(), self.now_ns)
+        self.received = False
         self.tick += gap
         now_ns = self.now_ns = due_ns(START_NS, self.tick, DEVICE_HZ) + gap * 1000  # late, as live ticks are
         core.sense(self.tick, sample, now_ns)
@@ -104,11 +105,11 @@ class Person(RecordedEnd):
         return Sample(tuple(position_m[: self.axes]), velocity)
 
     def swing_m(self, gap: int) -> float:
-        """Where a hand that swings is `gap` ticks on."""
+        """Return where a hand that swings is after `gap` ticks."""
         return 0.02 * math.sin(0.02 * (self.tick + gap))
 
     def run(self, ticks: int, answered: bool = True) -> None:
-        """A hand that swings, and a server that answers or has fallen silent."""
+        """Tick with a hand that swings, and a server that answers or has fallen silent."""
         for _ in range(ticks):
             phase = 0.02 * (self.tick + 1)
             place, speed = self.swing_m(1), 0.02 * 0.02 * DEVICE_HZ * math.cos(phase)
@@ -116,33 +117,34 @@ class Person(RecordedEnd):
             self.run_tick(1, self.sample((place,) * 3, (speed,) * 3), words)
 
     def end(self, reason: str) -> None:
-        account = self.core.account(TickCount(self.tick + 1, self.tick + 1, Percentiles(1.0, 2.0, 3.0, 4.0)))
-        self.core.leave(reason, account, self.now_ns)
+        ticks = TickCount(self.tick + 1, self.tick + 1, Percentiles(1.0, 2.0, 3.0, 4.0))
+        self.core.handle(CloseLedger(ticks), self.now_ns)
+        self.core.handle(Leave(reason), self.now_ns)
 
     def poll(self, later_ns: int, words: Sequence[Word] = ()) -> None:
         self.now_ns += later_ns
-        self.core.poll(self.now_ns)
+        self.core.handle(Poll(), self.now_ns)
         for word in words:
             self.core.receive(self.word(*word), self.now_ns)
-            self.heard = True
+            self.received = True
 
 
 def scripted() -> Person:
-    """A session with every kind of message, every command, every state."""
+    """Return a session with every kind of message, input and state."""
     person = Person(2, gives_velocity=False)
     person.poll(0, [("garbage", 3, 0.0)])
     person.take_seat()
     person.run(60)
     person.run_tick(1, Sample((math.nan, 0.0), None))
     person.run(5)
-    person.core.rearm()
+    person.core.handle(Rearm(), person.core.now_ns)
     person.run(30)
     person.run_tick(300, person.sample((person.swing_m(300),) * 2, ()))  # the watchdog
-    person.core.rearm()
+    person.core.handle(Rearm(), person.core.now_ns)
     person.run(40)
-    person.core.fail("device: unplugged")
+    person.core.handle(DeviceFailed("device: unplugged"), person.core.now_ns)
     person.run_tick(1, None)
-    person.core.stop()
+    person.core.handle(Stop(), person.core.now_ns)
     person.run(10)
     person.end("the session is over")
     person.poll(100_000_000)
@@ -154,7 +156,7 @@ SCRIPT = scripted()
 
 
 def outages() -> Person:
-    """A session that comes back to its line, and then to a new one."""
+    """Return a session that resumes its line, and then begins a new one."""
     person = Person(1)
     person.poll(0)
     person.take_seat()
@@ -165,7 +167,7 @@ def outages() -> Person:
     person.run(530, answered=False)
     person.run_tick(3, person.sample((person.swing_m(3),) * 3, ()), [("renewed", 0, 0.0), ("next", 0, 0.1)])
     person.run(60)
-    person.core.stop()
+    person.core.handle(Stop(), person.core.now_ns)
     person.run(5)
     person.end("the session is over")
     person.poll(1_000_000, [("farewell", 0, 0.0)])

@@ -1,4 +1,4 @@
-"""A core with a seat, and a server of our own in front of it."""
+"""A core with a seat, and a server of the test in front of it."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cogrip.client.core import ClientCore
-from cogrip.client.device_port import BarePort
+from cogrip.client.device_port import BarePort, DevicePort
+from cogrip.client.inputs import Connect
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol import messages
@@ -30,15 +31,15 @@ def capability(axes: int = 1, gives_velocity: bool = True, latency: int = 0, spe
     )  # fmt: skip
 
 
-class Believing:
-    """In place of a `Plausibility`: where hands are random numbers, every one is believed."""
+class Accepting:
+    """Stand-in for `Plausibility` that accepts every sample: hands here are random numbers."""
 
     def judge(self, tick: int, sample: Sample) -> str:
         return ""
 
 
 class Client:
-    """A seated core with a server of our own: what it sends is read back, waves are handed to it frame by frame."""
+    """A seated core and its server: tests read back what it sends, and hand it waves frame by frame."""
 
     def __init__(
         self,
@@ -56,26 +57,26 @@ class Client:
         hello = make_hello(
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
         )  # fmt: skip
-        self.core = ClientCore(hello, capability(axes, gives_velocity, latency, speed_mps))
-        if bare:  # hands here are random numbers, which the device port would control
-            self.core.make_port = BarePort
-        self.core.call(0)
+        record = capability(axes, gives_velocity, latency, speed_mps)
+        # hands here are random numbers, which the device port would control
+        self.core = ClientCore(hello, record, BarePort if bare else DevicePort)
+        self.core.handle(Connect(), 0)
         self.settings, self.session = settings, 7
         self.welcome(0)
         assert self.core.seated
-        self.core._plausibility = Believing()  # type: ignore[assignment]
+        self.core.seated.hand.plausibility = Accepting()  # type: ignore[assignment]
         self.core.outbox.clear()
         self.line = LineSender(axes, 8)
         self.axes = axes
 
     def welcome(self, now_ns: int) -> None:
-        """The server gives, or confirms, the seat."""
+        """Receive the seat assignment, new or confirmed."""
         seat = seat_settings(self.settings, 0)
         answer = Welcome(PROTOCOL_VERSION, 1, self.session, digest(self.settings), "test", seat, "a-ticket")
         self.core.receive(messages.encode(answer), now_ns)
 
     def renew(self, now_ns: int) -> None:
-        """Another server at the old one's place: another session, and a line that begins with frame 0."""
+        """Receive the seat assignment of another server: another session, and a line that begins with frame 0."""
         self.session += 1
         self.line = LineSender(self.axes, 8)
         self.welcome(now_ns)
@@ -86,7 +87,7 @@ class Client:
         return self.core.coupling
 
     def hear(self, now_ns: int, *wave: float, lost: bool = False) -> None:
-        """A datagram with the server's next wave."""
+        """Receive a datagram with the server's next wave."""
         self.line.push(wave or (0.0,) * self.axes)
         if lost:
             return
@@ -102,7 +103,7 @@ class Client:
         return self.core.act(now_ns)
 
     def total(self) -> float:
-        """sum u T_c of all ticks so far, as it went into frames; one axis, boxcar."""
+        """Return sum u T_c of all ticks so far, as it went into frames; one axis, boxcar."""
         sender, unsent = self.waves._sender, sum(self.waves._decimator._sum)  # type: ignore[attr-defined]
         _, waves, before, _ = sender.contents()
         return (sum(before) + sum(waves)) * T_N + unsent * T_C
@@ -113,7 +114,7 @@ class Client:
         return found
 
     def frames(self) -> list[tuple[float, ...]]:
-        """All frames sent since the last call, each once, in order."""
+        """Return all frames sent since the last call, each once, in order."""
         found: dict[int, tuple[float, ...]] = {}
         for message in self.sent():
             assert isinstance(message, Waves)

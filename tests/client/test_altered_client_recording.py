@@ -8,12 +8,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cogrip.client.recorder import ACCOUNT, COMMAND, DATAGRAM_OUT, EVENT, TICK, client_topics
+from cogrip.client.inputs import ClientInput, CloseLedger, DeviceFailed, Leave, Poll
+from cogrip.client.recorder import ACCOUNT, DATAGRAM_OUT, EVENT, INPUT, TICK, client_topics
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Waves
 from cogrip.protocol.recording.reader import RecordingError
-from cogrip.protocol.recording.records import Command, Datagram, Tick
+from cogrip.protocol.recording.records import Datagram, Input, Tick
 from cogrip.protocol.recording.sink import encode
 
 from tests.client.recorded_person import SCRIPT, M, Person
@@ -106,34 +107,30 @@ def test_events_and_accounts_are_compared(topic: int, field: str) -> None:
         another_text_is_found(SCRIPT, at, field)
 
 
-def _command(verb: str, times: int = 0) -> int:
-    """Where the command with this verb stands."""
-    found = [
+def _input(kind: str) -> int:
+    """Return where the first input of this kind stands."""
+    return next(
         at
         for at, (topic, _, payload) in enumerate(SCRIPT.noted)
-        if topic == COMMAND and msgspec.json.decode(payload, type=Command).verb == verb
-    ]
-    return found[times]
+        if topic == INPUT and msgspec.json.decode(payload, type=Input).kind == kind
+    )
 
 
 @pytest.mark.parametrize(
-    ("verb", "change", "topic", "field"),
+    ("kind", "instead", "topic", "field"),
     [
-        ("call", {"verb": "poll"}, DATAGRAM_OUT, ""),  # the hello was sent, and is not now
-        ("keep_seat", {"verb": "poll"}, DATAGRAM_OUT, ""),
-        ("fail", {"reason": "device: burnt"}, EVENT, "text"),
-        ("rearm", {"verb": "poll"}, TICK, "force_n[0]"),
-        ("stop", {"verb": "poll"}, TICK, "force_n[0]"),
-        ("leave", {"reason": "I am bored"}, DATAGRAM_OUT, "data"),
-        ("account", {"ticks": msgspec.json.encode(TickCount(1, 1)).decode()}, ACCOUNT, "account"),
+        ("connect", Poll(), DATAGRAM_OUT, ""),  # the hello was sent, and is not now
+        ("keep_seat", Poll(), DATAGRAM_OUT, ""),
+        ("device_failed", DeviceFailed("device: burnt"), EVENT, "text"),
+        ("rearm", Poll(), TICK, "force_n[0]"),
+        ("stop", Poll(), TICK, "force_n[0]"),
+        ("leave", Leave("I am bored"), DATAGRAM_OUT, "data"),
+        ("close_ledger", CloseLedger(TickCount(1, 1)), ACCOUNT, "account"),
     ],
-)  # fmt: skip
-def test_another_command_is_found_by_what_comes_of_it(
-    verb: str, change: dict[str, str], topic: int, field: str
-) -> None:
-    at = _command(verb)
-    new = msgspec.structs.replace(msgspec.json.decode(SCRIPT.noted[at][2], type=Command), **change)
-    verdict = SCRIPT.altered(at, encode(new))
+)
+def test_another_input_is_found_by_what_comes_of_it(kind: str, instead: ClientInput, topic: int, field: str) -> None:
+    at = _input(kind)
+    verdict = SCRIPT.altered(at, encode(Input(str(instead.__struct_config__.tag), encode(instead).decode())))
     found = verdict.difference
     assert found is not None
     following = next(number for number in range(at + 1, len(SCRIPT.noted)) if SCRIPT.noted[number][0] == topic)
@@ -145,10 +142,12 @@ def test_another_command_is_found_by_what_comes_of_it(
 
 def test_a_wave_that_was_heard_otherwise_is_found_where_it_is_played() -> None:
     at = SCRIPT.places("datagram_in")[4]
-    heard = messages.decode(msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data)
-    assert isinstance(heard, Waves)
-    wave = (*heard.waves[:-1], next_float(heard.waves[-1]))
-    found = SCRIPT.altered(at, encode(Datagram(messages.encode(msgspec.structs.replace(heard, waves=wave))))).difference
+    received = messages.decode(msgspec.json.decode(SCRIPT.noted[at][2], type=Datagram).data)
+    assert isinstance(received, Waves)
+    wave = (*received.waves[:-1], next_float(received.waves[-1]))
+    found = SCRIPT.altered(
+        at, encode(Datagram(messages.encode(msgspec.structs.replace(received, waves=wave))))
+    ).difference
     assert found is not None
     assert (found.time_ns, found.topic, found.field) == (SCRIPT.noted[at][1], "/anna/tick", "wave_down[1]")
     assert float(found.replayed) == next_float(float(found.recorded))
@@ -179,9 +178,8 @@ def test_two_messages_that_changed_places_are_found(at: int) -> None:
     changed_places_are_found(SCRIPT, at)
 
 
-STRANGE_PAYLOADS = st.sampled_from(
-    [b"", b"{}", b"[]", b"null", b'{"verb":"fly"}', b'{"verb":"leave"}', b'{"data":"?"}']
-)
+LEAVE = encode(Input("leave", encode(Leave("bored")).decode()))
+STRANGE_PAYLOADS = st.sampled_from([b"", b"{}", b"[]", b"null", b'{"kind":"fly","value":"{}"}', LEAVE, b'{"data":"?"}'])
 
 
 @given(st.integers(0, 400), st.binary(max_size=40) | STRANGE_PAYLOADS)

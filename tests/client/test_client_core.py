@@ -1,15 +1,16 @@
-"""One person's client without I/O: exact books, no drift, skipped ticks, a stale link."""
+"""The client core: exact energy ledger, no drift, skipped ticks, a stale link."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.core import RECKON_S
 from cogrip.client.felt_stiffness import REST_S, FeltStiffness
+from cogrip.client.hand_motion import RECKON_S
+from cogrip.client.inputs import Rearm
 from cogrip.protocol import messages
 from cogrip.protocol.line.concealment import ELASTIC_LIMIT
-from cogrip.protocol.messages import Stamp, State, Waves
+from cogrip.protocol.messages import Power, Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
 from cogrip.protocol.settings import resolve
@@ -20,7 +21,7 @@ from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, wal
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_work_is_the_sum_of_force_times_displacement(seed: int, axes: int) -> None:
-    """Whatever the velocity estimate says, and whatever safety takes of the force."""
+    """The sum is exact for any velocity estimate and any limit of the force."""
     client, random = Client(axes), np.random.default_rng(seed)
     path, work, before = walk(seed, 400, axes), 0.0, None
     force: tuple[float, ...] = (0.0,) * axes
@@ -32,8 +33,8 @@ def test_work_is_the_sum_of_force_times_displacement(seed: int, axes: int) -> No
         force = client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())
         before = place
     core = client.core
-    assert core.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
-    assert core.leak_j == pytest.approx(work - client.waves.port_j, rel=1e-9, abs=1e-14)
+    assert core.ledger.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
+    assert core.ledger.leak_j == pytest.approx(work - client.waves.port_j, rel=1e-9, abs=1e-14)
 
 
 def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
@@ -42,7 +43,7 @@ def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
     random, x, estimate = np.random.default_rng(4), 0.0, 0.0
     for number in range(1000):
         if number == 400:  # the ramp is behind us
-            start = client.core.leak_j
+            start = client.core.ledger.leak_j
             leak = 0.0
         step = float(random.uniform(-1e-4, 1e-4))
         if number:
@@ -53,7 +54,7 @@ def test_the_leak_is_the_dampers_error_and_nothing_else() -> None:
             client.hear(due_ns(0, number, DEVICE_HZ), float(random.uniform(-0.01, 0.01)))
         client.tick(number, x, velocity=[estimate])
     assert "slew limited" not in client.core.safety.counts
-    assert client.core.leak_j - start == pytest.approx(leak, rel=1e-9)
+    assert client.core.ledger.leak_j - start == pytest.approx(leak, rel=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
@@ -89,8 +90,8 @@ def test_the_velocity_encoder_drifts_with_its_reading() -> None:
 
 
 @given(st.lists(st.integers(1, 40), min_size=5, max_size=60), st.integers(0, 2**32 - 1))
-def test_skipped_ticks_are_booked_and_frames_numbered_on(gaps: list[int], seed: int) -> None:
-    """However the loop stumbles: every border has its frame, and the frames hold the whole displacement."""
+def test_skipped_ticks_are_entered_and_frames_numbered_on(gaps: list[int], seed: int) -> None:
+    """Every border has its frame, and the frames hold the whole displacement, for any gaps of the loop."""
     client, random = Client(), np.random.default_rng(seed)
     number, x, work = 0, 0.02, 0.0
     (force,) = client.tick(0, x)
@@ -109,7 +110,7 @@ def test_skipped_ticks_are_booked_and_frames_numbered_on(gaps: list[int], seed: 
         for message in sent:
             assert isinstance(message, Waves)
             assert message.first + len(message.waves) == number // M
-    assert client.core.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
+    assert client.core.ledger.work_j == pytest.approx(work, rel=1e-12, abs=1e-15)
     assert client.waves.count().applied == number // M
     returned = sum(held[(tick - 1) // M] for tick in range(1, number + 1))
     assert client.total() == pytest.approx(ROOT * (x - 0.02) - returned * T_C, abs=1e-12)
@@ -129,12 +130,12 @@ def test_frames_inside_a_gap_play_their_own_waves() -> None:
     assert client.waves.returning == (0.4,)
     assert client.waves.count().applied == 4
     energy = sum(wave**2 for wave in (0.1, 0.2, 0.3)) * T_N / 2
-    assert client.waves.used_j == pytest.approx(energy, rel=1e-12)
+    assert client.waves.energy.used_j == pytest.approx(energy, rel=1e-12)
     assert client.frames() == [pytest.approx((-wave,)) for wave in (0.0, 0.1, 0.2, 0.3)], "a hand at rest reflects"
 
 
-def test_displacement_over_missing_samples_is_reckoned_and_then_put_right() -> None:
-    """For a few ticks the hand goes on as it did; whatever was assumed, the sum of what was sent is the true displacement."""
+def test_displacement_over_missing_samples_is_reckoned_and_then_corrected() -> None:
+    """The hand goes on as it did for a few ticks; the sum of what was sent is the true displacement all the same."""
     client = Client()
     for number in range(20):
         client.tick(number, 0.001 * number, velocity=[1.0])
@@ -167,7 +168,7 @@ def test_a_stalled_device_faults_and_its_line_ends_in_a_matched_termination() ->
     assert core.safety.quiet
     client.tick(260, 0.0)
     assert core.safety.state == "fault"
-    core.rearm()
+    core.handle(Rearm(), core.now_ns)
     assert core.safety.state == "live"
 
 
@@ -182,10 +183,10 @@ def test_a_stale_link_takes_the_force_away_and_gives_it_back() -> None:
         last_ns = due_ns(0, 504, DEVICE_HZ)
         if number in silent:
             assert (client.core.safety.state == "degraded") is (now_ns - last_ns > STALE_NS)
-    assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is paid back of the first frame"
+    assert force[511] == pytest.approx(ROOT * 0.3, rel=0.05), "but for what is compensated of the first frame"
     assert force[silent[-1]] == 0.0
     assert client.core.safety.state == "live"
-    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + ELASTIC_LIMIT), "what was lost is still being paid back"
+    assert ROOT * 0.3 < force[-1] <= ROOT * (0.3 + ELASTIC_LIMIT), "what was lost is still being compensated"
     assert client.core.safety.reason == ""
     assert max(abs(np.diff(force[768:]))) < ROOT * 0.3 / (0.3 * DEVICE_HZ / M), "it ramps in, it does not jump"
 
@@ -216,27 +217,21 @@ def test_virtual_coupling_sends_states_and_holds_its_object() -> None:
     assert [message.number for message in sent if isinstance(message, State)] == list(range(len(sent)))
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1)),
-        Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4),
-    ],
-    ids=["kind", "axes"],
-)
-def test_what_does_not_fit_the_seat_is_counted(message: messages.AnyMessage) -> None:
-    client = Client()
+AXES = Waves(7, 0, (0.1, 0.1), (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0, Stamp(1), (0.0,) * 4)
+STATE, POWER = State(7, 0, (0.0,), (0.0,), 0.0, 0, Stamp(1)), Power(7, 0, *[(0.0,)] * 5, 0.0, 0, Stamp(1))
+
+
+@pytest.mark.parametrize(("kind", "message"), [("wave", AXES), ("wave", STATE), ("coupling", POWER), ("tdpa", STATE)])
+def test_a_message_that_does_not_fit_the_seat_is_counted(kind: str, message: messages.AnyMessage) -> None:
+    client = Client(kind=kind)
     client.tick(0, 0.0)
     client.core.receive(messages.encode(message), 0)
     assert client.core.session.dropped == {"unfit": 1}
 
 
-# Old samples ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("network_hz", [32, 128, 1024])
-def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> None:
-    """For as long at every rate."""
+def test_felt_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> None:
+    """The time is the same at every rate."""
     frame_s = 1.0 / network_hz
     samples = round(REST_S * network_hz)
     rest = FeltStiffness(0.0, frame_s)
@@ -258,7 +253,7 @@ def test_rest_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
 
 
 @pytest.mark.parametrize("device", ["sim:ideal", "sim:phantom"])
-def test_books_of_a_whole_session(device: str) -> None:
+def test_ledger_of_a_whole_session(device: str) -> None:
     """Work from the trace of forces and positions, port energy from the waves, the rest is the leak."""
     settings = resolve({"seconds": 2.0, "users": [{"name": "a", "device": device}, {"name": "b", "device": device}]})
     lab = Laboratory(settings)
@@ -272,6 +267,6 @@ def test_books_of_a_whole_session(device: str) -> None:
     for person, rows in zip(lab.people, trace, strict=True):
         place, force = np.array(rows).T
         core = person.core
-        assert core.work_j == pytest.approx(float(np.sum(force[:-1] * np.diff(place))), rel=1e-9)
-        assert core.leak_j == pytest.approx(core.work_j - core.coupling.port_j, abs=1e-12)
-        assert core.least_leak_j <= core.leak_j
+        assert core.ledger.work_j == pytest.approx(float(np.sum(force[:-1] * np.diff(place))), rel=1e-9)
+        assert core.ledger.leak_j == pytest.approx(core.ledger.work_j - core.coupling.port_j, abs=1e-12)
+        assert core.ledger.least_leak_j <= core.ledger.leak_j

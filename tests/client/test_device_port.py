@@ -14,12 +14,13 @@ from cogrip.client.device_port import (
     DOWN,
     FADE,
     LEAST,
-    MOST_RESTS,
+    MOST_RELEASES,
     PAYING,
-    REST_S,
+    RELEASED_S,
     UNPAID,
     DevicePort,
 )
+from cogrip.client.inputs import CloseLedger
 from cogrip.client.oscillation import TRAIN
 from cogrip.client.safety import SOFT_SLOPE_NPS
 from cogrip.client.velocity import largest_impedance
@@ -70,22 +71,22 @@ def test_no_more_leaves_through_the_motors_than_came_in_whatever_the_law_and_the
     work = given_j = own = 0.0
     force: tuple[float, ...] = (0.0,) * 3
     x = start = (0.0,) * 3
-    for number, (wish, way, brought, share) in enumerate(ticks, 1):
+    for number, (wish, motion, brought, share) in enumerate(ticks, 1):
         law = tried.limit([8.0 * part / max(1.0, hypot(*wish)) for part in wish])
         change = [new - old for new, old in zip(law, force, strict=True)]
         share = min(1.0, slope_n / max(slope_n, hypot(*change)))
         force = tuple([old + share * part for old, part in zip(force, change, strict=True)])
-        length = max(1.0, hypot(*way))
-        step = [STEP_M * part / length for part in way]
+        length = max(1.0, hypot(*motion))
+        step = [STEP_M * part / length for part in motion]
         work += sum(f * d for f, d in zip(force, step, strict=True))
         own += hypot(*step) * (damping * hypot(*step) / T_C + friction)
         x = tuple(at + d for at, d in zip(x, step, strict=True))
-        tried.book(work, given_j)
+        tried.enter(work, given_j)
         if number % M == 0:
             spare = tried.spare_j + brought
             given_j += brought - share * max(0.0, spare)
             tried.end_frame(start, x, T_N, 0.0)
-            tried.book(work, given_j)
+            tried.enter(work, given_j)
             start = x
         assert tried.balance_j >= -tried.reserve_j - 1e-12
         assert work + given_j + own >= -tried.reserve_j - 1e-12
@@ -126,10 +127,10 @@ def test_the_devices_damping_is_credited_with_the_motion_of_a_frame_less_one_cou
 
 def test_energy_of_long_ago_pays_for_nothing() -> None:
     tried = port()
-    tried.book(5.0, 0.0)
+    tried.enter(5.0, 0.0)
     tried.end_frame((0.0,) * 3, (0.0,) * 3, T_N, 0.3)
     assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j)
-    tried.book(4.0, 0.0)
+    tried.enter(4.0, 0.0)
     assert tried.balance_j == pytest.approx(0.3 + tried.reserve_j - 1.0)
 
 
@@ -137,16 +138,16 @@ def test_what_a_ramped_force_leaves_to_the_line_is_not_asked_back() -> None:
     """But what the motors gave is."""
     tried = port()
     tried.ramped = True
-    tried.book(-0.01, -0.5)
+    tried.enter(-0.01, -0.5)
     assert tried.balance_j == pytest.approx(-0.01)
     assert tried.earned_j == pytest.approx(-0.51)
     assert tried.spare_j == pytest.approx(tried.earned_j + 0.05), "it may be sent no more: half the mass, at 1 m/s"
     tried.ramped = False
     assert tried.spare_j == pytest.approx(tried.balance_j + 0.05)
-    tried.book(-0.03, -0.5)
+    tried.enter(-0.03, -0.5)
     assert tried.balance_j == pytest.approx(-0.03)
     tried.ramped = True
-    tried.book(-0.04, -0.5)
+    tried.enter(-0.04, -0.5)
     assert tried.balance_j == pytest.approx(-0.04)
 
 
@@ -160,9 +161,9 @@ def test_a_damper_pays_for_what_is_lent_for_long() -> None:
 
 def test_an_overdrawn_port_says_so_and_begins_anew() -> None:
     tried = port()
-    tried.book(-50.0, 0.0)
+    tried.enter(-50.0, 0.0)
     found = [tried.watch([0.0] * 3, False, [0.0] * 3) for _ in range(DEVICE_HZ)]
-    assert found.index("energy") == round(REST_S * DEVICE_HZ)
+    assert found.index("energy") == round(RELEASED_S * DEVICE_HZ)
     assert tried.balance_j == 0.0
     assert tried.account().margin_j == pytest.approx(tried.reserve_j - 50.0), "the verdict does not forget it"
 
@@ -174,12 +175,12 @@ def test_the_reserve_of_now_begins_anew_with_the_port_and_its_least_does_not() -
     def second(work_j: float) -> None:
         for tick in range(DEVICE_HZ + 8):
             tried.elapse()
-            tried.book(work_j, 0.0)
+            tried.enter(work_j, 0.0)
             if tick % 8 == 7:
                 tried.end_frame([0.0] * 3, [0.0] * 3, 8 / DEVICE_HZ, 0.0)
 
     tried.ramped = False
-    tried.book(-0.02, 0.0)
+    tried.enter(-0.02, 0.0)
     assert tried.account().reserve_j is None
     second(-0.01)
     assert tried.account().reserve_j == pytest.approx(tried.reserve_j - 0.01)
@@ -226,19 +227,19 @@ def test_a_shaken_hand_is_seen_however_little_is_rendered() -> None:
     assert _shake(port(), 30, force_n=0.2) == ""
 
 
-def test_oscillation_lets_go_and_is_a_fault_where_it_goes_on() -> None:
+def test_oscillation_lets_go_and_is_a_fault_where_it_persists() -> None:
     tried = port()
-    for _ in range(MOST_RESTS + 1):
-        assert not tried.goes_on
+    for _ in range(MOST_RELEASES + 1):
+        assert not tried.persists
         assert _shake(tried, 30) == "oscillation"
-        assert tried.resting
-        for _ in range(round(REST_S * DEVICE_HZ)):
+        assert tried.releasing
+        for _ in range(round(RELEASED_S * DEVICE_HZ)):
             tried.elapse()
-        assert not tried.resting
-    assert tried.goes_on
+        assert not tried.releasing
+    assert tried.persists
     assert tried.account().oscillates
     tried.rearm()
-    assert not tried.goes_on
+    assert not tried.persists
 
 
 kinds = st.sampled_from(["wave", "coupling", "tdpa"])
@@ -246,22 +247,22 @@ kinds = st.sampled_from(["wave", "coupling", "tdpa"])
 
 @given(kinds, st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(0.0, 1.9), st.floats(0.0, 30.0))
 def test_the_port_of_a_whole_client_is_passive(kind: str, axes: int, seed: int, speed: float, wave: float) -> None:
-    """Whatever the server sends and however the hand moves, with velocities that are not even the hand's."""
+    """The port is passive for any waves, any motion, and velocities that are not the hand's."""
     client, random = (
         Client(axes, speed_mps=2.0, bare=False, kind=kind, impedance_nspm=60.0),
         np.random.default_rng(seed),
     )
-    place, way = np.zeros(axes), np.zeros(axes)
+    place, motion = np.zeros(axes), np.zeros(axes)
     core = client.core
     for number in range(700):
         if random.random() < 0.05:
-            way = random.uniform(-1.0, 1.0, axes)
-            way *= speed / max(1.0, float(np.linalg.norm(way)))
-        place = np.clip(place + way * T_C, -0.9, 0.9)
+            motion = random.uniform(-1.0, 1.0, axes)
+            motion *= speed / max(1.0, float(np.linalg.norm(motion)))
+        place = np.clip(place + motion * T_C, -0.9, 0.9)
         if kind == "wave" and number % M == 0 and number:
             client.hear(due_ns(0, number, DEVICE_HZ), *random.uniform(-wave, wave, axes).tolist())
         client.tick(number, *place.tolist(), velocity=random.uniform(-1.0, 1.0, axes).tolist())
         assert core.port.balance_j >= -core.port.reserve_j - 1e-12
-    margin = core.account(TickCount()).device.margin_j
+    margin = core.handle(CloseLedger(TickCount()), core.now_ns).device.margin_j
     assert margin is not None
     assert margin >= -1e-12

@@ -6,6 +6,7 @@ import pytest
 from msgspec import structs
 
 from cogrip.client.core import ClientCore
+from cogrip.client.inputs import Connect, Rearm
 from cogrip.client.safety import MOST_SLOPE_NPS
 from cogrip.devices.registry import make
 from cogrip.protocol import messages
@@ -34,10 +35,10 @@ class Hostile:
             self.device.capability,
         )
         self.line = LineSender(axes, 8)
-        self.core.call(0)
+        self.core.handle(Connect(), 0)
 
     def welcome(self, device_hz: int, network_hz: int) -> None:
-        """With rates that no settings of ours may have led to."""
+        """Receive a seat assignment with rates that no valid settings have."""
         seat = structs.replace(seat_settings(self.settings, 0), rates=Rates(device_hz, network_hz))
         answer = Welcome(PROTOCOL_VERSION, 1, SESSION, digest(self.settings), "x", seat, "")
         self.core.receive(messages.encode(answer), 0)
@@ -93,7 +94,7 @@ def test_no_step_is_larger_than_the_slope_whatever_a_server_sends(
         largest_step_n = max(largest_step_n, dist(force, last))
         last = force
         if core.safety.state == "fault":
-            core.rearm()
+            core.handle(Rearm(), core.now_ns)
     counts = core.safety.counts
     held = ("slew limited", "wave beyond what the device can bring about", "force clipped")
     assert any(counts.get(name) for name in held), "the frames did arrive, and would have thrown the hand"

@@ -1,4 +1,4 @@
-"""The live loop where something is wrong beyond every foresight: a hand is let go softly, and impossible settings are told."""
+"""The live loop with defects and impossible settings: the hand is released softly, and the error is reported."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 
 from cogrip.client import loop
+from cogrip.client.inputs import Connect
 from cogrip.client.io.paths import JoinError
-from cogrip.client.loop import Ended, LiveClient, let_go
+from cogrip.client.loop import Ended, LiveClient, fade_out
 from cogrip.client.safety import FAULT_OUT_S
 from cogrip.devices.device import DeviceError, Sample
 from cogrip.protocol import messages
@@ -42,7 +43,7 @@ class VirtualTime:
 
 
 class Moving:
-    """A hand that moves on evenly: a damper's force. Breaks as it is told, and notes what it was given."""
+    """A hand that moves on evenly: a damper's force. Breaks as it is written, and notes what it was given."""
 
     def __init__(self, read: Callable[[int], None] = lambda tick: None, axes: int = 1) -> None:
         self.capability = capability(axes)
@@ -80,16 +81,15 @@ class Moving:
 
 
 class Server:
-    """Gives a seat, and hears the goodbye. Breaks the loop as it is told."""
+    """Gives a seat, and receives the goodbye. Breaks the loop as it is written."""
 
     def __init__(self, poll: Callable[[], None] = lambda: None, **link: object) -> None:
         self.breaks = poll
         self.settings = resolve({"link": link, "users": [{"name": "anna"}]})
         self.sent: list[Any] = []
-        self.failed = ""
 
-    def call(self, core: Any, stop: Stop) -> None:
-        core.call(0)
+    def connect(self, core: Any, stop: Stop) -> None:
+        core.handle(Connect(), 0)
         seat = seat_settings(self.settings, 0)
         core.receive(
             messages.encode(Welcome(PROTOCOL_VERSION, 1, 7, digest(self.settings), "test", seat, "a-ticket")), 0
@@ -104,6 +104,9 @@ class Server:
 
     def counted(self) -> dict[str, int]:
         return {}
+
+    def explained(self, failed: str) -> str:
+        return failed
 
 
 @pytest.fixture
@@ -126,7 +129,7 @@ def client(device: Any, server: Any, make_link: Any = LinkEmulator) -> LiveClien
     return LiveClient(device, hello, server, Stop(), lambda words: None, make_link, lambda seat: None)
 
 
-def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTime) -> None:
+def test_a_defect_in_the_loop_releases_the_hand_softly_before_it_is_raised(clock: VirtualTime) -> None:
     def breaks() -> None:
         if len(device.forces) == 80:
             raise RuntimeError("a defect")
@@ -135,7 +138,7 @@ def test_a_defect_in_the_loop_lets_go_softly_before_it_is_told(clock: VirtualTim
     with pytest.raises(RuntimeError, match="a defect"):
         client(device, Server(breaks)).run()
     held, faded = device.forces[79], device.forces[80:]
-    assert held > 0.1, "there was a force to let go"
+    assert held > 0.1, "there was a force to release"
     assert len(faded) == TICKS
     steps = [before - after for before, after in zip([held, *faded], faded, strict=False)]
     assert steps == pytest.approx([held / TICKS] * TICKS)
@@ -221,8 +224,8 @@ def test_a_driver_that_raises_as_it_is_opened_or_closed(clock: VirtualTime) -> N
 
 
 @pytest.mark.parametrize(("took_s", "most_s"), [(0.03, 0.05), (0.005, 0.05), (0.0015, 0.1)])
-def test_a_device_whose_reads_block_the_loop_is_let_go(clock: VirtualTime, took_s: float, most_s: float) -> None:
-    """From the first read that blocks to zero force, in the time of the loop. 494 ms for reads of 30 ms before."""
+def test_a_device_whose_reads_block_the_loop_is_released(clock: VirtualTime, took_s: float, most_s: float) -> None:
+    """The time runs from the first read that blocks to zero force."""
     began: list[int] = []
 
     def blocks(tick: int) -> None:
@@ -236,10 +239,10 @@ def test_a_device_whose_reads_block_the_loop_is_let_go(clock: VirtualTime, took_
     assert isinstance(ended, Ended)
     assert ended.failed.startswith(f"device: test: its read took {took_s * 1e3:.1f} ms, and a tick has 0.98 ms")
     assert ended.counts["slow read"] >= 1
-    told = [(at, force) for at, force in zip(device.times, device.forces, strict=True) if at >= began[0]]
-    assert max(force for _, force in told) > 0.3
-    assert next(at for at, force in told if force == 0.0) - began[0] <= most_s * 1e9
-    steps = [abs(new - old) for (_, old), (_, new) in pairwise(told)]
+    written = [(at, force) for at, force in zip(device.times, device.forces, strict=True) if at >= began[0]]
+    assert max(force for _, force in written) > 0.3
+    assert next(at for at, force in written if force == 0.0) - began[0] <= most_s * 1e9
+    steps = [abs(new - old) for (_, old), (_, new) in pairwise(written)]
     assert max(steps) <= 2.01 / TICKS, "2 N, as fast as a fault takes it"
 
 
@@ -268,17 +271,19 @@ def test_a_device_whose_writes_block_gets_zero_with_the_next(clock: VirtualTime)
 
 
 @pytest.mark.parametrize("rate_hz", [1, 128, 1024, 8192])
-def test_letting_go_takes_so_long_at_any_rate(rate_hz: int) -> None:
+def test_the_fade_takes_the_same_time_at_any_rate(rate_hz: int) -> None:
     clock, device = VirtualTime(), Moving()
     pacer = Pacer(rate_hz, 0, clock=clock.monotonic_ns, sleep=clock.sleep, spin_ns=0)
-    let_go(device, (3.0,), pacer)  # type: ignore[arg-type]
+    fade_out(device, (3.0,), pacer)  # type: ignore[arg-type]
     assert len(device.forces) == max(1, round(FAULT_OUT_S * rate_hz))
     assert device.forces == sorted(device.forces, reverse=True)
     assert device.forces[-1] == 0.0
 
 
 @pytest.mark.parametrize("error", [ValueError, OverflowError, ZeroDivisionError])
-def test_impossible_settings_are_told_and_the_seat_is_given_back(clock: VirtualTime, error: type[Exception]) -> None:
+def test_impossible_settings_are_reported_and_the_seat_is_given_back(
+    clock: VirtualTime, error: type[Exception]
+) -> None:
     def impossible(profile: object, seed: str) -> Any:
         raise error("link loss = 2")
 

@@ -106,7 +106,7 @@ def test_a_position_that_jumps_and_stays(kind: str, model: str, jump_m: float) -
 
     laboratory, anna, device = session(kind, model, lambda address: Liar(address, lie))
     work_j: list[float] = []
-    laboratory.run(lambda lab: work_j.append(anna.core.work_j))
+    laboratory.run(lambda lab: work_j.append(anna.core.ledger.work_j))
     ends_well(laboratory, anna, device, "the position jumped: ")
     assert anna.core.safety.counts["implausible jump"] == 3
     assert abs(work_j[BEGIN + 30] - work_j[BEGIN - 1]) < 2e-3, "no hand has worked over the jump"
@@ -186,7 +186,7 @@ def test_a_position_that_freezes_while_there_is_a_velocity(speed_mps: Callable[[
     ids=["nan", "-50 F", "+3 N", "two axes"],
 )  # fmt: skip
 def test_a_report_of_a_force_that_nobody_asked_for(report: Report) -> None:
-    """The books hold what was asked, and it ends."""
+    """The ledger holds what was asked, and the force ends."""
     laboratory, anna, device = session("wave", "sim:phantom", lambda address: Liar(address, None, report))
     held: list[float] = []
     laboratory.run(lambda lab: held.append(anna.core.force_n[0]))

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client import inputs
 from cogrip.client.observer import ObserverCore
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Stamp, View, Waves, Welcome
@@ -26,7 +27,7 @@ def looking(now_ns: int = 0) -> ObserverCore:
         software="1", nonce=7, room="", name="", digest="", device="none", axes=1, rate_hz=1.0, role="observer"
     )  # fmt: skip
     core = ObserverCore(ClientSession(hello))
-    core.call(now_ns)
+    core.handle(inputs.Connect(), now_ns)
     core.receive(messages.encode(Welcome(3, 7, 5, "", "1", SEAT, "a-ticket", "observer")), now_ns)
     core.outbox.clear()
     assert core.session.state == "seated"
@@ -82,10 +83,10 @@ def test_it_says_that_it_is_there_and_nothing_else() -> None:
     core = looking()
     for now_ns in range(0, 4 * HEARTBEAT_EVERY_NS, 20 * MS):
         core.receive(view(now_ns // MS), now_ns)
-        core.poll(now_ns)
+        core.handle(inputs.Poll(), now_ns)
     assert {type(messages.decode(datagram)) for datagram in core.outbox} == {Heartbeat}
     assert 3 <= len(core.outbox) <= 5
-    core.leave("seen enough", 10**9)
+    core.handle(inputs.Leave("seen enough"), 10**9)
     assert isinstance(messages.decode(core.outbox[-1]), Leave)
     core.receive(messages.encode(Farewell(5, "goodbye")), 10**9)
     assert (core.session.state, core.session.failed) == ("closed", "")
@@ -94,7 +95,7 @@ def test_it_says_that_it_is_there_and_nothing_else() -> None:
 def test_it_comes_back_and_sees_the_new_servers_views_from_their_first() -> None:
     core = looking()
     core.receive(view(1000), 0)
-    core.poll(QUIET_NS)
+    core.handle(inputs.Poll(), QUIET_NS)
     [asked] = [messages.decode(datagram) for datagram in core.outbox]
     assert isinstance(asked, Hello)
     assert (asked.role, asked.ticket) == ("observer", "a-ticket")

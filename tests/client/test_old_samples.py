@@ -1,4 +1,4 @@
-"""Samples that are old when they are read: each is booked with the force and the wave it was made against."""
+"""Samples that are old when they are read: each is entered with the force and the wave it was made against."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.velocity import AlphaBeta, memory_for
 from cogrip.devices.device import Sample
 from cogrip.protocol import messages
@@ -54,26 +55,28 @@ class OldHand:
         self.mean += [(self.place[-1 - L] - self.place[-1 - L - gap]) / gap] * gap if gap else []
 
     def leak(self, since: int = 0) -> float:
-        """sum (F - b y + sqrt(2b) v) y T_c of the ticks booked after tick `since`, each with the force and wave of its time."""
+        """sum (F - b y + sqrt(2b) v) y T_c of ticks after tick `since`, each with force and wave of its time."""
         rows = zip(self.mean, self.force, self.wave, strict=False)
         return sum((force - 20.0 * step / T_C + ROOT * wave) * step for step, force, wave in list(rows)[since:])
 
 
 @given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
-def test_displacement_force_and_wave_of_one_tick_are_booked_together(latency: int, gaps: list[int], seed: int) -> None:
-    """Of any age, with ticks skipped and forces limited: leak = sum (F - b y + sqrt(2b) v) y T_c, force and wave of then."""
+def test_displacement_force_and_wave_of_one_tick_are_entered_together(latency: int, gaps: list[int], seed: int) -> None:
+    """At any age, with ticks skipped and forces limited, leak = sum (F - b y + sqrt(2b) v) y T_c, force and wave of then."""
     hand = OldHand(latency, seed)
     for gap in [M, *gaps]:
         hand.run(gap)
         if hand.random.random() < 0.2:
-            hand.client.core.acted((0.5 * hand.client.core.force_n[0],))
+            hand.client.core.handle(ForceApplied((0.5 * hand.client.core.force_n[0],)), hand.client.core.now_ns)
     core, waves = hand.client.core, hand.client.waves
     work = sum(force * step for step, force in zip(hand.mean, hand.force, strict=False))
-    assert core.work_j == pytest.approx(work, rel=1e-9, abs=1e-14)
-    assert core.work_j - (waves.made_j - waves.used_j) == pytest.approx(core.leak_j, rel=1e-9, abs=1e-13)
-    assert core.leak_j == pytest.approx(hand.leak(), rel=1e-9, abs=1e-13)
+    assert core.ledger.work_j == pytest.approx(work, rel=1e-9, abs=1e-14)
+    assert core.ledger.work_j - (waves.energy.made_j - waves.energy.used_j) == pytest.approx(
+        core.ledger.leak_j, rel=1e-9, abs=1e-13
+    )
+    assert core.ledger.leak_j == pytest.approx(hand.leak(), rel=1e-9, abs=1e-13)
     used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0  # from `latency` ticks before the first one on
-    assert waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15), "each wave for all its ticks, and no other"
+    assert waves.energy.used_j == pytest.approx(used, rel=1e-9, abs=1e-15), "each wave for all its ticks, and no other"
 
 
 @given(LATENCIES, st.integers(0, 2**32 - 1))
@@ -82,20 +85,20 @@ def test_with_the_force_let_through_only_the_dampers_error_leaks(latency: int, s
     hand, start = OldHand(latency, seed, size=0.04), 400  # the ramp is behind us
     for _ in range(start):
         hand.run(1)
-    before = hand.client.core.leak_j
+    before = hand.client.core.ledger.leak_j
     for _ in range(200):
         hand.run(1)
     rows = list(zip(hand.mean, hand.estimate, strict=False))[start:]
     leak = sum(20.0 * (estimate - step / T_C) * step for step, estimate in rows)
     assert not hand.client.core.safety.counts
-    assert hand.client.core.leak_j - before == pytest.approx(leak, rel=1e-9, abs=1e-13)
+    assert hand.client.core.ledger.leak_j - before == pytest.approx(leak, rel=1e-9, abs=1e-13)
 
 
 @given(LATENCIES, GAPS, st.integers(0, 2**32 - 1))
-def test_virtual_coupling_books_a_displacement_with_the_force_it_was_made_against(
+def test_virtual_coupling_enters_a_displacement_with_the_force_it_was_made_against(
     latency: int, gaps: list[int], seed: int
 ) -> None:
-    """Once the force is let through, nothing leaks."""
+    """Nothing leaks once the force is let through."""
     client, random = Client(latency=latency, kind="coupling"), np.random.default_rng(seed)
     places, now, before = [0.0] * (latency + 1), 0, 0.0
     for gap in [1] * 400 + gaps:
@@ -106,9 +109,9 @@ def test_virtual_coupling_books_a_displacement_with_the_force_it_was_made_agains
         client.core.receive(messages.encode(state), due_ns(0, now, DEVICE_HZ))
         client.tick(now, places[-1 - latency], velocity=[0.01], age=latency)
         if now == 400:
-            before = client.core.leak_j
+            before = client.core.ledger.leak_j
     assert client.core.coupling.port_j != 0.0
-    assert client.core.leak_j == pytest.approx(before, abs=1e-12)
+    assert client.core.ledger.leak_j == pytest.approx(before, abs=1e-12)
 
 
 @given(LATENCIES, st.integers(1, 60), st.integers(1, 60))
@@ -116,12 +119,12 @@ def test_a_fault_absorbs_each_wave_for_its_own_ticks_too(latency: int, well: int
     hand = OldHand(latency, 5)
     for number in range(well + ill + 40):
         if number == well:
-            hand.client.core.fail("a test")
+            hand.client.core.handle(DeviceFailed("a test"), hand.client.core.now_ns)
         if number == well + ill:
-            hand.client.core.rearm()
+            hand.client.core.handle(Rearm(), hand.client.core.now_ns)
         hand.run(1)
         used = sum(wave**2 for wave in hand.wave[: hand.now]) * T_C / 2.0
-        assert hand.client.waves.used_j == pytest.approx(used, rel=1e-9, abs=1e-15)
+        assert hand.client.waves.energy.used_j == pytest.approx(used, rel=1e-9, abs=1e-15)
 
 
 @given(LATENCIES, st.lists(st.integers(1, 12), min_size=10, max_size=60), st.integers(0, 2**32 - 1))
@@ -158,22 +161,24 @@ def test_a_loop_that_was_late_makes_no_jump_of_a_hand_that_went_on(gaps: list[in
     for gap in [1] * 400 + gaps + [1] * 3:
         last, now = now, now + gap
         if now == 400:
-            start = client.core.leak_j
+            start = client.core.ledger.leak_j
         for tick in range(last // M, now // M):
             client.hear(due_ns(0, tick * M, DEVICE_HZ), 0.0)
         client.tick(now, 1e-4 * last, velocity=[speed], age=gap)
     assert client.total() == pytest.approx(ROOT * 1e-4 * (now - 1), rel=1e-9), (
         "the first tick shows what was before the hand"
     )
-    assert client.waves.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), "the least that it may be"
-    assert client.core.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
+    assert client.waves.energy.made_j == pytest.approx(20.0 * speed**2 * T_C * (now - 1), rel=1e-9), (
+        "the least that it may be"
+    )
+    assert client.core.ledger.leak_j == pytest.approx(start, abs=1e-12), "the damper's error is none"
 
 
 def test_the_record_says_what_the_core_estimates_with() -> None:
     """A device may say only once it is open that it gives no velocity, how light it is, and how old its samples are."""
     light = replace(capability(gives_velocity=False, latency=1), apparent_mass_kg=0.03)
     client = Client()
-    client.core.equip(light)
+    client.core.handle(DeviceOpened(light), client.core.now_ns)
     estimator = AlphaBeta(1, T_C, memory_for(light, T_C))
     random = np.random.default_rng(8)
     expected: Sequence[float] = ()
@@ -184,6 +189,3 @@ def test_the_record_says_what_the_core_estimates_with() -> None:
     assert list(client.core.velocity_mps) == expected
     assert memory_for(light, T_C) == 0.5
     assert len(client.waves._late) == 1
-
-
-# Stiffness felt at rest ----------------------------------------------------------------------------------------------

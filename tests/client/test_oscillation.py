@@ -1,4 +1,4 @@
-"""What counts as oscillation at the hand, from both sides of each bound."""
+"""Detection of oscillation at the hand, from both sides of each bound."""
 
 from collections.abc import Callable
 from math import pi, sin

@@ -1,4 +1,4 @@
-"""The client's end of time-domain passivity control: exact books, and how far the controller keeps to them."""
+"""The client's end of time-domain passivity control: an exact energy ledger, and a controller that keeps to it."""
 
 import itertools
 import math
@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.client.inputs import DeviceFailed, ForceApplied, Poll, Stop
 from cogrip.client.passivity_control import ASTRAY_MPS, RESERVE_J, SOFT_NPS, PassivityControl
 from cogrip.protocol import messages
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Power, Stamp, State
+from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import resolve, seat_settings
 
@@ -47,10 +48,10 @@ def run_tick(control: PassivityControl, guess: float, speed: float) -> float:
 
 speeds = st.floats(-1.0, 1.0)
 ticks = st.lists(st.tuples(speeds, speeds), min_size=1, max_size=40)
-heard = st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(0.0, 0.01), ticks), min_size=1, max_size=6)
+energies = st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(0.0, 0.01), ticks), min_size=1, max_size=6)
 
 
-@given(heard)
+@given(energies)
 def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[Any]) -> None:
     """The bound of docs/decisions/0011-methods.md: in a tick W falls to -E(0), and below it by no more than
     |F| (|dx| - ASTRAY T) of the force that may be given, and what the damper took that pays debts.
@@ -93,7 +94,7 @@ def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[A
     )
 )
 def test_a_hand_slower_than_the_guess_may_be_wrong_never_takes_more_than_is_there(frames: list[Any]) -> None:
-    """Whatever its velocity is taken for: W >= -E(0). The damper that pays debts is put where the hand goes."""
+    """W >= -E(0) for any guess of its velocity. The damper that pays a deficit acts where the hand goes."""
     control, said = control_of(), 0.0
     for number, (wanted, more, moves) in enumerate(frames):
         said += more
@@ -147,14 +148,14 @@ def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take() -> No
 def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reserve_is_full() -> None:
     control = control_of()
     control._left = [CompensatedSum(-1e-3)]
-    books = (
+    cases = (
         (5e-4, 0.0, -5e-4), (1.5e-3, 5e-4, 5e-4), (1e-3, 1e-3, 1e-3), (5e-3, 3.5e-3, 3.5e-3), (1e-3, 4e-3, 4e-3),
         (1e-3, 5e-3, 4e-3),
     )  # fmt: skip
-    for push, told, left in books:
+    for push, entered, left in cases:
         control.applied_n = (1.0,)
         control.elapse((push / T_C,), (0.0,))
-        assert control._in[0].value == pytest.approx(told, abs=1e-12), push
+        assert control._in[0].value == pytest.approx(entered, abs=1e-12), push
         assert control.left_j[0] == pytest.approx(left, abs=1e-12), push
     assert control.left_j[0] == pytest.approx(RESERVE_J)
 
@@ -186,7 +187,6 @@ def test_axes_keep_their_own_books() -> None:
 def test_only_power_of_these_axes_fits() -> None:
     control = control_of(2)
     assert not control.receive(power(0, 1.0, 1.0, axes=1))
-    assert not control.receive(State(7, 0, (0.0,) * 2, (0.0,) * 2, 0.0, 0, Stamp(1)))
     short = Power(7, 0, (0.0,) * 2, (0.0,) * 2, (0.0,), (0.0,) * 2, (0.0,) * 2, 0.0, 0, Stamp(1))
     assert not control.receive(short)
     assert control.receive(power(0, 1.0, 1.0, axes=2))
@@ -217,10 +217,10 @@ def test_the_books_hold_what_the_hand_felt_to_the_last_bit_of_work(latency: int)
             client.core.receive(messages.encode(power(number // M, 1.0, number * 1e-5, axes=2)), number)
         force = client.tick(number, *places[number], velocity=(0.0, 0.0), age=latency)
         if number % 7 == 0:
-            client.core.acted(tuple(0.5 * value for value in force))
-    assert abs(client.core.work_j) > 1e-6
-    assert client.core.port_j == pytest.approx(client.core.work_j, abs=1e-15)
-    assert client.core.leak_j == pytest.approx(0.0, abs=1e-15)
+            client.core.handle(ForceApplied(tuple(0.5 * value for value in force)), client.core.now_ns)
+    assert abs(client.core.ledger.work_j) > 1e-6
+    assert client.core.ledger.port_j == pytest.approx(client.core.ledger.work_j, abs=1e-15)
+    assert client.core.ledger.leak_j == pytest.approx(0.0, abs=1e-15)
 
 
 def test_the_proxy_is_sent_exactly_where_the_hand_went() -> None:
@@ -240,7 +240,7 @@ def test_a_faulty_hand_moves_no_proxy_and_claims_nothing() -> None:
     client = Client(1, kind="tdpa")
     for number in range(5 * M + 1):
         client.tick(number, 1e-4 * number, velocity=(0.1,))
-    client.core.fail("device: unplugged")
+    client.core.handle(DeviceFailed("device: unplugged"), client.core.now_ns)
     client.sent()
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
@@ -260,7 +260,7 @@ def test_who_takes_leave_claims_nothing_and_lets_the_proxy_come_to_a_stop() -> N
         if number % M == 0:
             client.core.receive(messages.encode(power(number // M, 2.0, 0.0)), number)
         client.tick(number, 1e-4 * number, velocity=(0.1,))
-    client.core.stop()
+    client.core.handle(Stop(), client.core.now_ns)
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
     claimed, places = [energy.value for energy in control._in], []
@@ -282,14 +282,14 @@ def test_a_new_server_begins_with_new_books() -> None:
     client = Client(1, kind="tdpa")
     for number in range(6 * M + 3):
         client.tick(number, 1e-4 * number, velocity=(0.1,))
-    before = client.core.port_j
+    before = client.core.ledger.port_j
     quiet_ns = client.core.session.last_received_ns + 600_000_000
-    client.core.poll(quiet_ns)
+    client.core.handle(Poll(), quiet_ns)
     client.renew(quiet_ns)
     control = client.core.coupling
     assert isinstance(control, PassivityControl)
     assert (control.port_j, control.left_j) == (0.0, (0.0,))
-    assert client.core.port_j == before
+    assert client.core.ledger.port_j == before
     client.sent()
     for number in range(6 * M + 3, 7 * M + 1):
         client.tick(number, 1e-4 * number, velocity=(0.1,))

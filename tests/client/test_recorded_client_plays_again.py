@@ -8,13 +8,16 @@ from itertools import pairwise
 from typing import Any
 
 import msgspec
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.recorder import COMMAND, DATAGRAM_IN, DATAGRAM_OUT, EVENT, KINDS, TICK, RecordedClient, start_of
+from cogrip.client.inputs import Connect, DeviceFailed, KeepSeat, Rearm, Stop
+from cogrip.client.recorder import DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, KINDS, TICK, RecordedClient, start_of
 from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Welcome
-from cogrip.protocol.recording.records import Command, Datagram, Tick
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.records import Datagram, Input, Tick
 
 from tests.client.recorded_person import SCRIPT, TICKET, TOKEN, Person, Word, capability, outages
 from tests.recorded_end import nothing_is_judged_after_a_gap, the_beginning_is_exact
@@ -26,7 +29,7 @@ THREE = st.tuples(NUMBERS, NUMBERS, NUMBERS)
 
 
 def words(*kinds: str, most: int = 3) -> st.SearchStrategy[list[Word]]:
-    """For `Person.word`."""
+    """Draw words for `Person.word`."""
     return st.lists(st.tuples(st.sampled_from(kinds), st.integers(0, 300), st.floats(-1.0, 1.0)), max_size=most)
 
 
@@ -59,7 +62,7 @@ PEOPLE = st.builds(Person, st.integers(1, 3), st.booleans(), st.sampled_from(WOR
 
 def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: Sequence[Any]) -> None:
     core = person.core
-    core.call(0)
+    core.handle(Connect(), 0)
     for later_ns, words in before:
         person.poll(later_ns, words)
     person.poll(2_000_000, [*last, ("welcome", 0, 0.0)])
@@ -72,13 +75,15 @@ def played(person: Person, before: Sequence[Any], last: Sequence[Any], actions: 
             case "poll", later_ns, words:
                 person.poll(later_ns, words)
             case "fail", reason:
-                core.fail(reason)
+                core.handle(DeviceFailed(reason), core.now_ns)
             case "keep_seat", *_:
-                core.keep_seat(person.now_ns)
+                core.handle(KeepSeat(), person.now_ns)
             case "end", reason:
                 person.end(reason)
-            case verb, *_:
-                getattr(core, verb)()
+            case "stop", *_:
+                core.handle(Stop(), core.now_ns)
+            case "rearm", *_:
+                core.handle(Rearm(), core.now_ns)
 
 
 @settings(max_examples=300)
@@ -87,6 +92,14 @@ def test_whatever_happened_plays_again_exactly(
     person: Person, before: list[Any], last: list[Any], actions: list[Any]
 ) -> None:
     played(person, before, last, actions)
+    person.exact()
+
+
+def test_a_line_that_is_owed_energy_sends_nothing() -> None:
+    person = Person(1, False, {"coupling": {"decimator": "none"}, "object": {"kind": "wall"}})
+    silence = [("tick", 1, None, []), ("tick", 2500, None, [("renewed", 0, 0.0)])]
+    played(person, [], [], [("run", 32, False), *silence, ("run", 8, False)])
+    assert person.core.coupling.sent == (0.0,)
     person.exact()
 
 
@@ -113,9 +126,9 @@ def test_nothing_after_a_gap_is_judged_and_all_before_it_is(at: int) -> None:
 def test_a_scripted_session_has_everything() -> None:
     SCRIPT.exact()
     kinds = {KINDS[topic] for topic, *_ in SCRIPT.noted}
-    assert kinds == {"tick", "datagram_in", "datagram_out", "command", "event", "account"}
-    verbs = [msgspec.json.decode(payload, type=Command).verb for topic, _, payload in SCRIPT.noted if topic == COMMAND]
-    assert set(verbs) == {"call", "poll", "keep_seat", "rearm", "fail", "stop", "account", "leave"}
+    assert kinds == {"tick", "datagram_in", "datagram_out", "input", "event", "account"}
+    given = [msgspec.json.decode(payload, type=Input).kind for topic, _, payload in SCRIPT.noted if topic == INPUT]
+    assert set(given) == {"connect", "poll", "keep_seat", "rearm", "device_failed", "stop", "close_ledger", "leave"}
     texts = [json.loads(payload)["text"] for topic, _, payload in SCRIPT.noted if topic == EVENT]
     assert [text.split(":")[0] for text in texts] == [
         "live", "fault", "live", "fault", "degraded", "live", "fault", "idle",
@@ -141,13 +154,13 @@ def test_silences_play_again_exactly_and_no_secret_is_noted() -> None:
     for secret in (TOKEN.encode(), TICKET.encode()):
         assert any(secret in datagram for datagram in said)
         assert not any(secret in each for each in noted)
-    heard = [messages.decode(datagram) for datagram in datagrams]
-    hellos = [message for message in heard if isinstance(message, Hello)]
+    received = [messages.decode(datagram) for datagram in datagrams]
+    hellos = [message for message in received if isinstance(message, Hello)]
     assert {(hello.token, hello.ticket) for hello in hellos} == {("", ""), ("", "-")}
-    assert {len(each) for each, message in zip(datagrams, heard, strict=True) if isinstance(message, Hello)} == {
+    assert {len(each) for each, message in zip(datagrams, received, strict=True) if isinstance(message, Hello)} == {
         messages.HELLO_BYTES
     }
-    assert [message.ticket for message in heard if isinstance(message, Welcome)] == ["-"] * 3
+    assert [message.ticket for message in received if isinstance(message, Welcome)] == ["-"] * 3
 
 
 @given(st.integers(1, 3), st.floats(1e-9, 1e6), st.booleans())
@@ -155,6 +168,14 @@ def test_a_core_starts_from_what_the_header_says(axes: int, limit: float, gives_
     person, record = Person(axes), replace(capability(axes, gives_velocity), slew_nps=limit, speed_mps=limit)
     hello, _ = start_of(person.core.start)
     assert start_of(RecordedClient(hello, record).start) == (hello, record)
+
+
+def test_a_recording_of_an_earlier_version_is_refused() -> None:
+    person = Person()
+    person.take_seat()
+    person.topics = tuple(topic.replace("input", "command") for topic in person.topics)
+    with pytest.raises(RecordingError, match="an earlier version of cogrip recorded it"):
+        person.verdict()
 
 
 def test_nothing_is_lost_before_it_is_known_where_it_goes() -> None:
@@ -167,4 +188,4 @@ def test_nothing_is_lost_before_it_is_known_where_it_goes() -> None:
     for person in (at_once, later):
         person.run(20)
     assert later.noted == at_once.noted
-    assert msgspec.json.decode(later.noted[0][2], type=Command).verb == "call"
+    assert msgspec.json.decode(later.noted[0][2], type=Input).kind == "connect"

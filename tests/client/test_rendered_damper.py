@@ -1,4 +1,4 @@
-"""What a seat asks a device to render, and what the device carries: nothing is driven beyond it, whatever a server sends."""
+"""The damper of a seat and what its device carries: nothing is driven beyond that, whatever a server sends."""
 
 from dataclasses import replace
 
@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from cogrip.client.core import ClientCore
+from cogrip.client.inputs import Connect
 from cogrip.client.rendered_damper import OverloadError, is_carried, refusal, rounded_down
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.client.velocity import largest_impedance
@@ -72,7 +73,7 @@ class Grown(SimulatedDevice):
 def seated(device: SimulatedDevice, settings: SeatSettings) -> ClientCore:
     hello = make_hello(software="t", nonce=7, room="", name="", digest="", device="sim:phantom", axes=1, rate_hz=1024.0)
     core = ClientCore(hello, device.capability)
-    core.call(0)
+    core.handle(Connect(), 0)
     core.receive(messages.encode(Welcome(3, 7, 1, "", "1", settings, "ticket", "player")), 0)
     assert core.seated
     return core
@@ -89,7 +90,7 @@ def test_a_device_is_not_even_opened_with_more_than_it_carries() -> None:
 
 
 def test_a_device_that_turns_out_weaker_is_closed_again() -> None:
-    """At first, and when it is opened anew after a fault."""
+    """The record is judged at first, and when the device is opened anew after a fault."""
     whole = phantom()
     device = Grown(whole.capability, whole.plant, whole.hand)
     device.record = replace(whole.capability, damping_nspm=8.0)

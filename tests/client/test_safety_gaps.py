@@ -1,4 +1,4 @@
-"""Where waves are missing the force does not jump: it follows its law with a bounded slope, and then is the law again."""
+"""The force does not jump where waves are missing: it follows its law with a bounded slope, and then is the law again."""
 
 import math
 from dataclasses import replace

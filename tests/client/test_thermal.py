@@ -35,9 +35,9 @@ def test_the_rise_is_the_weighted_mean_square_of_the_past(forces: list[float], t
     thermal = ThermalLimit(T_C, 20.0, 1.4)
     squares = np.repeat(np.square(forces), -(-ticks // len(forces)))
     for square in squares:
-        thermal.book(float(square))
+        thermal.enter(float(square))
     weights = (1.0 - DECAY) * DECAY ** np.arange(len(squares) - 1, -1, -1)
-    assert thermal.leave_seat == pytest.approx(float(weights @ squares) / 1.4**2, rel=1e-9, abs=1e-15)
+    assert thermal.rise == pytest.approx(float(weights @ squares) / 1.4**2, rel=1e-9, abs=1e-15)
 
 
 @given(
@@ -54,29 +54,29 @@ def test_no_wish_warms_a_winding_beyond_its_continuous_force(
         for _ in range(held):
             force = min(wish, thermal.limit_n)
             assert 1.0 - 1e-12 <= thermal.limit_n <= peak_n
-            thermal.book(force * force)
+            thermal.enter(force * force)
             spent += force * force
             ticks += 1
-            assert thermal.leave_seat <= 1.0 + 1e-12
+            assert thermal.rise <= 1.0 + 1e-12
     assert spent / ticks <= 1.0 + TIME_CONSTANT_S * rate_hz / ticks * (1.0 + 1e-3)
 
 
 def test_the_law_keeps_its_margin_and_no_more() -> None:
-    """Where the limit acts on a force, 1 - h shrinks with the time constant FADE_S."""
+    """1 - h shrinks with the time constant FADE_S where the limit acts on a force."""
     thermal = ThermalLimit(T_C, *PHANTOM)
     while thermal.limit_n == 8.5:
-        thermal.book(8.5**2)
+        thermal.enter(8.5**2)
     for _ in range(2000):
-        margin = 1.0 - thermal.leave_seat
-        thermal.book(thermal.limit_n**2)
-        assert (1.0 - thermal.leave_seat) / margin == pytest.approx(math.exp(-T_C / FADE_S), abs=1e-5)
+        margin = 1.0 - thermal.rise
+        thermal.enter(thermal.limit_n**2)
+        assert (1.0 - thermal.rise) / margin == pytest.approx(math.exp(-T_C / FADE_S), abs=1e-5)
 
 
 def test_just_above_the_continuous_force_is_limited_and_just_below_is_not() -> None:
     for share, limited in ((1.01, True), (0.999, False)):
         thermal = ThermalLimit(1.0 / 250.0, *PHANTOM)
         for _ in range(250 * 600):
-            thermal.book(min(share * 1.4, thermal.limit_n) ** 2)
+            thermal.enter(min(share * 1.4, thermal.limit_n) ** 2)
         assert (thermal.limit_n < share * 1.4) is limited
 
 
@@ -113,7 +113,7 @@ def test_it_is_said_before_it_acts() -> None:
         acted_at = tick if safety.derated and acted_at is None else acted_at
     assert said_at is not None
     assert acted_at is not None
-    assert acted_at - said_at > 0.5 * 1024, "time enough to let go"
+    assert acted_at - said_at > 0.5 * 1024, "time enough to release it"
     assert "1.4 N" in safety.warning
     assert safety.counts["near thermal limit"] == 1
     for _ in range(80 * 1024):
@@ -126,14 +126,14 @@ def test_the_warning_has_two_bounds() -> None:
     """Above WARN_SHARE of where the limit acts it begins, below CALM_SHARE of that it ends."""
     thermal = ThermalLimit(T_C, *PHANTOM)
     begins = WARN_SHARE * (1.0 - ((8.5 / 1.4) ** 2 - 1.0) / (TIME_CONSTANT_S / FADE_S - 1.0))
-    for leave_seat, warm in (
+    for rise, warm in (
         (begins * 0.999, False),
         (begins * 1.001, True),
         (begins * 0.91, True),
         (begins * 0.89, False),
     ):
-        thermal.leave_seat = leave_seat
-        thermal.book(leave_seat * 1.4**2)
+        thermal.rise = rise
+        thermal.enter(rise * 1.4**2)
         assert thermal.warm is warm
     assert CALM_SHARE == 0.9
 
@@ -156,10 +156,10 @@ def test_ten_seconds_of_warm_motors_are_a_fault_and_pauses_count_against_them() 
     assert safety.state == "fault"
     assert "1.4 N for 10 s" in safety.reason
     assert "re-arm" in safety.reason
-    leave_seat = safety._thermal.leave_seat
+    rise = safety.thermal.rise
     safety.event("rearm")
     safety.event("go")
-    assert safety._thermal.leave_seat == leave_seat, "re-arming cools nothing"
+    assert safety.thermal.rise == rise, "re-arming cools nothing"
 
 
 def test_a_person_who_pulls_now_and_then_goes_on_without_a_fault() -> None:
@@ -182,17 +182,17 @@ def test_ticks_that_were_skipped_warm_the_motors_too() -> None:
         if tick % 4 == 0:
             fourth.check(4, (0.0,), (0.0,))
             fourth.limit((8.0,))
-    assert fourth._thermal.leave_seat == pytest.approx(every._thermal.leave_seat, rel=0.05)
+    assert fourth.thermal.rise == pytest.approx(every.thermal.rise, rel=0.05)
 
 
 def test_another_record_changes_the_limits_and_not_the_warmth() -> None:
     safety = live()
     for _ in range(2048):
         safety.limit((8.5,))
-    leave_seat = safety._thermal.leave_seat
+    rise = safety.thermal.rise
     safety.keep_to(replace(make("sim:phantom").capability, continuous_force_n=0.7))
-    assert safety._thermal.leave_seat == leave_seat
-    assert safety._thermal.limit_n < 8.5
+    assert safety.thermal.rise == rise
+    assert safety.thermal.limit_n < 8.5
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_another_record_changes_the_limits_and_not_the_warmth() -> None:
 def test_every_device_keeps_its_continuous_force_for_ever(record) -> None:
     thermal = ThermalLimit(1.0 / 250.0, record.peak_force_n, record.continuous_force_n)
     for _ in range(250 * 60):
-        thermal.book(min(record.continuous_force_n, thermal.limit_n) ** 2)
+        thermal.enter(min(record.continuous_force_n, thermal.limit_n) ** 2)
     assert thermal.limit_n >= record.continuous_force_n * (1.0 - 1e-9)
 
 

@@ -60,7 +60,7 @@ def test_a_steady_speed_is_found_exactly_whatever_ticks_are_skipped(
 
 @given(MEMORIES, st.lists(st.integers(-40, 40), min_size=1, max_size=60))
 def test_the_estimate_stays_among_the_speeds_that_were_seen(memory: float, counts: list[int]) -> None:
-    """It is a mean of the steps so far, with weights (k + 1) memory^k (1 - memory)^2: never outside of them and 0."""
+    """The estimate is a mean of the steps so far, with weights (k + 1) memory^k (1 - memory)^2: never outside of them and 0."""
     estimator, place = AlphaBeta(1, T_C, memory), 0.0
     estimator.update((place,))
     low = high = 0.0
@@ -186,9 +186,9 @@ def speeds(share: float, memory: float, latency: int) -> Sequence[float]:
 @pytest.mark.parametrize("memory", [0.0, 0.3, 0.48, 0.6, 0.8])
 def test_the_closed_form_of_a_bare_device_from_both_sides(memory: float, latency: int) -> None:
     limit = bare_limit(memory, latency)
-    calm, wild = speeds(0.99 * limit, memory, latency), speeds(1.01 * limit, memory, latency)
+    calm, unstable = speeds(0.99 * limit, memory, latency), speeds(1.01 * limit, memory, latency)
     assert max(calm[-500:]) < 0.5 * max(calm[2000:2500])
-    assert max(wild[-500:]) > 2.0 * max(wild[2000:2500])
+    assert max(unstable[-500:]) > 2.0 * max(unstable[2000:2500])
 
 
 @given(MEMORIES, st.integers(0, 1))
@@ -237,7 +237,7 @@ def test_memory_and_largest_impedance_of_some_devices(
 
 @pytest.mark.parametrize(("share", "memory"), [(0.999, 0.5), (1.0, 0.5), (1.01, 0.50372), (1.3333, 0.6), (1.4, 0.6)])
 def test_both_ends_of_the_memories(share: float, memory: float) -> None:
-    """From 3 ticks of lag that b = 20 allows to 4."""
+    """The bounds are 3 and 4 ticks of lag that b = 20 allows."""
     found = record(share * 3.0 * T_C * WANTED_NSPM, 0.0, 0)
     assert memory_for(found, T_C) == pytest.approx(memory, abs=3e-4)
 

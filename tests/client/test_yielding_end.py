@@ -1,4 +1,4 @@
-"""In a gap the client's end yields: a smaller impedance, with every tick's work and all displacement still accounted for."""
+"""The client's end yields in a gap: a smaller impedance, with every tick's work and all displacement still accounted for."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -85,20 +85,20 @@ def test_a_gap_feels_like_a_sixth_of_the_damping() -> None:
     assert max(abs(after - before) for before, after in pairwise(yielding[90:])) < 0.4
 
 
-def test_what_is_not_sent_in_a_gap_is_owed_by_the_other_way() -> None:
+def test_what_is_not_sent_in_a_gap_is_written_off_by_the_receiver() -> None:
     """sum u = sqrt(2b) x - sum v - sum e, and the receiver holds e: no displacement is forgotten."""
     end = End()
     wave = sqrt(B / 2.0) * 0.1
     for number in range(66):
         end.frame(None if number in (20, 21) or number >= 60 else wave, 0.1, sent=wave)
 
-    receiver, told = end.coupling._receiver, []
+    receiver, written_off = end.coupling._receiver, []
     write_off = receiver.write_off
 
     def listen(row: Sequence[float]) -> None:
         deficit = receiver.deficit[0]
         write_off(row)
-        told.append(deficit - receiver.deficit[0])
+        written_off.append(deficit - receiver.deficit[0])
 
     receiver.write_off = listen  # type: ignore[method-assign]
     before, sent, applied = sum(end.coupling._written_off) / M, 0.0, 0.0
@@ -108,8 +108,8 @@ def test_what_is_not_sent_in_a_gap_is_owed_by_the_other_way() -> None:
         applied += end.coupling.returning[0]
     moved = 30 * ROOT * 0.1
     assert sent + applied < 0.7 * moved
-    forgone = sum(told) - before + sum(end.coupling._written_off) / M
-    assert sent + applied + forgone == pytest.approx(moved, rel=1e-9)
+    rest = sum(written_off) - before + sum(end.coupling._written_off) / M
+    assert sent + applied + rest == pytest.approx(moved, rel=1e-9)
 
 
 def test_a_clear_line_does_not_yield() -> None:
@@ -117,4 +117,4 @@ def test_a_clear_line_does_not_yield() -> None:
     for _ in range(50):
         force = end.frame(0.2, 0.05)
     assert force == pytest.approx([B * 0.05 - ROOT * 0.2] * M)
-    assert end.coupling._share == 1.0
+    assert end.coupling._line_gain == 1.0

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from itertools import pairwise
 
+from cogrip.client.inputs import DeviceOpened
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Device
 from cogrip.protocol.rates import due_ns
@@ -19,7 +20,7 @@ def forces_over_a_jump(device: Device, move: Callable[[float], None], jump_m: fl
     handle = SupervisedDevice(device, client.core, DEVICE_HZ)
     move(-0.02)
     handle.open()
-    client.core.equip(device.capability)
+    client.core.handle(DeviceOpened(device.capability), client.core.now_ns)
     for tick in range(TICKS):
         now_ns = due_ns(0, tick, DEVICE_HZ)
         move(-0.02 + SPEED_MPS * tick / DEVICE_HZ + (jump_m if tick >= JUMP_TICK else 0.0))

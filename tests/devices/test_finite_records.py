@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cogrip.client.recorder import capability_of, start_of, start_text
+from cogrip.client.recorder import start_of, start_text
 from cogrip.devices.arm.models import MODELS as ARMS
 from cogrip.devices.conformance import Subject, UnfitError, record_is_complete
 from cogrip.devices.device import LARGEST, SLEW_NPS, SPEED_MPS, Capability, DeviceError, check_rate
@@ -134,17 +134,17 @@ def test_a_record_of_an_early_recording_is_read_with_todays_bounds() -> None:
     hello = make_hello(software="x", nonce=1, room="r", name="n", digest="", device="sim:", axes=3, rate_hz=1e3)
     text = json.dumps({"hello": msgspec.to_builtins(hello), "capability": old_table()})
     assert text.count("Infinity") == 4
-    for record in (start_of(text)[1], capability_of(json.dumps(old_table()))):
-        assert (record.slew_nps, record.speed_mps, record.stiffness_npm) == (1e3, 4.0, 2e4)
-        assert replace(record, **{name: getattr(PHANTOM, name) for name in BOUNDS}) == PHANTOM, "all else as it stands"
-        assert "Infinity" not in start_text(hello, record)
-        assert start_of(start_text(hello, record)) == (hello, record)
+    _, record = start_of(text)
+    assert (record.slew_nps, record.speed_mps, record.stiffness_npm) == (1e3, 4.0, 2e4)
+    assert replace(record, **{name: getattr(PHANTOM, name) for name in BOUNDS}) == PHANTOM, "all else as it stands"
+    assert "Infinity" not in start_text(hello, record)
+    assert start_of(start_text(hello, record)) == (hello, record)
 
 
 @pytest.mark.parametrize("changed", [{"peak_force_n": inf}, {"slew_nps": nan}, {"slew_nps": -inf}, {"speed_mps": 0.0}])
 def test_what_was_never_a_record_is_no_recording(changed: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="no limit"):
-        capability_of(json.dumps({**old_table(), **changed}))
+        Capability.recorded({**old_table(), **changed})
 
 
 @pytest.mark.parametrize(

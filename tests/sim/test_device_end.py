@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cogrip.client.inputs import CloseLedger
 from cogrip.client.velocity import largest_impedance
 from cogrip.devices.device import Capability, Device, Sample
 from cogrip.devices.registry import make, stand_ins
@@ -49,7 +50,7 @@ class Felt:
 
     @property
     def account(self) -> Any:
-        return self.core.account(self.laboratory.ticks(self.number))
+        return self.core.handle(CloseLedger(self.laboratory.ticks(self.number)), self.core.now_ns)
 
 
 def felt(settings: Settings) -> list[Felt]:

@@ -43,7 +43,7 @@ def pairs(laboratory: Laboratory) -> list[tuple[float | None, float | None]]:
     found: list[tuple[float | None, float | None]] = []
     for person in laboratory.people:
         coupling, port = person.core.coupling, person.core.port
-        found.append((coupling.down_reserve.now_j, person.core.down_margin_j))
+        found.append((coupling.down_reserve.now_j, person.core.coupling.down_margin_j))
         found.append((port.balance_j + port.reserve_j, port.account().margin_j))
     for seat in laboratory.room.seats:
         if seat.port is not None:
@@ -175,19 +175,19 @@ def test_a_new_server_begins_a_new_line_and_the_client_keeps_the_least_of_all() 
     laboratory = Laboratory(session(seconds=60.0, link={"delay_ms": 10.0, "loss": 0.1}, playout={"tank_mj": 5.0}))
     frames(laboratory, 200)
     core = laboratory.people[0].core
-    least_j, margin_j = core.line_account()[2], core.down_margin_j
+    least_j, margin_j = core.ledger.down_reserve_j, core.coupling.down_margin_j
     assert least_j is not None
     assert margin_j is not None
     checkpoints = laboratory.kill()
     frames(laboratory, 20)
     laboratory.restart(checkpoints)
     while core.session.renewed == 0:
-        least_j = core.line_account()[2]
+        least_j = core.ledger.down_reserve_j
         laboratory.frame(watch)
     frames(laboratory, 20)
-    assert core.line_account()[2] == least_j, "the new line has no second yet"
-    assert core.down_margin_j is not None
-    assert core.down_margin_j <= margin_j
+    assert core.ledger.down_reserve_j == least_j, "the new line has no second yet"
+    assert core.coupling.down_margin_j is not None
+    assert core.coupling.down_margin_j <= margin_j
     assert laboratory.room.seat_account(0).line_reserve_j is None
     lawful(of_laboratory(laboratory))
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cogrip.client.inputs import DeviceOpened
 from cogrip.client.velocity import AlphaBeta, largest_impedance, memory_for
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
@@ -222,7 +223,7 @@ def let_age(laboratory: Laboratory, latency: int, memory: float = 0.5) -> None:
     for person in laboratory.people:
         assert isinstance(person.device, SimulatedDevice)
         person.device.plant = EstimatingPlant(person.device.plant, AlphaBeta(1, T_C, memory), latency)
-        person.core.equip(replace(person.core.capability, latency_ticks=latency))
+        person.core.handle(DeviceOpened(replace(person.core.capability, latency_ticks=latency)), person.core.now_ns)
 
 
 @pytest.mark.parametrize("latency", [0, 1, 2])
@@ -338,10 +339,10 @@ def test_sessions_of_the_cores_decay_with_the_wave_of_then_and_grow_with_that_of
         person.device.plant.velocity_mps[0] = sign * 1e-6  # type: ignore[attr-defined]
     peaks = []
     for _ in range(8):
-        laboratory.people[0].core.peak_force_n = 0.0
+        laboratory.people[0].core.seated.peaks.force_n = 0.0
         for _ in range(64):
             laboratory.frame()
-        peaks.append(laboratory.people[0].core.peak_force_n)
+        peaks.append(laboratory.people[0].core.seated.peaks.force_n)
     growth = (peaks[-1] / peaks[1]) ** (1.0 / (6 * 64))
     assert growth == pytest.approx(0.9974 if paired else 1.0043, abs=6e-4)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from cogrip.client.inputs import CloseLedger
 from cogrip.client.safety import MOST_SLOPE_NPS, SOFT_SLOPE_NPS
 from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve
@@ -86,7 +87,7 @@ class Felt:
 def least_margin(laboratory: Laboratory) -> float:
     """Of all lines of those who are here now."""
     room = laboratory.room
-    margins = [person.core.down_margin_j for person in laboratory.people]
+    margins = [person.core.coupling.down_margin_j for person in laboratory.people]
     for number, seat in enumerate(room.seats):
         account = room.seat_account(number)
         margins += [account.up_margin_j, account.line_margin_j]
@@ -113,7 +114,7 @@ def test_a_third_comes_and_goes_25_times_while_two_move(kind: str, axes: int) ->
         laboratory.leave(2)
         took_s = felt.until(lambda leaver=leaver: leaver.core.session.state == "closed", 1.0)  # type: ignore[misc]
         assert leaver.core.session.failed == ""
-        visits.append((took_s, leaver.core.down_margin_j))
+        visits.append((took_s, leaver.core.coupling.down_margin_j))
         assert least_margin(laboratory) >= NOTHING_J, "with what the seat knew when it was left"
         felt.run(random.randrange(3, 20))
         laboratory.come(2)
@@ -155,7 +156,7 @@ def test_who_loses_the_address_is_back_within_two_seconds_on_the_same_line(seed:
     assert laboratory.room.seats[0].address == laboratory.people[0].address
     assert core.safety.state == "live"
     assert least_margin(laboratory) >= NOTHING_J
-    count = core.account(laboratory.ticks()).down
+    count = core.handle(CloseLedger(laboratory.ticks()), core.now_ns).down
     assert count.lost > 0
     assert count.sent == count.applied + count.late + count.lost
 
@@ -217,7 +218,9 @@ def test_a_server_that_is_started_anew_is_found_and_its_object_stands_where_it_w
         session = person.core.session
         assert (session.resumed + session.renewed, session.renewed) == (1, 1)
         assert person.core.safety.state == "live"
-        assert person.core.leak_j == pytest.approx(person.core.work_j - person.core.port_j, abs=1e-12)
+        assert person.core.ledger.leak_j == pytest.approx(
+            person.core.ledger.work_j - person.core.ledger.port_j, abs=1e-12
+        )
     assert least_margin(laboratory) >= NOTHING_J
     assert felt.peak_n > 1.0
 
@@ -248,8 +251,8 @@ def test_bursts_of_loss_are_softened_and_make_nothing(seed: int, concealment: st
     for person in laboratory.people:
         core = person.core
         assert concealment == "elastic" or core.safety.counts["gap softened"] > 0
-        assert core.leak_j == pytest.approx(core.work_j - core.port_j, abs=1e-12)
-        assert core.least_leak_j > -0.05, "what the device end gave"
+        assert core.ledger.leak_j == pytest.approx(core.ledger.work_j - core.ledger.port_j, abs=1e-12)
+        assert core.ledger.least_leak_j > -0.05, "what the device end gave"
     assert felt.peak_n < 8.0
     limited = sum(person.core.safety.counts.get("slew limited", 0) for person in laboratory.people)
     assert (limited == 0) is (concealment == "elastic")

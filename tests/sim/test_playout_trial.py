@@ -4,6 +4,7 @@ from typing import Any, get_args
 
 import pytest
 
+from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.line.jitter_buffer import HYSTERESIS, cost, weight_frames
 from cogrip.protocol.link_profile import Link, LinkProfile
@@ -113,12 +114,13 @@ def test_a_session_stays_passive_and_comes_to_the_depth_that_is_expected(name: s
     lab.run()
     assert not lab.diverged
     for seat, person in enumerate(lab.people):
-        assert person.core.down_margin_j is not None
-        assert person.core.down_margin_j >= -1e-12
+        assert person.core.coupling.down_margin_j is not None
+        assert person.core.coupling.down_margin_j >= -1e-12
         up = lab.room.seat_account(seat)
         assert up.up_margin_j is not None
         assert up.up_margin_j >= -1e-12
-        for direction, account in (("up", up.playout), ("down", person.core.account(lab.ticks()).playout)):
+        down = person.core.handle(CloseLedger(lab.ticks()), person.core.now_ns)
+        for direction, account in (("up", up.playout), ("down", down.playout)):
             assert account is not None
             expected = expected_frames(Playout(frames="auto"), link_of(name, direction), Rates(1024, 128))
             assert account.depth_frames == pytest.approx(expected, abs=1.5)

@@ -40,7 +40,7 @@ def test_both_seat_sessions_of_a_person_are_in_its_summary() -> None:
     [before] = anna["earlier"]
     assert ben["earlier"] == []
     assert before["name"] == "anna"
-    assert before["travel_m"] == pytest.approx(first.core.travel_m)
+    assert before["travel_m"] == pytest.approx(first.core.seated.peaks.travel_m)
     assert before["link"]["up"]["sent"] < anna["link"]["up"]["sent"] + 128
     assert before["state"] != anna["state"] == "live"
     assert of_room(laboratory.room, 6.0, {})["users"][0]["earlier"][0]["link"] == before["link"]

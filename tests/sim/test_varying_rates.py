@@ -90,7 +90,7 @@ def test_another_persons_rate_is_hardly_felt() -> None:
     for other in (1024, 4096):
         laboratory = Laboratory(resolve(world(128, [1024, other], seconds=2.0, link={"delay_ms": 15.625})))
         laboratory.run()
-        peaks.append([laboratory.people[0].core.peak_force_n, laboratory.people[0].core.travel_m])
+        peaks.append([laboratory.people[0].core.seated.peaks.force_n, laboratory.people[0].core.seated.peaks.travel_m])
     assert peaks[1] == pytest.approx(peaks[0], rel=0.02)
 
 
@@ -163,7 +163,7 @@ def test_no_jolt_where_people_of_many_rates_come_and_go() -> None:
     laboratory.leave(2)
     run(120)
     assert leaver.core.session.state == "closed"
-    assert leaver.core.down_margin_j >= NOTHING_J
+    assert leaver.core.coupling.down_margin_j >= NOTHING_J
     laboratory.come(2)
     run(60)
     assert laboratory.people[2].core.safety.state == "live"

@@ -1,16 +1,182 @@
-"""The couplings a client can be joined by, by the name in `coupling.kind`."""
+"""Interface of all couplings: the client's end of a scheme that joins a hand to the object.
 
-from collections.abc import Callable
+A tick:   `elapse`, or `elapse_absent` where there is no hand, enters the tick that has passed; `force` gives the law's force.
+A frame:  `end_frame`, then `message` for what is sent; `start_frame` plays what came.
+"""
 
-from cogrip.client.passivity_control import PassivityControl
-from cogrip.client.virtual_coupling import VirtualCoupling
-from cogrip.client.wave_coupling import WaveCoupling
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from math import inf
+from typing import Any, Generic, TypeVar
+
+from cogrip.devices.device import Capability
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import CompensatedSum
+from cogrip.protocol.messages import Power, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
-Coupling = WaveCoupling | VirtualCoupling | PassivityControl
+M = TypeVar("M", Waves, State, Power)
+Row = tuple[float, ...]
 
-COUPLINGS: dict[str, Callable[[SeatSettings], Coupling]] = {
-    "wave": WaveCoupling,
-    "coupling": VirtualCoupling,
-    "tdpa": PassivityControl,
-}
+
+class PortEnergy:
+    """Energy through a port so far [J]: `made_j` into the line, `used_j` out of it, `..._now_j` in this frame."""
+
+    __slots__ = ("_made", "_used", "made_now_j", "used_now_j")
+
+    def __init__(self) -> None:
+        self._made, self._used = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
+        self.made_now_j = self.used_now_j = 0.0
+
+    def end_frame(self) -> None:
+        """Add the frame that ends."""
+        self._made.add(self.made_now_j)
+        self._used.add(self.used_now_j)
+        self.made_now_j = self.used_now_j = 0.0
+
+    @property
+    def made_j(self) -> float:
+        return self._made.value + self.made_now_j
+
+    @property
+    def used_j(self) -> float:
+        return self._used.value + self.used_now_j
+
+    @property
+    def port_j(self) -> float:
+        """Energy that stayed in the line."""
+        return (self._made.value - self._used.value) + (self.made_now_j - self.used_now_j)
+
+
+class Coupling(ABC, Generic[M]):
+    """Energies in J, forces in N, rows of shape (axes,).
+
+    Its owner sets
+
+        applied_n      before `elapse`: the force that the hand felt in the ticks that are entered
+        carried_nspm   before `force`: impedance, or damping, that the device renders at most
+        ramp_gain      gain of the ramp that the force goes through
+        cut_n          what limits took from the force that is held now, None for nothing
+
+    and reads
+
+        local_n        part of the law that follows the hand's own motion
+        reduced        whether less than the settings ask for is rendered
+        implausible    whether the wave of this frame was larger than any device like this one brings about
+        returning      v held over this frame, `sent` u of the last one [sqrt(W)]; 0 without waves
+        object_state   positions and velocities of the object as last received, shape (2 axes,)
+        down_margin_j  least margin of the line down; None where no ledger of one direction is kept
+        down_reserve   its energy reserve
+    """
+
+    down_reserve: EnergyReserve
+
+    def __init__(self, seat: SeatSettings) -> None:
+        axes = seat.object.axes
+        self.applied_n: Sequence[float] = (0.0,) * axes
+        self.carried_nspm = inf
+        self.ramp_gain = 1.0
+        self.cut_n: Sequence[float] | None = None
+        self.local_n: Sequence[float] = (0.0,) * axes
+        self.reduced = self.implausible = False
+        self.returning: Row = (0.0,) * axes
+        self.sent: Row = (0.0,) * axes
+        self.object_state: Row = (0.0,) * (2 * axes)
+        self.down_margin_j: float | None = 0.0
+
+    @property
+    def gap(self) -> bool:
+        """True where the wave held now stands for one that is missing."""
+        return False
+
+    @property
+    def played(self) -> bool:
+        """True where the frame that plays now had come in its time."""
+        return False
+
+    @property
+    def stored_j(self) -> float:
+        """Energy kept here of all that the other end gave."""
+        return 0.0
+
+    @property
+    @abstractmethod
+    def port_j(self) -> float:
+        """Energy that went into the coupling here."""
+
+    @property
+    @abstractmethod
+    def given_j(self) -> float:
+        """Energy that the other end gave this one, less what it took."""
+
+    @property
+    def given_border_j(self) -> float:
+        """The same up to the last frame that ended."""
+        return self.given_j
+
+    @property
+    @abstractmethod
+    def newest(self) -> int:
+        """Number of the newest frame received; -1 before the first."""
+
+    @abstractmethod
+    def fit(self, record: Capability, lag_s: float) -> None:
+        """Go by this device, whose damper acts late by `lag_s`."""
+
+    def set_latency(self, ticks: int) -> None:
+        """Samples are `ticks` ticks old from now on."""
+
+    @abstractmethod
+    def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
+        """Enter a tick that has passed, with the displacement it shows / T_c and the velocity sample it began with.
+
+        hold: how firmly a hand that takes its leave still holds, from 1 down to 0.
+        """
+
+    def elapse_absent(self) -> None:
+        """Enter a tick that has passed without a hand."""
+
+    @abstractmethod
+    def end_frame(self, spare_j: float = inf) -> None:
+        """End a frame, which may give the line at most `spare_j` more energy than it brought."""
+
+    @abstractmethod
+    def start_frame(self) -> None:
+        """Play what has come for the next frame."""
+
+    @abstractmethod
+    def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
+        """Return the law's force on the hand [N]."""
+
+    @abstractmethod
+    def message(self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]) -> M:
+        """Return what is sent of the frame that ended."""
+
+    @abstractmethod
+    def receive(self, message: M) -> bool:
+        """Take in a message; False where it does not fit."""
+
+    @abstractmethod
+    def lost(self) -> int:
+        """Return the number of frames from the server that were lost."""
+
+    @abstractmethod
+    def count(self) -> LinkCount:
+        """Count the frames that came down."""
+
+    @property
+    def playout_frames(self) -> int | None:
+        """Frames that the jitter buffer holds back now; None without one."""
+        return None
+
+    def playout_account(self) -> PlayoutAccount | None:
+        """Return how frames were played out; None without a jitter buffer."""
+        return None
+
+    def loop_frames(self) -> float | None:
+        """Return the measured loop: frames from a message to the frame in which its answer is applied."""
+        return None
+
+
+AnyCoupling = Coupling[Any]

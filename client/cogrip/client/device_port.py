@@ -1,12 +1,12 @@
-"""Passivity at the motors: an energy ledger, two passivity controllers, and the impedance that the device may be asked for.
+"""Passivity at the motors: an energy ledger, two passivity controllers, and the impedance to ask of the device.
 
 Symbols: x position read [m], F force held over a tick [N], T tick [s], M ticks a frame, b_d own damping [N s/m] and c own
 friction [N] of the device (its record), q one count [m], v_m speed limit [m/s], E balance [J], E_0 reserve [J].
 
     E = sum F (x_{k+1} - x_k)  +  what the line gave, less what it took  +  sum over frames of (b_d d^2 / (M T) + c d)
 
-The first term is the hand's work, exact under the hold (theory 7.4). The device's own damping takes at least what the last one
-says, d being the displacement in a frame less one count (Cauchy-Schwarz; a path is no shorter than its chord). A tick gives
+The first term is the hand's work, exact under the hold (theory 7.4). The device's own damping takes at least the last term,
+d being the displacement in a frame less one count (Cauchy-Schwarz; a path is no shorter than its chord). A tick gives
 out at most |F| v_m T, and at most F^2 T / (4 b_d), so that E >= -E_1 stays true for every force law if
 
     |F(k)| <= max((E + E_1) / (v_m T), 2 sqrt(b_d (E + E_1) / T))                                             (`limit`)
@@ -29,26 +29,27 @@ from typing import Literal
 
 from cogrip.client.oscillation import OscillationDetector
 from cogrip.client.safety import SOFT_SLOPE_NPS
+from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import lag_ticks, largest_impedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import DeviceAccount
 from cogrip.protocol.line.energy_reserve import FIRST_S, known
 from cogrip.protocol.settings import SeatSettings
 
-BRISK_MPS = 1.0  # a late damper borrows from the device's kinetic energy: the reserve holds it up to this speed
-UNPAID = 0.25  # of the free part of the reserve: so much is lent to motion, and comes back
-PAYING = 0.1  # of the impedance that the device carries: the damping that pays for a used-up free part
-FADE = 3.0  # ticks at the speed limit and peak force, over whose energy a force that is not paid for fades
-DOWN = 0.5  # of the impedance, at each fast turn of a train
-BELOW = 0.8  # of the impedance at which a train began: what is tried again at most
-UP_S = 2.0  # in which the impedance comes back by a factor of e, as far as that
+BRISK_MPS = 1.0  # speed whose kinetic energy the reserve holds: a late damper borrows that
+UNPAID = 0.25  # fraction of the free reserve that is lent to motion, and comes back
+PAYING = 0.1  # fraction of the impedance that the device carries: the damping that pays for a used-up free reserve
+FADE = 3.0  # ticks at the speed limit and peak force, over whose energy an unpaid force fades
+DOWN = 0.5  # factor of the impedance at each fast turn of a train
+BELOW = 0.8  # fraction of the impedance at which a train began: the most that is tried again
+UP_S = 2.0  # in which the impedance rises by a factor of e, up to that
 TRUST_S = 60.0  # in which that bound rises by a factor of e
-LEAST = 0.02  # of what the record says
-REST_S = 0.5  # for which the force is let go where it oscillates, or sits at its limit
-MOST_RESTS = 2  # one more within GOES_ON_S is a fault
-GOES_ON_S = 10.0
+LEAST = 0.02  # fraction of the record's impedance
+RELEASED_S = 0.5  # for which the force is released where it oscillates, or sits at its limit
+MOST_RELEASES = 2  # one more within PERSISTS_S is a fault
+PERSISTS_S = 10.0
 
-Trouble = Literal["", "oscillation", "limit", "energy"]
+Cause = Literal["", "oscillation", "limit", "energy"]
 
 
 class DevicePort:
@@ -56,18 +57,18 @@ class DevicePort:
 
     balance_j     E, now
     least_j       the least E so far, with all that was forgiven
-    later_j       the same after the first second: -inf until then, inf until it is booked again
+    later_j       the same after the first second: -inf until then, inf until the next `enter`
     reserve_j     E_0
     carried_nspm  the impedance, or damping of virtual coupling, that may be rendered now [N s/m]
-    lag_s         by which a damper acts late (`lag_ticks`)
-    ramped        whether the force of the tick under way is ramped, so that the hand does not feel all of it
-    oscillates    whether the force has oscillated at any time
+    lag_s         time by which a damper acts late (`lag_ticks`)
+    ramped        True while the force is ramped, so that the hand does not feel all of it
+    oscillates    True once the force has oscillated
     """
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
         self._up, self._trust = exp(tick_s / UP_S), exp(tick_s / TRUST_S)
-        self._rest_ticks, self._goes_on_ticks = round(REST_S / tick_s), round(GOES_ON_S / tick_s)
+        self._released_ticks, self._persists_ticks = round(RELEASED_S / tick_s), round(PERSISTS_S / tick_s)
         self.balance_j = self.least_j = 0.0
         self.later_j = -inf
         self._given_j = 0.0  # of the last call
@@ -76,16 +77,14 @@ class DevicePort:
         self._cut_j = 0.0  # what was cut off of the balance, less what was forgiven
         self.ramped = True
         self.oscillates = False
-        self._ticks = self._controlled = self._limited = (
-            0  # with force; held by a controller here; by a limit of the device
-        )
-        self._changed = False  # the force of this tick, by a controller here
+        self._ticks = self._controlled = self._limited = 0  # with force; held by a controller here; by a device limit
+        self._changed = False  # a controller here changed the force of this tick
         self._exhausted = 0  # ticks for which the balance has paid for no force
         self._tick = 0
-        self._turned = -self._rest_ticks - 1  # tick of the last turn of a train
-        self._let_go = 0  # times
-        self._rests: list[int] = []  # ticks at which the force was let go, of the last GOES_ON_S
-        self._rest_left = 0
+        self._turned = -self._released_ticks - 1  # tick of the last turn of a train
+        self._releases = 0
+        self._released_at: list[int] = []  # ticks of the releases of the last PERSISTS_S
+        self._released_left = 0
         self._detector = OscillationDetector(capability.axes, tick_s)
         self.keep_to(capability)
 
@@ -105,13 +104,13 @@ class DevicePort:
 
     # The ledger
 
-    def book(self, work_j: float, given_j: float) -> None:
-        """Set the hand's work and the line's net gift, both since the beginning [J]."""
+    def enter(self, work_j: float, given_j: float) -> None:
+        """Set the hand's work and the energy that the line gave, less what it took, both since the beginning [J]."""
         self.balance_j = balance = work_j + given_j + self._own_j - self._cut_j
         taken_j, self._given_j = self._given_j - given_j, given_j
         if self.ramped and balance < 0.0 < taken_j:
-            # The hand moves the line without feeling all of it, so that the line takes what nobody gave. Asking that back later
-            # would take the force from a hand that did nothing; the motors gave none of it.
+            # The hand moves the line without feeling all of it: the line takes what nobody gave, and the motors gave none of
+            # it. To ask that back later would take the force from a hand that did nothing.
             forgiven_j = min(taken_j, -balance)
             self._cut_j -= forgiven_j
             self._forgiven_j += forgiven_j
@@ -158,7 +157,7 @@ class DevicePort:
         return 0.0 if used <= UNPAID else PAYING * self.carried_nspm * min(1.0, (used - UNPAID) / (1.0 - UNPAID))
 
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
-        """The force law's wish [N], shape (axes,), shortened where the reserve is being used up."""
+        """Return the law's force [N], shape (axes,), shortened where the reserve is being used up."""
         left_j = self.balance_j + self._faded_j
         size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
         if size * FADE * self._most_step_m <= left_j or size == 0.0:
@@ -177,8 +176,8 @@ class DevicePort:
         local_n: Sequence[float],
         limited: bool = False,
         reduced: bool = False,
-    ) -> Trouble:
-        """See the force of a tick, adapt the impedance, and tell whether the force is to be let go.
+    ) -> Cause:
+        """Enter the force of a tick and adapt the impedance. Returns why the force is to be released, "" to go on.
 
         force_n   to the motors until the next tick [N], shape (axes,)
         clipped   whether it is at the device's peak
@@ -197,7 +196,7 @@ class DevicePort:
         ):  # what the hand's motion would make, whatever is rendered of it: or it could shake on unseen
             local_n = [record / carried * local for local in local_n]
         if detector.add(force_n, clipped, local_n):
-            if self._tick - self._turned > self._rest_ticks:  # the first of its train
+            if self._tick - self._turned > self._released_ticks:  # the first of its train
                 self._most_nspm = max(LEAST * record, BELOW * carried)
             self._turned = self._tick
             self.carried_nspm = max(LEAST * record, DOWN * carried)
@@ -205,46 +204,48 @@ class DevicePort:
             self._most_nspm = min(record, self._trust * self._most_nspm)
             self.carried_nspm = min(self._most_nspm, self._up * carried)
         self._exhausted = self._exhausted + 1 if self.balance_j <= -self._faded_j else 0
-        exhausted = self._exhausted > self._rest_ticks
+        exhausted = self._exhausted > self._released_ticks
         if not (detector.oscillates or detector.at_limit or exhausted):
             return ""
-        found: Trouble = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
+        found: Cause = "oscillation" if detector.oscillates else "limit" if detector.at_limit else "energy"
         if exhausted:
             self._begin_anew()
         self.oscillates = self.oscillates or detector.oscillates
-        self._let_go += 1
-        self._rest_left = self._rest_ticks
-        self._rests = [tick for tick in self._rests if self._tick - tick < self._goes_on_ticks] + [self._tick]
+        self._releases += 1
+        self._released_left = self._released_ticks
+        self._released_at = [tick for tick in self._released_at if self._tick - tick < self._persists_ticks] + [
+            self._tick
+        ]
         detector.forget()
         return found
 
-    # Letting go
+    # Releases
 
     @property
-    def resting(self) -> bool:
-        """True while the force is let go because it oscillated, or sat at its limit."""
-        return self._rest_left > 0
+    def releasing(self) -> bool:
+        """True while the force is released because it oscillated, or sat at its limit."""
+        return self._released_left > 0
 
     @property
-    def goes_on(self) -> bool:
-        """True where letting go has not helped."""
-        return len(self._rests) > MOST_RESTS
+    def persists(self) -> bool:
+        """True where releases have not helped."""
+        return len(self._released_at) > MOST_RELEASES
 
     def elapse(self) -> None:
-        """One tick has passed, with force or without."""
+        """Enter a tick, with force or without."""
         self._tick += 1
-        if self._rest_left:
-            self._rest_left -= 1
+        if self._released_left:
+            self._released_left -= 1
 
     def rearm(self) -> None:
-        """Forget what led to a fault. The impedance that was found stays."""
-        self._rests.clear()
-        self._rest_left = 0
+        """Begin anew after a fault. The impedance that was found stays."""
+        self._released_at.clear()
+        self._released_left = 0
         self._detector.forget()
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """A balance that nothing pays back in time would hold the force at 0 for ever."""
+        """Write a negative balance off: one that nothing pays back in time would hold the force at 0 for ever."""
         self._exhausted = 0
         if self.balance_j < 0.0:
             self._forgiven_j -= self.balance_j
@@ -260,13 +261,13 @@ class DevicePort:
             controlled=self._controlled / ticks,
             leak_j=max(0.0, -self.least_j),
             margin_j=self.least_j + self.reserve_j,
-            let_go=self._let_go,
+            let_go=self._releases,
             reserve_j=known(self.later_j + self.reserve_j),
         )
 
 
-def cure(found: Trouble, seat: SeatSettings, record: Capability) -> str:
-    """Say why the force was let go, and what to do."""
+def cure(found: Cause, seat: SeatSettings, record: Capability) -> str:
+    """Return why the force was released, and what to do."""
     coupling = seat.coupling
     if found == "energy":
         return "the force law took more energy out than came in, and all of the device's reserve; leave this server"
@@ -275,13 +276,12 @@ def cure(found: Trouble, seat: SeatSettings, record: Capability) -> str:
             f"the force sits at its limit of {record.peak_force_n:g} N; push less, or set coupling.stiffness_npm lower than "
             f"{coupling.stiffness_npm:g}"
         )
-    wave = coupling.kind == "wave"
-    key, value = ("impedance_nspm", coupling.impedance_nspm) if wave else ("stiffness_npm", coupling.stiffness_npm)
-    return f"the force oscillates at the hand; set coupling.{key} lower than {value:g}"
+    key = SCHEMES[coupling.kind].softer_key
+    return f"the force oscillates at the hand; set coupling.{key} lower than {getattr(coupling, key):g}"
 
 
 class BarePort(DevicePort):
-    """The ledger alone: for experiments on force laws, in which no hand is held. Nothing is limited, adapted or let go."""
+    """The ledger alone, for experiments on force laws without a hand: nothing is limited, adapted or released."""
 
     def keep_to(self, capability: Capability) -> None:
         super().keep_to(capability)
@@ -305,5 +305,5 @@ class BarePort(DevicePort):
         local_n: Sequence[float],
         limited: bool = False,
         reduced: bool = False,
-    ) -> Trouble:
+    ) -> Cause:
         return ""

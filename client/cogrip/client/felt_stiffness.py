@@ -6,20 +6,20 @@ REST_S = 0.5  # for which the frames must agree
 
 
 class FeltStiffness:
-    """Fed once a frame with the depth pressed in [m] and the force along it [N]."""
+    """Stiffness felt at rest; fed once a frame."""
 
     def __init__(self, resolution_m: float, frame_s: float) -> None:
-        self._count = max(2, round(REST_S / frame_s))
-        self._samples: deque[tuple[float, float]] = deque(maxlen=self._count)
+        self._samples: deque[tuple[float, float]] = deque(maxlen=max(2, round(REST_S / frame_s)))
         self._resolution_m = resolution_m
 
     def add(self, depth_m: float, force_n: float) -> None:
+        """Take the depth pressed and the force along it."""
         self._samples.append((depth_m, force_n))
 
     def stiffness_npm(self) -> float | None:
-        """None while the hand moves, or where nothing pushes back."""
-        count = self._count
-        if len(self._samples) < count:
+        """Return the mean force over the mean depth; None while the hand moves, or where nothing pushes back."""
+        count = len(self._samples)
+        if count != self._samples.maxlen:
             return None
         depths = [depth for depth, _ in self._samples]
         depth = sum(depths) / count

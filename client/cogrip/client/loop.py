@@ -1,6 +1,6 @@
 """The live client: one thread owns the device, the sockets and the core (design: Client process).
 
-A tick: read the device, let the core sense it, send what it leaves, drain what has come, let it act, write the force.
+A tick: read the device, `sense`, send what the core leaves, drain what has come, `act`, write the force.
 """
 
 import os
@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError
+from cogrip.client import inputs
+from cogrip.client.io.paths import POLL_S, JoinError, Paths, RefusedError, session_change
 from cogrip.client.recorder import RecordedClient, client_topics
-from cogrip.client.safety import FAULT_OUT_S
+from cogrip.client.safety import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.first_axes import first_axes
@@ -30,6 +31,7 @@ from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import SeatSettings
 
 LEAD_NS = 2_000_000  # from the welcome to the first tick
+NO_TICKS = TickCount()
 REARM_HOW = "`r` and Enter here, or `kill -USR1 {}`,"
 
 
@@ -44,7 +46,7 @@ class Link(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a session ended: `failed` is "" when it ended as it should, `ended` says who ended it in order, if not its time."""
+    """End of a session. failed: why it broke off, "" if it did not; ended: who ended it in order before its time."""
 
     seat: SeatSettings
     account: ClientAccount
@@ -62,16 +64,14 @@ class LiveClient:
 
     device: Device
     hello: Hello
-    calls: Paths
+    paths: Paths
     stop: Stop
     say: Callable[[str], None]
     make_link: Callable[[LinkProfile, str], Link]
     record_at: Callable[[SeatSettings], Path | None]
     seconds: float | None = None
     rearms: bool = False  # stay after a fault, without force, until the person re-arms; else a fault ends the session
-    judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: (
-        ""
-    )  # why not to hold the device so, "" if one may
+    judge: Callable[[SeatSettings, Capability], str] = lambda seat, record: ""  # why not to hold the device so, or ""
     over: Callable[[], str] = lambda: ""  # why it ends by itself before its time, "" while it goes on
     allow_unstable: bool = False  # hold a device that is asked for more than it carries; never one of hardware
     _core: RecordedClient = field(init=False)
@@ -80,7 +80,7 @@ class LiveClient:
     _counts: dict[str, int] = field(init=False, default_factory=dict)
 
     def run(self) -> Ended | ClientSession:
-        """The session, once it has ended; or at once, and still open, where the server lets this client only look on.
+        """Return the session once it has ended; or at once, and still open, where the server gives an observer's place only.
 
         Raises JoinError when there is no seat to be had, DeviceError when the device cannot be opened.
         """
@@ -88,7 +88,7 @@ class LiveClient:
         # before there is a seat to lose: locking memory can take a second on a busy machine
         measures = engage(name for name in NAMES if name != "fifo")
         try:
-            self.calls.call(core, self.stop)
+            self.paths.connect(core, self.stop)
             if not core.seated:
                 core.record(Nowhere())
                 return core.session
@@ -101,15 +101,15 @@ class LiveClient:
         assert seat is not None
         self._link(seat)
         device = self.device = first_axes(self.device, seat.object.axes)
-        handle = SupervisedDevice(
+        supervised = SupervisedDevice(
             device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=not self.allow_unstable
         )
         recorder = None
         try:
-            self._open(handle)
+            self._open(supervised)
             self._keep_seat()
             if refused := self.judge(seat, core.capability):
-                self._leave(refused, core.account(TickCount()))
+                self._leave(refused)
                 raise RefusedError(refused)
             self._keep_seat()
             recorder = self._record(seat)
@@ -118,14 +118,13 @@ class LiveClient:
             self.say(f"{seat.user} holds {seat.object.kind} in room {seat.room} with {self.hello.device}")
             pacer = Pacer(seat.rates.device_hz, time.monotonic_ns() + LEAD_NS)
             try:
-                failed = self._loop(pacer, handle)
+                failed = self._loop(pacer, supervised)
             except BaseException:  # a defect, wherever it is: the hand may be pushed by the last force
-                let_go(device, core.force_n, pacer)
+                fade_out(device, core.force_n, pacer)
                 raise
-            account = core.account(pacer.count())
-            self._leave(failed, account)
+            account = self._leave(failed, pacer.count())
         finally:
-            handle.close()
+            supervised.close()
             core.record(Nowhere())
             if recorder is not None:
                 recorder.close()
@@ -134,10 +133,10 @@ class LiveClient:
             **core.session.dropped,
             **core.safety.counts,
             **device.counts,
-            **handle.counts,
-            **self.calls.counted(),
+            **supervised.counts,
+            **self.paths.counted(),
             **self._counts,
-            "came back": core.session.resumed,
+            "resumed": core.session.resumed,
             "line begun anew": core.session.renewed,
             "skipped tick": pacer.skipped,
         }
@@ -149,27 +148,27 @@ class LiveClient:
         return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures, ended)
 
     def _link(self, seat: SeatSettings) -> None:
-        """Emulate what the settings ask for. Gives the seat back where that is impossible. Raises JoinError."""
+        """Emulate the link of the settings. Gives the seat back where that is impossible. Raises JoinError."""
         try:
             self._up, self._down = [
                 None if profile == LinkProfile() else self.make_link(profile, f"{seat.seed}/{seat.seat}/{name}")
                 for profile, name in ((seat.up, "up"), (seat.down, "down"))
             ]
         except (ValueError, ArithmeticError) as error:
-            words = f"the server's settings are impossible: {error}"
-            self._leave(words, self._core.account(TickCount()))
-            raise JoinError(f"{words}; whoever runs the server can mend its [link]") from None
+            text = f"the server's settings are impossible: {error}"
+            self._leave(text)
+            raise JoinError(f"{text}; whoever runs the server can mend its [link]") from None
 
-    def _open(self, handle: SupervisedDevice) -> None:
-        """Give the seat back where the device cannot be had. Raises DeviceError."""
+    def _open(self, supervised: SupervisedDevice) -> None:
+        """Open the device, or give the seat back. Raises DeviceError."""
         try:
-            handle.open()
+            supervised.open()
         except DeviceError as error:
-            self._leave(f"device: {error}", self._core.account(TickCount()))
+            self._leave(f"device: {error}")
             raise
 
     def _record(self, seat: SeatSettings) -> Recorder | None:
-        """Begin to record, from the first hello on."""
+        """Begin to record, from the first hello on; None where nothing is recorded."""
         core, path = self._core, self.record_at(seat)
         recorder = None
         if path is not None:
@@ -185,82 +184,79 @@ class LiveClient:
         return recorder
 
     def _keep_seat(self) -> None:
-        """Let the server hear of us while the device and the rest are being made ready."""
+        """Send a sign of life while the device and the rest are made ready."""
         now_ns = time.monotonic_ns()
-        self._core.keep_seat(now_ns)
+        self._core.handle(inputs.KeepSeat(), now_ns)
         self._send(now_ns)
 
-    def _loop(self, pacer: Pacer, handle: SupervisedDevice) -> str:
-        """Tick until the session ends and the hand is let go. Returns why it failed, "" if it did not."""
+    def _loop(self, pacer: Pacer, supervised: SupervisedDevice) -> str:
+        """Tick until the session ends and the hand is released. Returns why it failed, "" if it did not."""
         core, safety, session = self._core, self._core.safety, self._core.session
         clock = time.monotonic_ns
         last_tick = None if self.seconds is None else round(self.seconds * pacer.rate_hz)
-        said, told, failed, ending = safety.state, session.state, "", False
+        safety_state, session_state, failed, ending = safety.state, session.state, "", False
         work_us = 0
         while True:
             tick = pacer.wait()
             now_ns = clock()
-            core.sense(tick, handle.read(tick), now_ns)
+            core.sense(tick, supervised.read(tick), now_ns)
             self._send(now_ns)
             self._drain(now_ns)
             core.timing = (pacer.late_ns // 1000, work_us, pacer.skipped)
-            handle.write(core.act(now_ns))
-            self.calls.poll(now_ns, session.state == "resuming")
-            if session.state != told:
-                self._tell_session(told, session.state)
-                told = session.state
-            if safety.state != said:
-                self._tell(said, safety.state)
-                said = safety.state
+            supervised.write(core.act(now_ns))
+            self.paths.poll(now_ns, session.state == "resuming")
+            if session.state != session_state:
+                self._report_session(session_state, session.state)
+                session_state = session.state
+            if safety.state != safety_state:
+                self._report_safety(safety_state, safety.state)
+                safety_state = safety.state
             if safety.state == "fault" and self.rearms and not ending:
-                self._rearm(handle)
+                self._rearm(supervised)
             if not ending:
                 failed = self._failed() or (safety.reason if safety.state == "fault" and not self.rearms else "")
                 over = bool(self.over()) or (last_tick is not None and tick >= last_tick)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
-                    failed = failed or self._unheard(now_ns)
+                    failed = failed or self._server_silent(now_ns)
                     if safety.state == "fault":
                         failed = failed or f"it ended in a fault: {safety.reason}"
                     if safety.state != "fault":
-                        core.stop()
+                        core.handle(inputs.Stop(), now_ns)
             elif core.released:
                 return failed
             work_us = (clock() - now_ns) // 1000
             pacer.done()
 
-    def _rearm(self, handle: SupervisedDevice) -> None:
-        """In a fault: open the device anew and leave it, when the person says so; say what came of it."""
+    def _rearm(self, supervised: SupervisedDevice) -> None:
+        """Leave a fault when the person asks for it, with the device opened anew; say what came of it."""
         if self.stop.take_rearm():
             self._keep_seat()  # opening may take a while
-            refused = handle.rearm()
+            refused = supervised.rearm()
             now_ns = time.monotonic_ns()
-            self._drain(now_ns)  # what waited meanwhile, before the server is taken for silent
-            self._core.poll(now_ns)  # noted, so that a replay hears it before the next tick, too
+            self._drain(now_ns)  # what waited meanwhile, before the server is treated as silent
+            self._core.handle(inputs.Poll(), now_ns)  # recorded: a replay then receives it before the next tick, too
             self.say(f"not re-armed: {refused}" if refused else "re-arming")
-        if handle.refusal:
-            self.say(f"not re-armed: {handle.refusal}")
-            handle.refusal = ""
+        if supervised.refusal:
+            self.say(f"not re-armed: {supervised.refusal}")
+            supervised.refusal = ""
 
     def _failed(self) -> str:
-        """Why the session broke off, "" if it did not."""
-        failed, trouble = self._core.session.failed, self.calls.failed
-        return f"{failed}; the last way to it: {trouble}" if failed and trouble else failed
+        """Return why the session broke off, "" if it did not."""
+        return self.paths.explained(self._core.session.failed)
 
-    def _unheard(self, now_ns: int) -> str:
-        """Why an end that is no failure by itself is one: the server does not hear of it; "" otherwise."""
+    def _server_silent(self, now_ns: int) -> str:
+        """Return why an end that is no failure by itself is one: the server does not learn of it; "" where it does."""
         session = self._core.session
         if session.state != "resuming":
             return ""
         return f"the server was silent for the last {(now_ns - session.last_received_ns) / 1e9:.1f} s"
 
-    def _tell_session(self, before: str, after: str) -> None:
-        if after == "resuming":
-            self.say("the server is silent: trying to come back")
-        elif before == "resuming" and after == "seated":
-            self.say(f"back after {self._core.session.silence_ns / 1e9:.1f} s")
+    def _report_session(self, before: str, after: str) -> None:
+        if text := session_change(self._core.session, before, after):
+            self.say(text)
 
-    def _tell(self, before: str, after: str) -> None:
+    def _report_safety(self, before: State, after: State) -> None:
         reason = self._core.safety.reason
         if after == "degraded":
             self.say(f"force released: {reason}")
@@ -272,45 +268,48 @@ class LiveClient:
         elif before == "fault" and after == "live":
             self.say("re-armed: force ramps in")
         elif before == "degraded" and after == "live":
-            self.say("the server is heard again: force ramps in")
+            self.say("the server answers again: force ramps in")
 
-    def _leave(self, failed: str, account: ClientAccount) -> None:
-        """Say goodbye and wait a moment for the answer."""
+    def _leave(self, failed: str, ticks: TickCount = NO_TICKS) -> ClientAccount:
+        """Say goodbye with the account of this end, and wait a moment for the answer."""
         core, session = self._core, self._core.session
         now_ns = time.monotonic_ns()
-        core.leave((failed or self.stop.reason or self.over() or "the session is over")[:300], account, now_ns)
+        account = core.handle(inputs.CloseLedger(ticks), now_ns)
+        reason = failed or self.stop.reason or self.over() or "the session is over"
+        core.handle(inputs.Leave(reason[:300]), now_ns)
         if session.state != "leaving":  # the server stopped first: it waits for our account
             self._up = None
             self._send(now_ns)
         while session.state == "leaving":
             now_ns = time.monotonic_ns()
-            core.poll(now_ns)
+            core.handle(inputs.Poll(), now_ns)
             self._send(now_ns)
             self._drain(now_ns)
-            self.calls.poll(now_ns, resuming=False)
+            self.paths.poll(now_ns, resuming=False)
             time.sleep(POLL_S)
+        return account
 
     def _send(self, now_ns: int) -> None:
         outbox, up, hello = self._core.outbox, self._up, self._core.session.hello
         while outbox:
             message = outbox.popleft()
             if up is None:
-                self.calls.send(message, message == hello)
+                self.paths.send(message, message == hello)
             else:
                 up.send(message, now_ns)
         if up is not None and up.next_ns is not None:
             for message in up.due(now_ns):
-                self.calls.send(message, message == hello)
+                self.paths.send(message, message == hello)
 
     def _drain(self, now_ns: int) -> None:
         down, core = self._down, self._core
-        self.calls.drain(now_ns, core.receive if down is None else down.send, core.session.is_welcome)
+        self.paths.drain(now_ns, core.receive if down is None else down.send, core.session.is_welcome)
         if down is not None and down.next_ns is not None:
             for message in down.due(now_ns):
                 core.receive(message, now_ns)
 
 
-def let_go(device: Device, force_n: Sequence[float], pacer: Pacer) -> None:
+def fade_out(device: Device, force_n: Sequence[float], pacer: Pacer) -> None:
     """Fade `force_n` [N], shape (axes,), out over FAULT_OUT_S, past all other parts. Raises nothing; `close` does the rest."""
     ticks = max(1, round(FAULT_OUT_S * pacer.rate_hz))
     with suppress(Exception):  # there is one on its way already

@@ -1,7 +1,8 @@
-"""One who looks on, without I/O: the session, and the newest view of the object and of the hands that hold it."""
+"""An observer without I/O: the session, and the newest view of the object and of the hands that hold it."""
 
 from collections import deque
 
+from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.messages import View
 from cogrip.protocol.session import ClientSession
@@ -11,7 +12,7 @@ class ObserverCore:
     """`view` is the newest one, None before the first; `age_ns` says how old it is."""
 
     def __init__(self, session: ClientSession) -> None:
-        """session: a new one, or one whose welcome said that its client may only look on."""
+        """session: a new one, or one whose welcome gave an observer's place."""
         self.session = session
         self.rtt = DurationHistogram()
         self.view: View | None = None
@@ -24,17 +25,26 @@ class ObserverCore:
         """Messages to send, oldest first."""
         return self.session.outbox
 
-    def call(self, now_ns: int) -> None:
-        self.session.connect(now_ns)
+    def handle(self, given: SessionInput, now_ns: int) -> None:
+        """Do what an input asks for. `Poll` also sends the sign of life."""
+        session = self.session
+        match given:
+            case Connect():
+                session.connect(now_ns)
+            case Poll():
+                session.poll(now_ns)
+                session.heartbeat(now_ns)
+            case Leave():
+                session.leave(given.reason, None, now_ns)
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
-        if not isinstance(message, View):
+        if not isinstance(message, View):  # the session counts a coupling's frames as unexpected
             return
         rtt_ns = self.session.clock.read(message.stamp, now_ns)
         if rtt_ns is not None:
             self.rtt.add(rtt_ns)
-        if not _whole(message):
+        if not _fits(message):
             self.session.drop("unfit")
         elif self.view is not None and message.session == self._session_id and message.number <= self.view.number:
             self.session.drop("late view")
@@ -42,20 +52,12 @@ class ObserverCore:
             self.view, self._session_id, self._seen_ns = message, message.session, now_ns
             self.views += 1
 
-    def poll(self, now_ns: int) -> None:
-        """Session timers, and the word that we are still there; call at least every 100 ms."""
-        self.session.poll(now_ns)
-        self.session.heartbeat(now_ns)
-
-    def leave(self, reason: str, now_ns: int) -> None:
-        self.session.leave(reason, None, now_ns)
-
     def age_ns(self, now_ns: int) -> int | None:
-        """Since the newest view came, None before the first."""
+        """Return the time since the newest view came, None before the first."""
         return None if self.view is None else now_ns - self._seen_ns
 
 
-def _whole(view: View) -> bool:
-    """Whether hands and forces are those of the seats it names."""
+def _fits(view: View) -> bool:
+    """Return True where hands and forces are those of the seats it names."""
     axes, odd = divmod(len(view.object), 2)
     return not odd and len(view.proxies_m) == len(view.forces_n) == axes * len(view.seats)

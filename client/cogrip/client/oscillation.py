@@ -29,7 +29,7 @@ class Reversals:
         self._last = -1e9  # tick of the last reversal
 
     def add(self, tick: int, force_n: float) -> bool:
-        """True where the force has just reversed, and fast."""
+        """Return True where the force has just reversed, and fast."""
         if (force_n > -0.5 * SWING_N) if self._positive else (force_n < 0.5 * SWING_N):
             return False
         fast = tick - self._last <= self._half_period
@@ -50,7 +50,7 @@ class Turns:
         self.train = 0  # fast turns in a row
 
     def add(self, tick: int, force_n: float) -> bool:
-        """True where the force has just turned, and fast."""
+        """Return True where the force has just turned, and fast."""
         swing = force_n - self._extreme
         if (swing > 0.0) == self._rising:
             if swing:
@@ -65,7 +65,7 @@ class Turns:
 
 
 class OscillationDetector:
-    """The last WINDOW_S of one device's force: `add` once a tick."""
+    """The last WINDOW_S of one device's force; `add` once a tick."""
 
     def __init__(self, axes: int, tick_s: float) -> None:
         self._axes = [(Reversals(tick_s), Turns(tick_s)) for _ in range(axes)]
@@ -76,7 +76,7 @@ class OscillationDetector:
         self._tick = 0
 
     def add(self, force_n: Sequence[float], limited: bool, local_n: Sequence[float]) -> bool:
-        """One more tick. True at each turn of a train of the local force.
+        """Enter one more tick. Returns True at each turn of a train of the local force.
 
         force_n   to the motors until the next tick [N], shape (axes,)
         limited   whether a limit holds it
@@ -108,7 +108,7 @@ class OscillationDetector:
         return len(self._limited) > self._most_at_limit
 
     def forget(self) -> None:
-        """Begin anew: the force was let go."""
+        """Begin anew: the force was released."""
         for ticks in self._fast:
             ticks.clear()
         self._limited.clear()

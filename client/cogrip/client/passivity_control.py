@@ -1,16 +1,18 @@
-"""The client's end of time-domain passivity control (Hannaford and Ryu 2002; Ryu, Artigas and Preusche 2010): the hand's way
-up, force down, and an observer by which no more energy comes out to the hand than has gone in at the object.
+"""The client's end of time-domain passivity control (Hannaford and Ryu 2002; Ryu, Artigas and Preusche 2010).
+
+The hand's motion goes up, force comes down, and a passivity observer and controller keep the energy that comes out to the hand
+below what has gone in at the object.
 
 Symbols, per axis: F force on the hand in a tick [N], y its mean velocity in the tick [m/s], T tick [s], b `impedance_nspm`.
 Energies in J, per axis:
 
-    in    what the hand has put in, sum of max(0, F y T), less what is kept: told to the server
+    in    what the hand has put in, sum of max(0, F y T), less what is kept: sent to the server
     out   what it has taken out, sum of max(0, -F y T)
-    S     what the server says has gone in at the object
+    S     what has gone in at the object, by the server's report
     kept  of the hand's own energy, up to a reserve: pays for what the controller foresaw wrongly
     W     = S + kept - out, what may still come out; `down_margin_j` is the least of it
 
-Observed is the force that the device gave, whatever safety did to it, and the displacement that it was given over: exact.
+Observed is the force that the device gave, after all limits, and the displacement that it was given over: exact.
 Controlled is the coming tick, of which there is only a guess: what the hand takes beyond it comes from what is kept.
 docs/decisions/0011-methods.md has the equations, and what each constant is for.
 """
@@ -18,30 +20,28 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
+from cogrip.client.coupling import PortEnergy, Row
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
-from cogrip.protocol.messages import Frame, Power, Stamp
+from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_UP_J, LENT_J
 from cogrip.protocol.settings import SeatSettings
 
-CHARGE_SHARE = 0.5  # of b: the damper by which a hand pays in what the server has none of
+CHARGE_SHARE = 0.5  # fraction of b: the damper by which a hand puts in energy that the server lacks
 RESERVE_J = 4e-3  # kept of the hand's energy; more where a force needs more that may go astray
-KEPT_SHARE = 0.5  # of what the hand puts in, until that much is kept
-ASTRAY_MPS = 0.5  # by which the guess of the coming tick may be wrong
+KEPT_SHARE = 0.5  # fraction of the hand's energy that is kept until the reserve is full
+ASTRAY_MPS = 0.5  # error of the guess of the coming tick
 HORIZON_S = 8.0 / 1024.0  # over which what is left is spread: a force that runs out of energy fades
 SOFT_NPS = 410.0  # slope of the force while the controller holds it
 
 
 class PassivityControl(LatestStateCoupling[Power]):
-    """An observer, and a controller of the force by what it has observed.
-
-    Before `elapse`, `applied_n` is to be the force that the hand felt in the ticks that are booked, shape (axes,).
-    """
+    """Observer of the energy at the hand, and controller of the force by what it has observed."""
 
     def __init__(self, seat: SeatSettings) -> None:
         axes, rates = seat.object.axes, seat.rates
-        super().__init__(axes)
+        super().__init__(seat)
         self._tick_s = tick_s = rates.tick_s
         self._frame_s = rates.frame_s
         self._most_damping = seat.coupling.impedance_nspm
@@ -54,39 +54,25 @@ class PassivityControl(LatestStateCoupling[Power]):
         self._left = [CompensatedSum() for _ in range(axes)]  # W
         self._reserve = [RESERVE_J] * axes
         self._received: Sequence[float] = (0.0,) * axes  # S
-        self._taken: Sequence[float] = (0.0,) * axes  # what the server says has come out there
+        self._taken: Sequence[float] = (0.0,) * axes  # energy that has come out at the object, as reported
         self._wanted: Sequence[float] = (0.0,) * axes  # the server's force
-        self._given = [0.0] * axes  # the force of the last tick, less the damper that pays debts
-        self._held = [False] * axes  # whether the controller held it
+        self._given = [0.0] * axes  # force of the last tick, less the damper that pays a deficit
+        self._held = [False] * axes  # the controller held it
         self._last: Sequence[float] = (0.0,) * axes  # y of the last tick
-        self._moved = [0.0] * axes  # of the proxy since frame 0 [m]
+        self._moved = [0.0] * axes  # displacement of the proxy since frame 0 [m]
         self._border = [0.0] * axes  # the same at the last frame border
         self._speed: tuple[float, ...] = (0.0,) * axes  # mean of the last frame
         self._frame = 0
         self._loop: float | None = None
-        self.applied_n: Sequence[float] = (0.0,) * axes
-        self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
-        self._made_now_j = self._used_now_j = 0.0  # since
+        self.energy = PortEnergy()
         self._rounding = rounding_fraction(rates.ticks_per_frame)
         self._slack_j = 0.0  # what rounding alone can put W out by
-        self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)  # W, the least of all axes
         self.controlled = 0  # ticks and axes in which the controller held the force
 
     @property
-    def made_j(self) -> float:
-        """Energy that the hand has put in."""
-        return self._made_j.value + self._made_now_j
-
-    @property
-    def used_j(self) -> float:
-        """Energy that it has taken out."""
-        return self._used_j.value + self._used_now_j
-
-    @property
     def port_j(self) -> float:
-        """Energy that went into the channel here."""
-        return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
+        return self.energy.port_j
 
     @property
     def left_j(self) -> tuple[float, ...]:
@@ -95,17 +81,11 @@ class PassivityControl(LatestStateCoupling[Power]):
 
     @property
     def given_j(self) -> float:
-        """Energy that has gone in at the object, less what was told to have gone in here."""
+        """Energy that has gone in at the object, less what was sent as gone in here."""
         return sum(self._received) - sum([energy.value for energy in self._in])
 
-    def set_latency(self, ticks: int) -> None:
-        """Nothing to keep: what is booked comes with its own force."""
-
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        """One tick has passed, with the displacement it shows / T.
-
-        hold: how firmly a hand that takes its leave still holds: the proxy comes to a stop, and claims no energy on the way.
-        """
+        """Enter a tick. With hold < 1 the proxy comes to a stop, and claims no energy on the way."""
         tick_s, moved, force = self._tick_s, self._moved, self.applied_n
         self._last = mean_velocity_mps
         for axis, speed in enumerate(mean_velocity_mps):
@@ -121,8 +101,8 @@ class PassivityControl(LatestStateCoupling[Power]):
                 self._take_out(axis, -energy)
 
     def _put_in(self, axis: int, energy_j: float) -> None:
-        """A part is kept until the reserve is full; a debt is paid first."""
-        self._made_now_j += energy_j
+        """Enter energy from the hand. A part is kept until the reserve is full; a deficit is paid first."""
+        self.energy.made_now_j += energy_j
         left = self._left[axis].value
         reserve = self._reserve[axis]
         if left < reserve:
@@ -133,7 +113,8 @@ class PassivityControl(LatestStateCoupling[Power]):
         self._in[axis].add(energy_j)
 
     def _take_out(self, axis: int, energy_j: float) -> None:
-        self._used_now_j += energy_j
+        """Enter energy to the hand."""
+        self.energy.used_now_j += energy_j
         self._left[axis].add(-energy_j)
         left = self._left[axis].value
         margin = left + self._slack_j
@@ -142,42 +123,37 @@ class PassivityControl(LatestStateCoupling[Power]):
         if margin < self.down_reserve.least_j:
             self.down_reserve.least_j = margin
 
-    def elapse_absent(self) -> None:
-        """One tick has passed without a hand: the proxy stands still."""
-
     def end_frame(self, spare_j: float = inf) -> None:
-        self._made_j.add(self._made_now_j)
-        self._used_j.add(self._used_now_j)
-        self._made_now_j = self._used_now_j = 0.0
+        self.energy.end_frame()
         self._number += 1
         rate = 1.0 / self._frame_s
         self._speed = tuple([(now - then) * rate for now, then in zip(self._moved, self._border, strict=True)])
         self._border = self._moved.copy()
 
     def start_frame(self) -> None:
-        """The newest force and energy stand from now on; where none came, the last ones go on to."""
+        """Go by the newest force and energy from now on, by the last ones where none came."""
         self._frame += 1
         before = self._receiver.acknowledged
         if self._receiver.pop() and self._receiver.latest is not None:
-            self._hear(self._receiver.latest, before)
+            self._update(self._receiver.latest, before)
         self.down_reserve.elapse()
         self.down_reserve.update(min(self.left_j) + self._slack_j)
 
-    def _hear(self, newest: Power, before: int) -> None:
-        """Go by a message from now on; `before` is the number of the one before it."""
+    def _update(self, newest: Power, before: int) -> None:
+        """Go by a message. before: number of the one before it."""
         if newest.number != before:  # what was missed comes at once: softly
             self._held = [True] * len(self._held)
         for axis, (now, then) in enumerate(zip(newest.entered_j, self._received, strict=True)):
             self._left[axis].add(now - then)
         self._wanted, self._received, self._taken = newest.force_n, newest.entered_j, newest.taken_j
-        self._slack_j = self._rounding * (self.used_j + sum(newest.entered_j))
+        self._slack_j = self._rounding * (self.energy.used_j + sum(newest.entered_j))
         self._reserve = [max(RESERVE_J, abs(force) * self._astray_m) for force in newest.force_n]
         self.object_state = newest.position_m + newest.velocity_mps
         if newest.acknowledged:
             self._loop = float(self._frame - newest.acknowledged)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> Sequence[float]:
-        """The server's force and the charging damper, as far as W pays for them; and a damper that pays a debt."""
+        """Return the server's force and the charging damper, as far as W pays for them, and a damper that pays a deficit."""
         tick_s = self._tick_s
         charging, most = min(self._charging, self.carried_nspm), min(self._most_damping, self.carried_nspm)
         self.reduced = most < self._most_damping
@@ -202,7 +178,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         return force
 
     def _control(self, axis: int, law: float, speed: float) -> float:
-        """What of the force `law` may be given, and how fast it may come and go."""
+        """Return the part of the force `law` that may be given, with a limited slope."""
         left, given, last = self._left[axis].value, self._given[axis], self._last[axis]
         guess = speed if law * (speed - last) < 0.0 else last  # the one that takes more out
         taken = -law * guess * self._tick_s  # in the coming tick
@@ -226,24 +202,24 @@ class PassivityControl(LatestStateCoupling[Power]):
         return wish
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
-        velocity_mps: Sequence[float],
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> Power:  # fmt: skip
-        """position_m of the message is where the displacements lead that were booked: it stands still where nobody holds.
+        """Return the message of the frame that ended.
 
-        taken_j is such that `received` - taken_j is what may still be taken of what the server sends.
+        Its position_m is the sum of the displacements entered: it stands still where nobody holds. Its taken_j is such
+        that `received` - taken_j is what may still be taken of what the server sends.
         """
         place = tuple([start + moved for start, moved in zip(origin_m, self._border, strict=True)])
-        books = zip(self._received, self._reserve, self._left, strict=True)
-        taken = tuple([max(0.0, got + reserve - left.value) for got, reserve, left in books])
+        axes = zip(self._received, self._reserve, self._left, strict=True)
+        taken = tuple([max(0.0, got + reserve - left.value) for got, reserve, left in axes])
         entered = tuple([energy.value for energy in self._in])
         return Power(
             session, self._number, place, self._speed, tuple(self.applied_n), entered, taken, self.port_j,
             self._receiver.acknowledged, stamp,
         )  # fmt: skip
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, Power) or not message.of_axes(len(self._in)):
+    def receive(self, message: Power) -> bool:
+        if not message.of_axes(len(self._in)):
             return False
         return self._receiver.receive(message)
 

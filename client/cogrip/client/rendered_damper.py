@@ -1,4 +1,4 @@
-"""The damper that a seat's settings ask its device to render, held against what that device carries.
+"""The damper that the settings of a seat ask of its device, compared with what that device carries.
 
 Settings are the server's, and the device is the client's: a client judges its own device with every seat it is given.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import floor, log10
 
+from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.protocol.settings import Coupling, SeatSettings
@@ -29,20 +30,19 @@ class Damper:
 
 
 def damper_of(coupling: Coupling) -> Damper:
-    """The damper in the client's own force law."""
-    if coupling.kind == "coupling":
-        return Damper("B", "damping_nspm", coupling.damping_nspm)
-    return Damper("b", "impedance_nspm", coupling.impedance_nspm)
+    """Return the damper in the client's own force law."""
+    symbol, key = SCHEMES[coupling.kind].damper
+    return Damper(symbol, key, getattr(coupling, key))
 
 
 def is_carried(seat: SeatSettings, record: Capability) -> bool:
-    """True where the device carries the damper that the seat asks for."""
+    """Return True where the device carries the damper that the seat asks for."""
     most = largest_impedance(record, seat.rates.tick_s).impedance_nspm
     return damper_of(seat.coupling).value_nspm <= most * (1.0 + ROUNDING)
 
 
 def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:
-    """Why the device must not be driven so, with the value that would do; "" where it carries what the seat asks for.
+    """Return why the device must not be driven so, with the value that would do; "" where it carries what is asked.
 
     section: of the settings, in which the value stands.
     """
@@ -51,16 +51,16 @@ def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -
     damper, tick_s = damper_of(seat.coupling), seat.rates.tick_s
     carried = largest_impedance(record, tick_s)
     most, symbol = carried.impedance_nspm, damper.symbol
-    share = damper.value_nspm * tick_s / record.apparent_mass_kg
+    fraction = damper.value_nspm * tick_s / record.apparent_mass_kg
     return (
         f"{seat.user}: {symbol} = {damper.value_nspm:g} N s/m is more than device {record.family}:{record.model} carries: "
-        f"{symbol} T_c / m = {share:.2f}; at {most:.3g} N s/m, its {carried.bound} bound, {bound_words(carried, record)}; "
+        f"{symbol} T_c / m = {fraction:.2f}; at {most:.3g} N s/m, its {carried.bound} bound, {bound_words(carried, record)}; "
         f"set {section}.{damper.key} to {rounded_down(most):g} or less"
     )
 
 
 def bound_words(carried: Carried, record: Capability) -> str:
-    """Say what binds, at the largest b."""
+    """Return in words which bound binds at the largest b."""
     if carried.bound == "lag":
         return f"the {carried.lag_ticks:.2g} ticks that its damper is late take all of its {record.apparent_mass_kg:.3g} kg"
     if carried.bound == "noise":
@@ -69,7 +69,7 @@ def bound_words(carried: Carried, record: Capability) -> str:
 
 
 def rounded_down(value: float) -> float:
-    """To three digits, and not above the value."""
+    """Return the value to three digits, and not above it."""
     if not value > 0.0:
         return 0.0
     step = 10.0 ** (floor(log10(value)) - 2)

@@ -1,4 +1,4 @@
-"""Between the force law and the motors: nothing the law says reaches a hand unlimited.
+"""Safety between the force law and the motors: no force of the law reaches a hand unlimited.
 
     idle --open--> calibrating --calibrated--> armed --go--> live <--stale / fresh--> degraded
     any but idle --fail--> fault (latched until --rearm--> armed)          any --stop--> idle
@@ -6,12 +6,14 @@
 Only `live` lets force through. Entering it ramps the force in over RAMP_IN_S; leaving it ramps the force out over
 RAMP_OUT_S, after a fault over FAULT_OUT_S. The force is clamped to the device's peak keeping its direction, as its motors
 warm to its continuous force (`thermal`); its change is clamped to the device's slope, never above MOST_SLOPE_NPS; where
-waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. What that takes or gives is in the ledger
+waves are missing to SOFT_SLOPE_NPS, for a law without its wave jumps. The energy ledger has what that takes or gives
 (docs/decisions/0004-leaks.md).
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import hypot, inf, isfinite, sqrt
+from typing import Literal, get_args
 
 from cogrip.client.thermal import ThermalLimit
 from cogrip.devices.device import Capability
@@ -19,27 +21,36 @@ from cogrip.devices.device import Capability
 RAMP_IN_S = 0.3
 RAMP_OUT_S = 0.1
 FAULT_OUT_S = 0.015
-STALL_S = 0.02  # so much time without samples, less what was forgiven: the device has stalled
+STALL_S = 0.02  # time without samples, less FORGIVEN, after which the device has stalled
 FORGIVEN = 0.5  # of a tick without a sample, by each that comes
-WATCHDOG_S = 0.1  # the loop was away for so long: the hand held an old force
+WATCHDOG_S = 0.1  # time without a tick after which the watchdog ends the force: the hand held an old one
 SOFT_SLOPE_NPS = 410.0  # 0.4 N a tick at 1024 Hz
-SOFT_S = 0.05  # after a gap, for which the force may be on its way back to the law
-AT_LIMIT_S = 0.5  # a force that sits at its limit for so long has diverged
+SOFT_S = 0.05  # after a gap, in which the force may still return to the law
+AT_LIMIT_S = 0.5  # time at its limit after which a force has diverged
 MOST_SLOPE_NPS = 1000.0  # of any force, whatever the record says: 2000 N/m met at 0.5 m/s (docs/security.md)
 WARNED = "near thermal limit"  # counted before anything is limited
 WARM_S = 10.0  # for which warm motors may hold the force down, less the time in which they do not: then it is a fault
 
-TRANSITIONS: Mapping[tuple[str, str], str] = {
+State = Literal["idle", "calibrating", "armed", "live", "degraded", "fault"]
+Transition = Literal["open", "calibrated", "go", "stale", "fresh", "rearm", "fail", "stop"]
+STATES: tuple[State, ...] = get_args(State)
+TRANSITIONS: Mapping[tuple[State, Transition], State] = {
     ("idle", "open"): "calibrating",
     ("calibrating", "calibrated"): "armed",
     ("armed", "go"): "live",
     ("live", "stale"): "degraded",
     ("degraded", "fresh"): "live",
     ("fault", "rearm"): "armed",
-    **{(state, "fail"): "fault" for state in ("calibrating", "armed", "live", "degraded")},
-    **{(state, "stop"): "idle" for state in ("calibrating", "armed", "live", "degraded", "fault")},
+    ("calibrating", "fail"): "fault",
+    ("armed", "fail"): "fault",
+    ("live", "fail"): "fault",
+    ("degraded", "fail"): "fault",
+    ("calibrating", "stop"): "idle",
+    ("armed", "stop"): "idle",
+    ("live", "stop"): "idle",
+    ("degraded", "stop"): "idle",
+    ("fault", "stop"): "idle",
 }
-STATES = ("idle", "calibrating", "armed", "live", "degraded", "fault")
 
 
 class Safety:
@@ -47,7 +58,7 @@ class Safety:
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
-        self._thermal = ThermalLimit(tick_s, capability.peak_force_n, capability.continuous_force_n)
+        self.thermal = ThermalLimit(tick_s, capability.peak_force_n, capability.continuous_force_n)
         self.keep_to(capability)
         self._rise = tick_s / RAMP_IN_S
         self._fall = tick_s / RAMP_OUT_S
@@ -67,27 +78,27 @@ class Safety:
         self._derated = 0
         self.limited = False  # whether a limit held the force of this tick: peak, warm motors or slope
         self.derated = False  # whether warm motors did
-        self.state = "idle"
+        self.state: State = "idle"
         self.reason = ""
         self.warning = ""
         self.diverged = ""
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
 
     def keep_to(self, capability: Capability) -> None:
-        """These are the limits from now on."""
+        """Go by this record from now on."""
         self._peak_n = capability.peak_force_n
         self._continuous_n = capability.continuous_force_n
-        self._thermal.keep_to(self._peak_n, self._continuous_n)
+        self.thermal.keep_to(self._peak_n, self._continuous_n)
         self._slope_n = min(capability.slew_nps, MOST_SLOPE_NPS) * self._tick_s
         self._speed_mps = capability.speed_mps
         self._workspace_m = capability.workspace_m
 
     def note(self, name: str) -> None:
-        """Count something that was dealt with."""
-        self.counts[name] = self.counts.get(name, 0) + 1
+        """Count an event that was dealt with."""
+        self.counts[name] += 1
 
-    def event(self, name: str, reason: str = "") -> bool:
-        """Take a step of TRANSITIONS; False if there is none from here."""
+    def event(self, name: Transition, reason: str = "") -> bool:
+        """Take a step of TRANSITIONS. Returns False if there is none from here."""
         after = TRANSITIONS.get((self.state, name))
         if after is None:
             return False
@@ -117,7 +128,7 @@ class Safety:
 
     @property
     def law_n(self) -> Sequence[float]:
-        """The force of this tick before ramp and slope, as far as the device's peak lets it."""
+        """Force of this tick before ramp and slope, as far as the device's peak lets it."""
         return self._good
 
     @property
@@ -131,7 +142,7 @@ class Safety:
         return self._gain == 0.0 and not any(self._out)
 
     def absent(self, ticks: int) -> None:
-        """The device gave no sample for another `ticks` ticks."""
+        """Enter another `ticks` ticks without a sample."""
         if not ticks:
             return  # the first tick of a device that answers a request of the tick before
         self._absent += ticks
@@ -143,7 +154,7 @@ class Safety:
             )
 
     def check(self, ticks: int, position_m: Sequence[float], velocity_mps: Sequence[float]) -> bool:
-        """Judge a sample that came `ticks` ticks after the last one. False: it must not be used."""
+        """Check a sample that came `ticks` ticks after the last one. Returns False where it must not be used."""
         if self._absent:
             self._absent = max(0.0, self._absent - FORGIVEN)
         if ticks > 1:
@@ -166,7 +177,7 @@ class Safety:
         return True
 
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
-        """The force that may go to the motors, for the law's wish (None: it has none). gap: the law's wave is missing."""
+        """Return the force that may go to the motors for the law's wish, None for none. gap: the law's wave is missing."""
         gain = self._gain
         if self.state == "live" and force_n is not None:
             gain = min(1.0, gain + self._rise)
@@ -177,7 +188,7 @@ class Safety:
         if force_n is not None:
             size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
             if size < inf:  # False for nan
-                most_n = self._thermal.limit_n
+                most_n = self.thermal.limit_n
                 if size > most_n:
                     scale = most_n / size
                     force_n = [value * scale for value in force_n]
@@ -202,18 +213,17 @@ class Safety:
         return slewed
 
     def _hold(self, ticks: int) -> None:
-        """The last force was held over ticks that were skipped, too."""
+        """Enter ticks that were skipped: the last force was held over them, too."""
         for _ in range(1, min(ticks, self._watchdog_ticks)):
-            self._thermal.book(sum([value * value for value in self._out]))
+            self.thermal.enter(sum([value * value for value in self._out]))
 
     def _warm(self, force_n: Sequence[float]) -> None:
-        """Book what this force does to the motors; say that they are near their limit before it acts, and give up if it acts
-        for long."""
+        """Enter what this force does to the motors: a warning before the limit acts, a fault where it acts for long."""
         square = 0.0
         for value in force_n:
             square += value * value
-        thermal = self._thermal
-        thermal.book(square)
+        thermal = self.thermal
+        thermal.enter(square)
         if thermal.warm:
             if not self.warning:
                 self.note(WARNED)
@@ -232,7 +242,7 @@ class Safety:
             self._derated -= 1
 
     def _soften(self, wanted: tuple[float, ...], gap: bool) -> tuple[float, ...]:
-        """In a gap, and after it until the force has met the law again. A fault lets go as fast as ever."""
+        """Limit the slope in a gap, and after it until the force has met the law again. A fault fades as fast as ever."""
         most = max(self._soft_n, self._peak_n * self._drop) if self.state == "fault" else self._soft_n
         out = self._slew(wanted, most, "gap softened")
         if gap:
@@ -244,14 +254,14 @@ class Safety:
         return out
 
     def _slew(self, wanted: tuple[float, ...], most_n: float, name: str) -> tuple[float, ...]:
-        """No more than `most_n` away from the last force."""
+        """Limit the force to `most_n` around the last one."""
         step = [new - old for new, old in zip(wanted, self._out, strict=True)]
         change = hypot(*step)
         if change <= most_n:
             return wanted
         self.note(name)
-        share = most_n / change
-        return tuple([old + share * part for old, part in zip(self._out, step, strict=True)])
+        fraction = most_n / change
+        return tuple([old + fraction * part for old, part in zip(self._out, step, strict=True)])
 
     def _clipped(self, gain: float) -> None:
         self.note("force clipped")

@@ -1,6 +1,6 @@
-"""The device as a core holds it: what fails in it becomes a latched fault, and re-arming opens it anew.
+"""A device under supervision: a failure becomes a latched fault, and re-arming opens the device anew.
 
-A driver may have defects: whatever it raises, returns, or how long it takes, the force ends and the loop goes on.
+A driver may have defects: whatever it raises or returns, however long it takes, the force ends and the loop goes on.
 
 fault --rearm: opened anew where it had failed--> arming --samples for SETTLED_S--> live
 arming --fails, or not settled within ARMING_S--> fault, and `refusal` says why
@@ -8,25 +8,32 @@ arming --fails, or not settled within ARMING_S--> fault, and `refusal` says why
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from math import isfinite
+from typing import Literal
 
 from cogrip.client.core import ClientCore
+from cogrip.client.inputs import DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.rendered_damper import OverloadError, refusal
 from cogrip.client.safety import STALL_S
 from cogrip.devices.device import Capability, Device, DeviceError, Sample, defect, defects_named
 from cogrip.devices.plausibility import ForceReports
 
-SETTLED_S = 0.03  # samples without a gap for so long: the velocity estimate has forgotten where the hand was before
+SETTLED_S = 0.03  # of samples without a gap, after which the velocity estimate has forgotten the time before
 ARMING_S = 1.0
-MOST_GAP_TICKS = 3  # a reply that is missed now and then is no reason
+MOST_GAP_TICKS = 3  # a gap of fewer is none: a reply may be missed now and then
+
+
+Verb = Literal["read", "write"]
 
 
 class SupervisedDevice:
-    """One device in one core's hand. Only `open` raises, and only DeviceError.
+    """One device of one core. Only `open` raises, and only DeviceError.
 
-    clock   [ns], by which a call that blocks is found; in virtual time none does
-    spared  the device is never driven with settings that ask for more than it carries, whatever the server sends
+    clock    time [ns], by which a call that blocks is found; in virtual time none does
+    spared   never drive the device with settings that ask for more than it carries
+    refusal  why re-arming failed once it had begun
     """
 
     def __init__(
@@ -40,27 +47,27 @@ class SupervisedDevice:
     ) -> None:
         self.device = device
         self._spared = spared
-        self.refusal = ""  # why an arming that had begun came to nothing
-        self.counts: dict[str, int] = {}
+        self.refusal = ""
+        self.counts: Counter[str] = Counter()
         self._core = core
         self._rate_hz = rate_hz
         self._clock = clock
         self._reports = ForceReports(core.capability, rate_hz)
-        self._blocked_ns = 0.0  # by which calls were longer than a tick, less half a tick for each that was not
-        self._slow = ""  # the call that blocked, and is not made any more
+        self._blocked_ns = 0.0  # by which calls were longer than a tick, less a quarter tick for each that was not
+        self._slow: Verb | Literal[""] = ""  # the call that blocked, and is not made any more
         self._failed = False
         self._arming = False
-        self._first = self._last = self._begun = -1  # ticks: of the samples without a gap, and of the arming
+        self._first = self._last = self._begun = -1  # ticks of samples without a gap, and of re-arming
 
     def open(self) -> None:
-        """A device may know its limits only once it is open; then safety goes by those. Raises DeviceError."""
+        """Open the device. One may know its limits only then; safety goes by those. Raises DeviceError."""
         with defects_named(self._name, "open"):
             before = self.device.capability
             self._judge(before)
             self.device.open(self._rate_hz)
             opened = self.device.capability
         if opened != before:
-            self._core.equip(opened)
+            self._core.handle(DeviceOpened(opened), self._core.now_ns)
             try:
                 self._judge(opened)
             except OverloadError:
@@ -70,11 +77,12 @@ class SupervisedDevice:
         self._blocked_ns, self._slow = 0.0, ""
 
     def _judge(self, record: Capability) -> None:
+        """Raise OverloadError where the seat asks for more than a spared device carries."""
         if self._spared and (seat := self._core.seat) is not None and (text := refusal(seat, record)):
             raise OverloadError(text)
 
     def read(self, tick: int) -> Sample | None:
-        """The sample at `tick`, None where there is none."""
+        """Return the sample at `tick`, None where there is none."""
         if self._slow == "read":
             return None
         begun_ns = self._clock()
@@ -82,11 +90,8 @@ class SupervisedDevice:
             sample = self.device.read(tick)
             if sample is not None:
                 self._check(sample)
-        except DeviceError as error:
-            self._fail(error)
-            return None
         except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
-            self._fail(defect(self._name, "read", error))
+            self._fail("read", error)
             return None
         if self._blocks("read", self._clock() - begun_ns):
             return None
@@ -95,37 +100,35 @@ class SupervisedDevice:
         return sample
 
     def write(self, force_n: Sequence[float]) -> None:
-        """Also in a fault: a device that can still be reached takes the force that fades out."""
+        """Write a force, also in a fault: a device that can still be reached takes the force that fades out."""
         if self._slow == "write":
             force_n = (0.0,) * len(force_n)  # there is no time to let it fade
         begun_ns = self._clock()
         try:
             self._reports.asked(force_n)
-            acting = self.device.write(force_n)
-            if acting is not None:
-                self._acted(tuple([float(part) for part in acting]))
-        except DeviceError as error:
-            self._fail(error)
+            applied = self.device.write(force_n)
+            if applied is not None:
+                self._applied(tuple([float(part) for part in applied]))
         except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
-            self._fail(defect(self._name, "write", error))
+            self._fail("write", error)
         self._blocks("write", self._clock() - begun_ns)
         if self._failed and self._core.safety.quiet:
-            self.close()  # so that whoever sees to it can have it
+            self.close()  # so that it can be repaired
         if self._arming and self._last - self._first >= SETTLED_S * self._rate_hz:
             self._arming = False
-            self._core.rearm()
+            self._core.handle(Rearm(), self._core.now_ns)
 
     def close(self) -> None:
-        """Let go of the device. What it raises is counted: nothing more can be done about it."""
+        """Close the device. What it raises is counted: nothing more can be done about it."""
         try:
             self.device.close()
         except Exception as error:  # noqa: BLE001 (a defect of the driver, whatever it is)
-            self._count(f"{type(error).__name__} as the device was closed")
+            self.counts[f"{type(error).__name__} as the device was closed"] += 1
 
     def rearm(self) -> str:
-        """Begin to leave a latched fault; a device that failed is opened anew first. Returns why that cannot be, "" if it can.
+        """Begin to leave a latched fault; open a device that failed anew. Returns why that cannot be, "" if it can.
 
-        Force may flow once samples have come for SETTLED_S. Does nothing where there is no fault, or arming has begun.
+        Force may flow once samples have come for SETTLED_S. Nothing is done where there is no fault, or this has begun.
         """
         if self._arming or self._core.safety.state != "fault":
             return ""
@@ -143,11 +146,11 @@ class SupervisedDevice:
 
     @property
     def _name(self) -> str:
-        """By which its driver is known."""
+        """Name of its driver."""
         return self._core.capability.family
 
     def _check(self, sample: Sample) -> None:
-        """Raises DeviceError for a sample that no core can take, or whatever its parts raise where they are no numbers."""
+        """Raise DeviceError for a sample that no core can take, or whatever its parts raise where they are no numbers."""
         record, velocity = self._core.capability, sample.velocity_mps
         isfinite(sum(sample.position_m) + (sum(velocity) if velocity is not None else 0.0))
         if (
@@ -160,47 +163,40 @@ class SupervisedDevice:
                 f"{self._name}: gives {sample}, and its record says {record.axes} axes{kind}; correct its driver"
             )
 
-    def _acted(self, force_n: tuple[float, ...]) -> None:
-        """The device says that this acts, and not what it was asked for."""
+    def _applied(self, force_n: tuple[float, ...]) -> None:
+        """Report the force that the device applies in place of the one it was asked for."""
         wrong = self._reports.judge(force_n)
         if not wrong:
-            self._core.acted(force_n)
+            self._core.handle(ForceApplied(force_n), self._core.now_ns)
             return
-        self._count(wrong)
+        self.counts[wrong] += 1
         if self._reports.fault:
-            self._fail(DeviceError(f"{self._name}: {self._reports.fault}"))
+            self._fail("write", DeviceError(f"{self._name}: {self._reports.fault}"))
 
-    def _blocks(self, verb: str, took_ns: int) -> bool:
-        """True where calls have blocked for STALL_S, and the hand held an old force.
+    def _blocks(self, verb: Verb, took_ns: int) -> bool:
+        """Return True where calls have blocked for STALL_S, and the hand held an old force.
 
-        It is read no more, so that the loop lets go on time.
+        That call is made no more, so that the loop releases the hand on time.
         """
         tick_ns = 1e9 / self._rate_hz
         if took_ns <= tick_ns:
             self._blocked_ns = max(0.0, self._blocked_ns - 0.25 * tick_ns)  # two calls a tick
             return False
-        self._count(f"slow {verb}")
+        self.counts[f"slow {verb}"] += 1
         self._blocked_ns += took_ns - tick_ns
         if self._blocked_ns < STALL_S * 1e9:
             return False
         if not self._slow:
             self._slow = verb
-            self._fail(
-                DeviceError(
-                    f"{self._name}: its {verb} took {took_ns * 1e-6:.1f} ms, and a tick has {tick_ns * 1e-6:.2g} ms:"
-                    " the loop must not wait for a device; see to its driver, then re-arm"
-                )
-            )
+            text = f"{self._name}: its {verb} took {took_ns * 1e-6:.1f} ms, and a tick has {tick_ns * 1e-6:.2g} ms:"
+            self._fail(verb, DeviceError(f"{text} the loop must not wait for a device; see to its driver, then re-arm"))
         return True
 
-    def _count(self, name: str) -> None:
-        self.counts[name] = self.counts.get(name, 0) + 1
-
-    def _watch(self, heard: bool, tick: int) -> None:
-        """Samples come again, or they do not."""
+    def _watch(self, sampled: bool, tick: int) -> None:
+        """Follow whether samples come again."""
         if self._begun < 0:
             self._begun = tick
-        if heard:
+        if sampled:
             if self._first < 0 or tick - self._last > MOST_GAP_TICKS:
                 self._first = tick
             self._last = tick
@@ -210,10 +206,13 @@ class SupervisedDevice:
                 f"the device gave no steady samples within {ARMING_S:g} s; check its cable and power, then re-arm"
             )
 
-    def _fail(self, error: DeviceError) -> None:
+    def _fail(self, verb: Verb, error: Exception) -> None:
+        """Latch a fault; an error other than DeviceError is a defect of the driver."""
+        if not isinstance(error, DeviceError):
+            error = defect(self._name, verb, error)
         self._failed = True
         if self._arming:
             self._arming = False
             self.refusal = str(error)
         if self._core.safety.state != "fault":
-            self._core.fail(f"device: {error}")
+            self._core.handle(DeviceFailed(f"device: {error}"), self._core.now_ns)

@@ -1,4 +1,4 @@
-"""How long a motor may give more than its continuous force: a limit that falls as its winding warms (I^2 t).
+"""Thermal limit of the force: it falls as the winding of a motor warms (I^2 t).
 
 Symbols: F force given [N], F_c continuous force of the record [N], F_p peak [N], T tick [s], tau TIME_CONSTANT_S,
 t_f FADE_S [s], r = (F / F_c)^2 heating, h the winding's rise over that of F_c held for ever (0 cold, 1 as warm as it may be).
@@ -23,13 +23,13 @@ TIME_CONSTANT_S = 60.0
 """tau. No maker of these arms states one. Windings of motors of this size warm within 10 to 40 s, their housings within ten
 minutes, and a continuous force is rated for both together; 60 s lets 6 times F_c pass for 1.7 s, 3 times for 7 s."""
 FADE_S = 0.5
-WARN_SHARE = 0.5  # of the rise at which the limit begins to act, from which on the motors are called warm
-LEAST_SHARE = 0.4  # taken for that rise where it is lower: a peak of more than 8.5 times F_c
-CALM_SHARE = 0.9  # of the rise at which they are called warm, below which they no longer are
+WARN_SHARE = 0.5  # of the rise at which the limit begins to act: the motors are warm from there on
+LEAST_SHARE = 0.4  # least value used for that rise: it is lower where the peak is more than 8.5 times F_c
+CALM_SHARE = 0.9  # of the rise at which they get warm: below it they are no longer
 
 
 class ThermalLimit:
-    """`limit_n` is what may be given now; `book` once a tick what was given. `warm`: the limit is near, or acts."""
+    """`limit_n` is what may be given now; `enter` once a tick what was given. `warm`: the limit is near, or acts."""
 
     def __init__(self, tick_s: float, peak_n: float, continuous_n: float) -> None:
         self._share = 1.0 - exp(-tick_s / TIME_CONSTANT_S)
@@ -39,15 +39,15 @@ class ThermalLimit:
         self.keep_to(peak_n, continuous_n)
 
     def keep_to(self, peak_n: float, continuous_n: float) -> None:
-        """Another device's forces; how warm it is stays."""
+        """Go by another device's forces; the rise stays."""
         self._peak_n, self._square = peak_n, continuous_n * continuous_n
         excess = peak_n * peak_n / self._square - 1.0
         self._acts_from = 1.0 - excess / self._slope if excess > 0.0 else inf  # of h
         self._warm_from = WARN_SHARE * max(LEAST_SHARE, self._acts_from)
         self.limit_n = self._limit()
 
-    def book(self, square: float) -> None:
-        """A tick has passed with a force of this square [N^2]."""
+    def enter(self, square: float) -> None:
+        """Enter a tick with a force of this square [N^2]."""
         self.rise += self._share * (square / self._square - self.rise)
         self.limit_n = self._limit()
         self.warm = self.rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)

@@ -1,4 +1,4 @@
-"""Velocity from encoder positions, for devices that give none (theory section 3.6), and the impedance that a device carries.
+"""Velocity from encoder positions, for devices that give none (theory section 3.6), and the impedance a device carries.
 
 symbols: b impedance [N s/m], m apparent mass [kg], q one count [m], T tick [s], L age of a sample [ticks], mu memory,
 s = 1 - mu, F_q the largest jump of the force that one count may make [N]
@@ -30,9 +30,9 @@ from cogrip.devices.device import Capability
 
 MEMORY, LEAST_MEMORY = 0.6, 0.5
 MEMORY_TICK_S = 1.0 / 1024.0
-"""The tick that MEMORY is for; shorter ones take more."""
+"""Tick that MEMORY is for; shorter ones take more."""
 WANTED_NSPM = 20.0
-"""The impedance that a device should carry, if it can: the paper's."""
+"""Impedance that a device should carry, if it can: the paper's."""
 NOISE_N = 0.175
 """F_q: a hand does not tell forces apart that differ by less than 7 %, from 2.5 N on (Pang, Tan and Durlach 1991)."""
 
@@ -59,7 +59,7 @@ class AlphaBeta:
         self._velocity = [0.0] * axes
 
     def update(self, position_m: Sequence[float], ticks: int = 1) -> list[float]:
-        """Velocity [m/s], shape (axes,), after `ticks` ticks at the position [m] read now."""
+        """Return the velocity [m/s], shape (axes,), after `ticks` ticks at the position [m] read now. The list is reused."""
         estimate, velocity = self._position, self._velocity
         if estimate is None:
             self._position = list(position_m)
@@ -74,17 +74,17 @@ class AlphaBeta:
         return velocity
 
     def reset(self) -> None:
-        """Forget everything: the last sample was not to be used."""
+        """Begin anew: the last sample was not to be used."""
         self._position = None
         self._velocity = [0.0] * len(self._velocity)
 
 
 def memory_for(capability: Capability, tick_s: float) -> float:
-    """The memory that the client's estimator runs with on this device.
+    """Return the memory of the client's estimator on this device.
 
-    MEMORY, or what is less and keeps WANTED_NSPM inside the lag bound, but LEAST_MEMORY: with more than the one sessions end
-    sooner, with less than the other they go no further, and noise grows (docs/velocity.md). In a loop
-    faster than MEMORY_TICK_S s is that of MEMORY_TICK_S times sqrt(T / MEMORY_TICK_S).
+    At most MEMORY; less where that keeps WANTED_NSPM inside the lag bound, down to LEAST_MEMORY: with more sessions end sooner,
+    with less they go no further and noise grows (docs/velocity.md). In a loop faster than MEMORY_TICK_S s is that of
+    MEMORY_TICK_S times sqrt(T / MEMORY_TICK_S).
     """
     slow_s = max(tick_s, MEMORY_TICK_S)
     lag = capability.apparent_mass_kg / (WANTED_NSPM * slow_s) - capability.latency_ticks
@@ -93,7 +93,7 @@ def memory_for(capability: Capability, tick_s: float) -> float:
 
 
 def estimator_for(capability: Capability, tick_s: float) -> AlphaBeta | None:
-    """The estimator of a device's client; None where the device gives velocity."""
+    """Return the estimator for a device; None where the device gives velocity."""
     if capability.gives_velocity:
         return None
     return AlphaBeta(capability.axes, tick_s, memory_for(capability, tick_s))
@@ -101,7 +101,7 @@ def estimator_for(capability: Capability, tick_s: float) -> AlphaBeta | None:
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """What a device carries: b [N s/m], the bound that binds, and the lag of its damper [ticks]."""
+    """Largest impedance of a device [N s/m], the bound that binds, and the lag of its damper [ticks]."""
 
     impedance_nspm: float
     bound: Bound
@@ -109,7 +109,7 @@ class Carried:
 
 
 def impedance_bounds(capability: Capability, tick_s: float) -> dict[Bound, float]:
-    """Each bound of b [N s/m]; "record" is the damping that the device's record advises."""
+    """Return each bound of b [N s/m]; "record" is the damping that the device's record advises."""
     lag_s = tick_s * lag_ticks(capability, tick_s)
     return {
         "lag": capability.apparent_mass_kg / lag_s,
@@ -119,7 +119,7 @@ def impedance_bounds(capability: Capability, tick_s: float) -> dict[Bound, float
 
 
 def lag_ticks(capability: Capability, tick_s: float) -> float:
-    """How late a damper acts, with the hold. A velocity that the device gives is taken to be as good as a plain difference."""
+    """Return by how many ticks a damper acts late, with the hold. A device's own velocity counts as a plain difference."""
     memory = 0.0 if capability.gives_velocity else memory_for(capability, tick_s)
     return capability.latency_ticks + (1.0 + memory) / (1.0 - memory)
 
@@ -130,7 +130,7 @@ def _noise_bound(capability: Capability, tick_s: float) -> float:
 
 
 def largest_impedance(capability: Capability, tick_s: float) -> Carried:
-    """The largest impedance, or damping of virtual coupling, that a device should be asked for, and what limits it."""
+    """Return the largest impedance, or damping of virtual coupling, to ask of a device, and what limits it."""
     bounds = impedance_bounds(capability, tick_s)
     bound = min(bounds, key=lambda name: bounds[name])
     return Carried(bounds[bound], bound, lag_ticks(capability, tick_s))

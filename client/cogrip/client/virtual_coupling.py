@@ -7,19 +7,20 @@ from collections import deque
 from collections.abc import Sequence
 from math import inf
 
+from cogrip.client.coupling import Row
 from cogrip.client.latest_state_coupling import LatestStateCoupling
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
-from cogrip.protocol.messages import Frame, Stamp, State
+from cogrip.protocol.messages import Stamp, State
 from cogrip.protocol.settings import SeatSettings
 
 
 class VirtualCoupling(LatestStateCoupling[State]):
-    """A spring and a damper at the device rate, to where the object was last said to be."""
+    """A spring and a damper at the device rate, to the newest object state received."""
 
     def __init__(self, seat: SeatSettings) -> None:
         axes = seat.object.axes
-        super().__init__(axes)
+        super().__init__(seat)
         self._stiffness = seat.coupling.stiffness_npm
         self._damping = seat.coupling.damping_nspm
         self._given_j = CompensatedSum()
@@ -30,14 +31,12 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self._tick_s = seat.rates.tick_s
         self._last_force: Sequence[float] = (0.0,) * axes
         self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
-        self.made_j = self.used_j = 0.0
         self._port_j = CompensatedSum()
         self.down_margin_j: float | None = None
         self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
 
     @property
     def port_j(self) -> float:
-        """Energy that went into the coupling here."""
         return self._port_j.value
 
     @property
@@ -47,18 +46,18 @@ class VirtualCoupling(LatestStateCoupling[State]):
 
     @property
     def stored_j(self) -> float:
-        """In the spring."""
+        """Energy in the spring."""
         if self._stretch is None:
             return 0.0
         stiffness, peak = self._rendered_npm, self._peak_n
-        return self.gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
+        return self.ramp_gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
-        """Samples are `ticks` ticks old from now on: a displacement is booked with the force that it was made against."""
-        self._late = deque([*[(0.0,) * len(self.forward)] * ticks, *self._late], maxlen=ticks)
+        """Samples are `ticks` ticks old from now on: a displacement goes with the force that it was made against."""
+        self._late = deque([*[(0.0,) * len(self.sent)] * ticks, *self._late], maxlen=ticks)
 
-    def _booked(self) -> Sequence[float]:
-        """The force that belongs to the tick that is booked."""
+    def _entered(self) -> Sequence[float]:
+        """Return the force that belongs to the tick that is entered."""
         late = self._late
         if not late:
             return self._last_force
@@ -67,23 +66,22 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return force
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        """One tick has passed. There is no wave that could let go."""
+        """Enter a tick. There is no wave that could release the object: `hold` changes nothing."""
         power = 0.0
         self._given_j.add(self._drag_w(mean_velocity_mps) * self._tick_s)
-        for force, speed in zip(self._booked(), mean_velocity_mps, strict=True):
+        for force, speed in zip(self._entered(), mean_velocity_mps, strict=True):
             power += force * speed
         self._port_j.add(power * self._tick_s)
 
     def elapse_absent(self) -> None:
-        """One tick has passed without a hand."""
-        self._booked()
+        self._entered()
 
     def _drag_w(self, velocity_mps: Sequence[float]) -> float:
-        """Power that the object's velocity gives the hand through the damper."""
+        """Return the power that the object's velocity gives the hand through the damper [W]."""
         if self._stretch is None:
             return 0.0
         drag = zip(self._stretch, self.object_state[len(velocity_mps) :], velocity_mps, strict=True)
-        return self.gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
+        return self.ramp_gain * self._rendered_nspm * sum([speed * own for e, speed, own in drag if e])
 
     def end_frame(self, spare_j: float = inf) -> None:
         self._number += 1
@@ -118,21 +116,20 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return force
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
-        velocity_mps: Sequence[float],
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> State:  # fmt: skip
         return State(
             session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.acknowledged, stamp
         )
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, State) or 2 * len(message.position_m) != len(self.object_state):
+    def receive(self, message: State) -> bool:
+        if 2 * len(message.position_m) != len(self.object_state):
             return False
         return self._receiver.receive(message)
 
 
 def _spring_j(stiffness_npm: float, stretch_m: float, peak_n: float) -> float:
-    """Energy in a spring whose force ends at `peak_n`."""
+    """Return the energy in a spring whose force ends at `peak_n`."""
     force = stiffness_npm * abs(stretch_m)
     if force <= peak_n:
         return 0.5 * force * abs(stretch_m)

@@ -3,27 +3,23 @@
 Symbols, per axis: b impedance [N s/m], y mean velocity of a tick [m/s], v returning wave held over a frame [sqrt(W)],
 u = sqrt(2b) y - v forward wave of a tick [sqrt(W)], T_c tick [s], L age of a sample [ticks]. Energies in J.
 
-Where samples are old, what a tick shows of the hand is the displacement of L ticks before, which was made against the wave
-of then: u_k = sqrt(2b) y_{k-L} - v_{k-L}. With the wave of now, displacement and force would not make up the hand's work at
-frame borders, and the line would give the difference. Each wave is booked for its own M ticks all the same, L ticks late.
+Where samples are old, a tick shows the displacement of L ticks before, which was made against the wave of then:
+u_k = sqrt(2b) y_{k-L} - v_{k-L}. With the wave of now, displacement and force would not make up the hand's work at frame
+borders, and the line would give the difference. Each wave is entered for its own M ticks all the same, L ticks late.
 
-Where the returning wave is missing this end yields: with a share s of sqrt(b), 1 on a clear line, F = s^2 b xdot - s sqrt(2b) v
-and u = s sqrt(2b) y - v; F y = (u^2 - v^2)/2 holds tick by tick for any s. What that leaves of the displacement,
-e = (1 - s) sqrt(2b) y, is forgone: the receiver holds it as played (docs/decisions/0003-gaps.md).
+Where the returning wave is missing this end yields: with a gain s of sqrt(b), 1 on a clear line, F = s^2 b xdot - s sqrt(2b) v
+and u = s sqrt(2b) y - v; F y = (u^2 - v^2)/2 holds tick by tick for any s. The rest of the displacement,
+e = (1 - s) sqrt(2b) y, is written off: the receiver counts it as played (docs/decisions/0003-gaps.md).
 
-Where the device carries no more than r b, 0 < r < 1, a spring and a damper stand in series between hand and port,
-w (RELAX_RAD_S) their ratio and z their deflection [m]: r b for fast motion, b for slow, and no creep.
-
-    F = r (b (xdot + w z) - sqrt(2b) v)      y_p = r (y + w z) + (1 - r) sqrt(2/b) v - F_cut / b      z' = y - y_p
-
-y_p is the port's velocity, u = sqrt(2b) y_p - v. F_cut is what limits took from the law's force: the line is not told of it,
-and the deflection that it makes comes back by w. r = 1, z = 0 is the plain port. See docs/device_port.md.
+Where the device carries less than b, `series_impedance` stands between hand and port: y is then the port's velocity y_p.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from math import inf, sqrt
 
+from cogrip.client.coupling import Coupling, PortEnergy, Row
+from cogrip.client.series_impedance import SeriesImpedance
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.decimation import make_decimator
@@ -32,24 +28,21 @@ from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
-from cogrip.protocol.messages import Frame, Stamp, Waves
+from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import device_gain, wave_of
 
-RELAX_RAD_S = 100.0  # w
-LEAST_DEFLECTION_M, MOST_DEFLECTION_M = 1e-9, 0.05  # what slips beyond stays where it is
-REPAID = 1.0 / 16.0  # of what was withheld, in a frame
+REPAID = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
-"""One tick's returning wave, the share s, the ratio of impedances, and what limits took from the force."""
-OPEN = 0.5  # how much of a wave the end of a line sends back that has let go: more gives way more, and swings more
+"""Returning wave of a tick, its gain s, the ratio r of impedances, and what limits took from the force."""
+OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yields more, and swings more
 
 
-class WaveCoupling:
-    """`elapse` books the tick that has passed, `end_frame` and `start_frame` stand at frame borders, `force` is the law."""
-
-    stored_j = 0.0  # of what the line took, nothing is kept here
+class WaveCoupling(Coupling[Waves]):
+    """The client's end of a wave line in each direction."""
 
     def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
         axes, rates, coupling = seat.object.axes, seat.rates, seat.coupling
         self._b = coupling.impedance_nspm
         self._root = device_gain(self._b)
@@ -64,61 +57,38 @@ class WaveCoupling:
         self._receiver = LineReceiver(
             axes, playout.frames, rates.frame_s, playout.tank_mj * 1e-3, playout.concealment
         )  # fmt: skip
-        self._share = 1.0  # s of this frame
+        self._line_gain = 1.0  # s of this frame
         self._written_off = [0.0] * axes  # sum of e over the ticks of this frame
         self._zero = (0.0,) * axes
         self._late: deque[Held] = deque(maxlen=0)  # of the last L ticks, oldest first
-        self.gain = 1.0  # of the ramp that the force goes through
-        self.implausible = False  # the wave held now was larger than any device like this one brings about
         self._most_wave = inf
-        self.carried_nspm = inf  # impedance that the device renders at most
-        self.cut_n: Sequence[float] | None = None  # what limits took from the force that is held now
-        self._deflection_m = [0.0] * axes  # z
-        self._deflected = False  # whether any z is not 0
+        self._series = SeriesImpedance(axes, rates.tick_s)
         self._withheld = [0.0] * axes  # sum of what frames lacked the energy for
-        self._ratio = 1.0  # of the impedance that is rendered to that of the port
-        self._tick_s = rates.tick_s
+        self._ratio = 1.0  # r of this tick
         self._given = CompensatedSum()  # energy that the line gave, less what it took, up to the last frame that ended
         self._loops = LoopMeter(rates.network_hz)  # of the last second
         self._frame = 0
-        self.local_n: Sequence[float] = self._zero  # the part of the law that follows the hand's own motion
         self.forward: Sequence[float] = (0.0,) * axes  # u of the last tick
-        self.returning: tuple[float, ...] = (0.0,) * axes  # v held now
-        self.sent: tuple[float, ...] = (0.0,) * axes  # u of the last frame, as it was sent
-        self.object_state: tuple[float, ...] = (0.0,) * (2 * axes)
-        self._made_j, self._used_j = CompensatedSum(), CompensatedSum()  # up to the last frame that ended
-        self._made_now_j = self._used_now_j = 0.0  # since
+        self.energy = PortEnergy()
         self._rounding = rounding_fraction(rates.ticks_per_frame)
-        self.down_margin_j: float | None = 0.0
         self.down_reserve = EnergyReserve(rates.network_hz)
 
     @property
-    def made_j(self) -> float:
-        """Energy of the forward waves of all ticks."""
-        return self._made_j.value + self._made_now_j
-
-    @property
-    def used_j(self) -> float:
-        """Energy of the returning waves of all ticks."""
-        return self._used_j.value + self._used_now_j
-
-    @property
     def port_j(self) -> float:
-        """Energy that went into the line here."""
-        return (self._made_j.value - self._used_j.value) + (self._made_now_j - self._used_now_j)
+        return self.energy.port_j
 
     def fit(self, record: Capability, lag_s: float) -> None:
-        """Go by this device. Waves are believed up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
+        """Go by this device. Waves are plausible up to its speed, at twice its peak force: (b v_m + 2 F) / sqrt(2b)."""
         self._most_wave = wave_of(self._b, record.speed_mps, 2.0 * record.peak_force_n)
 
     def set_latency(self, ticks: int) -> None:
-        """Samples are `ticks` ticks old from now on. A velocity sample is booked with the wave that its force was made of."""
+        """Samples are `ticks` ticks old from now on. A velocity sample goes with the wave of its own force."""
         keep = ticks if self._from_displacement else 0
         self._late = deque([*[(self._zero, 1.0, 1.0, None)] * keep, *self._late], maxlen=keep)
 
-    def _booked(self) -> Held:
-        """Return what belongs to the tick that is booked."""
-        held = (self.returning, self._share, self._ratio, self.cut_n)
+    def _entered(self) -> Held:
+        """Return what belongs to the tick that is entered."""
+        held = (self.returning, self._line_gain, self._ratio, self.cut_n)
         late = self._late
         if not late:
             return held
@@ -128,24 +98,21 @@ class WaveCoupling:
 
     @property
     def gap(self) -> bool:
-        """Whether the wave held now stands for one that is missing."""
         return self._receiver.gap
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
-        """One tick has passed, with the displacement it shows / T_c and the velocity sample it began with.
-
-        hold: how firmly a hand that takes its leave still holds, from 1 down to 0, where the line's end is half open
-        (u = v would be a free one) and the object goes almost free.
-        """
+        """Enter a tick. At hold = 0 the line's end is half open (u = v would be a free one): the object is almost free."""
         root = self._root
         forward = []
         made = used = 0.0
         velocity = mean_velocity_mps if self._from_displacement else velocity_mps
-        wave, share, ratio, cut = self._booked()
-        if ratio != 1.0 or cut is not None or self._deflected:
-            velocity = self._through_series(velocity, wave, share, ratio, cut)
-        if share != 1.0:
-            root *= share
+        wave, gain, ratio, cut = self._entered()
+        if ratio != 1.0 or cut is not None or self._series.deflected:
+            impedance = gain * gain * self._b
+            per_wave = (1.0 - ratio) * gain * self._root / impedance
+            velocity = self._series.port_velocity(velocity, wave, impedance, per_wave, ratio, cut)
+        if gain != 1.0:
+            root *= gain
             kept = hold * (self._root - root)
             for axis in range(len(wave)):
                 self._written_off[axis] += kept * velocity[axis]
@@ -158,47 +125,21 @@ class WaveCoupling:
             used += v * v
         self._decimator.push(forward)
         self.forward = forward
-        self._made_now_j += made * self._half_tick_s
-        self._used_now_j += used * self._half_tick_s
-
-    def _through_series(
-        self,
-        velocity_mps: Sequence[float],
-        wave: Sequence[float],
-        share: float,
-        ratio: float,
-        cut_n: Sequence[float] | None,
-    ) -> list[float]:
-        """Velocity of the port behind the series spring and damper, which take the rest of the hand's."""
-        impedance = share * share * self._b
-        per_wave = (1.0 - ratio) * share * self._root / impedance
-        deflection, tick_s = self._deflection_m, self._tick_s
-        behind, most = [], 0.0
-        for axis, speed in enumerate(velocity_mps):
-            port = ratio * (speed + RELAX_RAD_S * deflection[axis]) + per_wave * wave[axis]
-            if cut_n is not None:
-                port -= cut_n[axis] / impedance
-            z = deflection[axis] + (speed - port) * tick_s
-            deflection[axis] = z = min(max(z, -MOST_DEFLECTION_M), MOST_DEFLECTION_M)
-            most = max(most, abs(z))
-            behind.append(port)
-        self._deflected = most > LEAST_DEFLECTION_M
-        if not self._deflected:
-            self._deflection_m = [0.0] * len(behind)
-        return behind
+        self.energy.made_now_j += made * self._half_tick_s
+        self.energy.used_now_j += used * self._half_tick_s
 
     def elapse_absent(self) -> None:
-        """One tick has passed without a hand: send 0, absorb what comes (a matched termination)."""
+        """Enter a tick without a hand: send 0, absorb what comes (a matched termination)."""
         self.forward = self._zero
-        self._deflection_m, self._deflected = [0.0] * len(self._zero), False
+        self._series.reset()
         self._decimator.push(self.forward)
-        for v in self._booked()[0]:
-            self._used_now_j += v * v * self._half_tick_s
+        for v in self._entered()[0]:
+            self.energy.used_now_j += v * v * self._half_tick_s
 
     def end_frame(self, spare_j: float = inf) -> None:
         """Send the wave of the frame that ends, of at most `spare_j` more energy than the frame brought.
 
-        What that withholds is sent later, a part a frame, out of what is spare then.
+        What is withheld is sent later, a part a frame, out of what is spare then.
         """
         sent = self._decimator.take()
         mean, held = sent, self._withheld
@@ -207,22 +148,21 @@ class WaveCoupling:
         half_frame_s = self._half_tick_s * self._ticks_per_frame
         brought = half_frame_s * sum([v * v for v in self.returning])
         going = half_frame_s * sum([u * u for u in sent])
-        if going > spare_j + brought:
-            scale = sqrt(max(0.0, spare_j + brought) / going)
+        most = max(0.0, spare_j + brought)
+        if going > most:
+            scale = sqrt(most / going)
             sent = tuple([scale * u for u in sent])
             going *= scale * scale
         if sent is not mean:
             self._withheld = [h + u - out for h, u, out in zip(held, mean, sent, strict=True)]
-            self._made_now_j = max(self._made_now_j, going)
+            self.energy.made_now_j = max(self.energy.made_now_j, going)
         self._given.add(brought - going)
         self.sent = sent
         self._sender.push(sent)
-        self._made_j.add(self._made_now_j)
-        self._used_j.add(self._used_now_j)
-        self._made_now_j = self._used_now_j = 0.0
+        self.energy.end_frame()
 
     def start_frame(self) -> None:
-        """The returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
+        """Play the returning wave of the next frame, held over its ticks: lossless (P eq. 3-5)."""
         self._frame += 1
         receiver = self._receiver
         if any(self._written_off):
@@ -233,60 +173,54 @@ class WaveCoupling:
         self.implausible = max(wave) > most or min(wave) < -most
         if self.implausible:
             self.returning = tuple([min(max(v, -most), most) for v in wave])
-        self._share = receiver.gain
+        self._line_gain = receiver.gain
         self.down_reserve.elapse()
         if receiver.metadata is not None:
-            made_j, _, heard = receiver.metadata
+            made_j, _, acknowledged = receiver.metadata
             margin = made_j - receiver.played_j + self._rounding * made_j
             self.down_reserve.update(margin)
             if self.down_margin_j is None or margin < self.down_margin_j:
                 self.down_margin_j = margin
-            if heard:
-                self._loops.add(self._frame - heard)
+            if acknowledged:
+                self._loops.add(self._frame - acknowledged)
 
     def force(self, position_m: Sequence[float], velocity_mps: Sequence[float]) -> list[float]:
-        """F = b xdot - sqrt(2b) v [N] (`waves.device_force`, inline in the tick), with the velocity estimated now."""
-        b, root, share = self._b, self._root, self._share
-        if share != 1.0:
-            b *= share * share
-            root *= share
+        """Return F = b xdot - sqrt(2b) v (P eq. 16), with the velocity estimated now."""
+        b, root, gain, deflected = self._b, self._root, self._line_gain, self._series.deflected
+        if gain != 1.0:
+            b *= gain * gain
+            root *= gain
         ratio = 1.0
-        if self.carried_nspm < b or self._deflected:
+        if self.carried_nspm < b or deflected:
             ratio = min(1.0, self.carried_nspm / b)
             b *= ratio
             root *= ratio
-            velocity_mps = [v + RELAX_RAD_S * z for v, z in zip(velocity_mps, self._deflection_m, strict=True)]
+            velocity_mps = self._series.with_spring(velocity_mps)
         self._ratio = ratio
+        self.reduced = ratio != 1.0 or deflected
         self.local_n = local_n = [b * velocity for velocity in velocity_mps]
         return [local - root * wave for local, wave in zip(local_n, self.returning, strict=True)]
 
     @property
-    def reduced(self) -> bool:
-        """True while less than b is rendered, or a deflection comes back."""
-        return self._ratio != 1.0 or self._deflected
-
-    @property
     def given_border_j(self) -> float:
-        """Energy that the line gave this end, less what it took, up to the last frame that ended."""
         return self._given.value
 
     @property
     def given_j(self) -> float:
-        """The same with the frame under way, of which the line takes no more than this says."""
-        return self._given.value - (self._made_now_j - self._used_now_j)
+        """Energy that the line gave, with the frame under way: the line takes no more of it than this."""
+        return self._given.value - (self.energy.made_now_j - self.energy.used_now_j)
 
     def message(
-        self, session: int, stamp: Stamp, origin_m: tuple[float, ...], position_m: tuple[float, ...],
-        velocity_mps: Sequence[float],
+        self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
     ) -> Waves:  # fmt: skip
         first, waves, total, squares = self._sender.contents()
         return Waves(
-            session, first, waves, total, squares, self.made_j, self.port_j, self._receiver.acknowledged, stamp,
+            session, first, waves, total, squares, self.energy.made_j, self.port_j, self._receiver.acknowledged, stamp,
             origin_m + position_m,
         )  # fmt: skip
 
-    def receive(self, message: Frame) -> bool:
-        if not isinstance(message, Waves) or len(message.state) != len(self.object_state):
+    def receive(self, message: Waves) -> bool:
+        if len(message.state) != len(self.object_state):
             return False
         mark = (message.made_j, message.port_j, message.acknowledged)
         taken = self._receiver.receive(message.first, message.waves, message.total, message.squares, mark)
@@ -296,26 +230,22 @@ class WaveCoupling:
 
     @property
     def played(self) -> bool:
-        """Whether the frame that plays now had come in its time."""
         return self._receiver.played
 
     @property
     def newest(self) -> int:
-        """Number of the newest frame heard of; -1 before the first."""
         return self._receiver.newest
 
     @property
     def deficit(self) -> list[float]:
-        """Of the returning waves, shape (axes,) [sqrt(W)]: sent and not played."""
+        """Sum of the returning waves that were sent and not played, shape (axes,) [sqrt(W)]."""
         return self._receiver.deficit
 
     def lost(self) -> int:
-        """Frames from the server that were lost so far."""
         return self._receiver.lost
 
     @property
     def playout_frames(self) -> int:
-        """Frames that are held back now."""
         return self._receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount | None:
@@ -325,5 +255,5 @@ class WaveCoupling:
         return self._receiver.count()
 
     def loop_frames(self) -> float | None:
-        """The measured loop of the last second: frames from a forward wave to the frame its answer is applied in."""
+        """Return the measured loop of the last second: frames from a forward wave to the frame its answer is applied in."""
         return self._loops.median()

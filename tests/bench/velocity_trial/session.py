@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf, sqrt
 
+from cogrip.client.inputs import DeviceOpened
 from cogrip.client.velocity import NOISE_N
 from cogrip.devices.device import Capability, Sample
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
@@ -77,7 +78,8 @@ def comes_to_rest(
         plant = EstimatingPlant(person.device.plant, make(), record.latency_ticks)
         plant.velocity_mps[0] = sign * _PUSH_MPS
         person.device.plant = plant
-        person.core.equip(replace(person.core.capability, latency_ticks=record.latency_ticks))
+        opened = replace(person.core.capability, latency_ticks=record.latency_ticks)
+        person.core.handle(DeviceOpened(opened), person.core.now_ns)
     last = round((_SECONDS - _LAST_S) * settings.rates.device_hz)
     forces: list[list[float]] = [[], []]
 

@@ -1,6 +1,6 @@
 """The messages of a recording, one struct for each kind of topic. Times are those of the message, never in it.
 
-Inputs of a core are `Tick` (its sample and timing), `Datagram` on a topic `datagram_in`, `Command`, `Asked` and, at the
+Inputs of a core are `Tick` (its sample and timing), `Datagram` on a topic `datagram_in`, `Input`, `Answer` and, at the
 server, the number of frames in `Step`; everything else came out of a core. A topic is `/<end>/<kind>`, where the end is
 a person's name, `server`, or `room/<name>`.
 """
@@ -57,15 +57,6 @@ class Datagram(Record, frozen=True, gc=False):
     address: str = ""
 
 
-class Command(Record, frozen=True, gc=False):
-    """A call into a core other than a tick or a datagram; `rest` stands for `count` steps of a room without people."""
-
-    verb: str
-    reason: str = ""  # or the room
-    count: int = 0
-    ticks: str = ""  # of the loop, as JSON text
-
-
 class Input(Record, frozen=True, gc=False):
     """An input of a core other than a tick, a step or a datagram: its kind, and the tagged struct as JSON text."""
 
@@ -75,17 +66,6 @@ class Input(Record, frozen=True, gc=False):
 
 class Answer(Record, frozen=True, gc=False):
     """Answer to a server core's query: a session number, a ticket's hash, an admission, or a loop's ticks."""
-
-    room: str = ""
-    session: int = 0
-    ticks: str = ""
-    ticket: str = ""
-    grant: str = ""  # or the denial, as JSON text
-
-
-class Asked(Record, frozen=True, gc=False):
-    """What a server core was told when it asked: a new session's number, a ticket's mark, whether somebody may come in, or
-    how a room's loop runs."""
 
     room: str = ""
     session: int = 0
@@ -147,6 +127,19 @@ class Ledger(Record, frozen=True, gc=False):
     """Account of a client's core or a room's at its end, as JSON text."""
 
     account: str
+
+
+class Command(Record, frozen=True, gc=False):
+    """An input of a core as earlier versions recorded it: it is exported, but not replayed."""
+
+    verb: str
+    reason: str = ""
+    count: int = 0
+    ticks: str = ""
+
+
+class Asked(Answer, frozen=True, gc=False):
+    """An answer as earlier versions recorded it."""
 
 
 KINDS: dict[str, type[Record]] = {

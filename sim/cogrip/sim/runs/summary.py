@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from cogrip.client.inputs import CloseLedger
 from cogrip.protocol.accounts import (
     ClientAccount,
     DelayAccount,
@@ -83,7 +84,10 @@ def of_laboratory(laboratory: Laboratory) -> dict[str, Any]:
     """Return the summary of a session in virtual time."""
     room, accounts = (
         laboratory.room,
-        [person.core.account(laboratory.ticks(number)) for number, person in enumerate(laboratory.people)],
+        [
+            person.core.handle(CloseLedger(laboratory.ticks(number)), laboratory.now_ns)
+            for number, person in enumerate(laboratory.people)
+        ],
     )
     return _of_room(room, accounts, laboratory.seconds, laboratory.server.dropped, claims=False)
 

@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import count
 
-from cogrip.client.device_port import BarePort
+from cogrip.client import inputs
+from cogrip.client.device_port import BarePort, DevicePort
 from cogrip.client.path_migration import PathMigration
 from cogrip.client.recorder import RecordedClient
 from cogrip.client.supervised_device import SupervisedDevice
@@ -66,9 +67,7 @@ class Person:
             digest=digest(settings), device=address_of(user), axes=settings.object.axes, rate_hz=float(record.rate_hz),
             force_n=record.peak_force_n, speed_mps=record.speed_mps,
         )  # fmt: skip
-        self.core = RecordedClient(hello, device.capability)
-        if bare:
-            self.core.make_port = BarePort
+        self.core = RecordedClient(hello, device.capability, BarePort if bare else DevicePort)
         self.handle = SupervisedDevice(device, self.core, self.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
@@ -86,7 +85,7 @@ class Person:
         """Change the address where the live client would migrate to another path."""
         resuming = self.core.session.state == "resuming"
         if self.migration.due(now_ns, resuming, True, refused):
-            self.migration.dialled(f"{self._address} dial {self.migration.dials + 1}", now_ns)
+            self.migration.tried(f"{self._address} path {self.migration.attempts + 1}", now_ns)
         self.migration.spare(now_ns, resuming)
 
     @property
@@ -140,7 +139,7 @@ class Laboratory:
     def _call(self, person: Person) -> None:
         """Exchange hello and welcome over a perfect link; from then on the configured one holds."""
         now_ns = self.now_ns
-        person.core.call(now_ns)
+        person.core.handle(inputs.Connect(), now_ns)
         while person.core.outbox:
             self.server.receive(person.core.outbox.popleft(), person.address, now_ns)
         self._from_server()
@@ -163,7 +162,7 @@ class Laboratory:
         """Release this person's force, and then say goodbye, as the live client does."""
         person = self.people[number]
         person.going = True
-        person.core.stop()
+        person.core.handle(inputs.Stop(), self.now_ns)
 
     def come(self, number: int) -> Person:
         """Return a new person in this seat: the same one again, with a hand that begins anew."""
@@ -212,7 +211,7 @@ class Laboratory:
                 continue
             migration, hello = person.migration, person.core.session.hello
             for datagram in person.up.due(now_ns):
-                address = migration.asking if datagram == hello else migration.path
+                address = migration.newest if datagram == hello else migration.path
                 if self.alive and address not in person.lost:
                     self.server.receive(datagram, address, now_ns)
 
@@ -265,9 +264,9 @@ class Laboratory:
             if person.ticks_at(tick):
                 person.core.sense(tick - person.begins, person.handle.read(tick - person.begins), now_ns)
             elif border and person.gone:
-                person.core.poll(now_ns)
+                person.core.handle(inputs.Poll(), now_ns)
             elif border:
-                person.core.keep_seat(now_ns)
+                person.core.handle(inputs.KeepSeat(), now_ns)
 
     def _act(self, moment: Moment) -> None:
         frame, now_ns = self._frame, self.now_ns
@@ -283,7 +282,8 @@ class Laboratory:
 
     def _say_goodbye(self, person: Person, ticks: int) -> None:
         person.going, person.gone = False, True
-        person.core.leave("had enough", person.core.account(TickCount(due=ticks, run=ticks)), self.now_ns)
+        person.core.handle(inputs.CloseLedger(TickCount(due=ticks, run=ticks)), self.now_ns)
+        person.core.handle(inputs.Leave("had enough"), self.now_ns)
         person.handle.close()
 
     def run(
@@ -301,7 +301,7 @@ class Laboratory:
     def close_ledger(self) -> None:
         """Record every end's accounts; nothing is recorded after."""
         for number, person in enumerate(self.people):
-            person.core.account(self.ticks(number))
+            person.core.handle(inputs.CloseLedger(self.ticks(number)), self.now_ns)
         self.server.handle(CloseLedger(), self.now_ns)
         self.server.record(Nowhere())
         for person in self.people:

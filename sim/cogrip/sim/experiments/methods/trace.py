@@ -74,7 +74,7 @@ class TraceRecorder:
         work, axes = 0.0, self._axes
         for person in laboratory.people:
             core = person.core
-            work += core.work_j
+            work += core.ledger.work_j
             self._motion.extend(core.position_m)
             self._motion.extend(core.coupling.object_state[:axes])
         self._motion.extend(laboratory.room.world.motion())

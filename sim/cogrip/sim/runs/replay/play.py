@@ -9,28 +9,32 @@ from typing import Protocol
 
 import msgspec
 
-from cogrip.client.recorder import RecordedClient, capability_of, sample_of
+from cogrip.client.inputs import decode as decode_client_input
+from cogrip.client.recorder import RecordedClient, sample_of
 from cogrip.client.recorder import start_of as client_start
-from cogrip.protocol.accounts import ClientAccount, TickCount
+from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
-from cogrip.protocol.recording.records import Answer, Command, Datagram, Input, Step, Tick
+from cogrip.protocol.recording.records import Answer, Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.inputs import Idle
-from cogrip.server.inputs import decode as decode_input
+from cogrip.server.inputs import decode as decode_server_input
 from cogrip.server.recorder import RecordedServer, address_of, step_topic
 from cogrip.server.recorder import start_of as server_start
 from cogrip.sim.runs.replay.replay_input import ReplayInput, UntoldError
 
 _tick = msgspec.json.Decoder(Tick).decode
 _datagram = msgspec.json.Decoder(Datagram).decode
-_command = msgspec.json.Decoder(Command).decode
 _input = msgspec.json.Decoder(Input).decode
 _step = msgspec.json.Decoder(Step).decode
-_force = msgspec.json.Decoder(tuple[float, ...]).decode
 _granted = msgspec.json.Decoder(Grant | Denied).decode
 _ticks = msgspec.json.Decoder(TickCount).decode
+
+
+EARLIER = (
+    "an earlier version of cogrip recorded it, with other inputs; `cogrip report` and `cogrip export` still read it"
+)
 
 
 class Play(Protocol):
@@ -51,6 +55,8 @@ class ClientPlay:
     """One person's core."""
 
     def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
+        if "command" in replay_input.kinds:
+            raise ValueError(EARLIER)
         hello, capability = client_start(replay_input.recording.header.start)
         self.core = RecordedClient(hello, capability)
         self.core.record(sink)
@@ -58,10 +64,9 @@ class ClientPlay:
         self._gives_velocity = capability.gives_velocity
         self._kinds = replay_input.kinds
         self._waiting: list[tuple[bytes, int]] = []
-        self._account: ClientAccount | None = None
 
     def take(self, message: Message) -> None:
-        self.core.outbox.clear()  # it was noted; nobody is there to send it to
+        self.core.outbox.clear()  # recorded; nobody is there to receive it
         kind, now_ns = self._kinds[message.topic], message.time_ns
         if kind == "tick":
             self._tick(_tick(message.payload), now_ns)
@@ -69,9 +74,9 @@ class ClientPlay:
             self._waiting.append((_datagram(message.payload).data, now_ns))
             if not self.core.seated:  # nothing ticks yet
                 self._hear()
-        elif kind == "command":
+        elif kind == "input":
             self._hear()
-            self._command(_command(message.payload), now_ns)
+            self.core.handle(decode_client_input(_input(message.payload).value), now_ns)
 
     def finish(self) -> None:
         self._hear()
@@ -91,42 +96,13 @@ class ClientPlay:
         core.act(now_ns)
         self.ticks += 1
 
-    def _command(self, command: Command, now_ns: int) -> None:
-        core = self.core
-        act: Callable[[], object] | None = {
-            "call": lambda: core.call(now_ns),
-            "poll": lambda: core.poll(now_ns),
-            "keep_seat": lambda: core.keep_seat(now_ns),
-            "fail": lambda: core.fail(command.reason),
-            "acted": lambda: core.acted(_force(command.reason)),
-            "equip": lambda: core.equip(capability_of(command.reason)),
-            "stop": core.stop,
-            "rearm": core.rearm,
-            "account": lambda: self._end(command),
-            "leave": lambda: self._leave(command, now_ns),
-        }.get(command.verb)
-        if act is None:
-            raise ValueError(f"no command {command.verb!r} is known")
-        act()
-
-    def _end(self, command: Command) -> None:
-        self._account = self.core.account(_ticks(command.ticks))
-
-    def _leave(self, command: Command, now_ns: int) -> None:
-        if self._account is None:
-            raise ValueError("a client leaves before its account was made up")
-        self.core.leave(command.reason, self._account, now_ns)
-
 
 class ServerPlay:
     """A server's core with all its rooms."""
 
     def __init__(self, replay_input: ReplayInput, sink: Sink) -> None:
         if "command" in replay_input.kinds:
-            raise ValueError(
-                "it was recorded by an earlier version, whose server recorded its inputs in another form; "
-                "`cogrip report` and `cogrip export` still read it"
-            )
+            raise ValueError(EARLIER)
         rooms, software = server_start(replay_input.recording.header.start)
         self.core = RecordedServer(
             rooms,
@@ -145,7 +121,7 @@ class ServerPlay:
 
     def take(self, message: Message) -> None:
         kind, now_ns, core = self._kinds[message.topic], message.time_ns, self.core
-        core.outbox.clear()  # it was noted; nobody is there to send it to
+        core.outbox.clear()  # recorded; nobody is there to receive it
         core.events.clear()
         if kind == "step":
             room, step = self._rooms[message.topic], _step(message.payload)
@@ -158,7 +134,7 @@ class ServerPlay:
             datagram = _datagram(message.payload)
             core.receive(datagram.data, address_of(datagram.address), now_ns)
         elif kind == "input":
-            given = decode_input(_input(message.payload).value)
+            given = decode_server_input(_input(message.payload).value)
             if isinstance(given, Idle):
                 self.ticks += given.steps
             core.handle(given, now_ns)

@@ -4,7 +4,9 @@ from random import Random
 
 import pytest
 
-from cogrip.client.past_lines import PastLines
+from cogrip.client.coupling import AnyCoupling
+from cogrip.client.energy_ledger import EnergyLedger
+from cogrip.client.inputs import CloseLedger
 from cogrip.client.virtual_coupling import VirtualCoupling
 from cogrip.client.wave_coupling import WaveCoupling
 from cogrip.protocol.accounts import PlayoutAccount, TickCount
@@ -44,13 +46,19 @@ def account(coupling: WaveCoupling) -> PlayoutAccount:
     return found
 
 
+def ledger(*lines: AnyCoupling) -> EnergyLedger:
+    """Return the ledger of a person who had these lines, one after the other."""
+    found = EnergyLedger(lines[0])
+    for each in lines[1:]:
+        found.begin_line(each)
+    return found
+
+
 @pytest.mark.parametrize("frames", [3, "auto"])
 def test_accounts_of_all_lines_are_added_up(frames: int | str) -> None:
-    settings, past = seat(frames), PastLines()
+    settings = seat(frames)
     lines = [line(settings, 900, 0.3, 1, jitter=6), line(settings, 300, 0.0, 2), line(settings, 600, 0.1, 3, jitter=2)]
-    for each in lines[:-1]:
-        past.close(each)
-    found, accounts, sent = past.playout_account(lines[-1]), [account(each) for each in lines], [900, 300, 600]
+    found, accounts, sent = ledger(*lines).playout_account(), [account(each) for each in lines], [900, 300, 600]
     assert [each.count().sent for each in lines] == pytest.approx(sent, abs=8)
     assert found is not None
     weights = [each.count().sent for each in lines]
@@ -68,16 +76,15 @@ def test_accounts_of_all_lines_are_added_up(frames: int | str) -> None:
 
 @pytest.mark.parametrize("first", [True, False])
 def test_a_line_that_never_began_says_nothing_of_depths(first: bool) -> None:
-    settings, past = seat("auto"), PastLines()
+    settings = seat("auto")
     never, real = WaveCoupling(settings), line(settings, 500, 0.2, 4, jitter=5)
-    past.close(never if first else real)
-    assert past.playout_account(real if first else never) == account(real)
+    lines = (never, real) if first else (real, never)
+    assert ledger(*lines).playout_account() == account(real)
 
 
 def test_without_waves_there_is_none() -> None:
-    settings, past = seat(0, "coupling"), PastLines()
-    past.close(VirtualCoupling(settings))
-    assert past.playout_account(VirtualCoupling(settings)) is None
+    settings = seat(0, "coupling")
+    assert ledger(VirtualCoupling(settings), VirtualCoupling(settings)).playout_account() is None
 
 
 def test_the_account_of_a_person_is_over_all_lines() -> None:
@@ -87,16 +94,16 @@ def test_the_account_of_a_person_is_over_all_lines() -> None:
         if number % M == 0:
             client.hear(now_ns, 0.2, lost=200 < number < 400)
         client.tick(number, 0.0)
-    before = client.core.account(TickCount()).playout
+    before = client.core.handle(CloseLedger(TickCount()), client.core.now_ns).playout
     assert before is not None
     assert before.concealed > 20
     client.core.session.state = "resuming"
     client.renew(due_ns(0, 1024, DEVICE_HZ))
-    assert client.core.account(TickCount()).playout == before
+    assert client.core.handle(CloseLedger(TickCount()), client.core.now_ns).playout == before
     for number in range(1024, 1200):
         if number % M == 0:
             client.hear(due_ns(0, number, DEVICE_HZ), 0.2)
         client.tick(number, 0.0)
-    after = client.core.account(TickCount()).playout
+    after = client.core.handle(CloseLedger(TickCount()), client.core.now_ns).playout
     assert after is not None
     assert (after.concealed, after.longest_gap) == (before.concealed, before.longest_gap)

@@ -1,9 +1,10 @@
-"""A device in a core's hand: what fails in it is a latched fault, and re-arming waits until it is really back."""
+"""A supervised device: a failure is a latched fault, and re-arming waits for steady samples."""
 
 from dataclasses import replace
 
 import pytest
 
+from cogrip.client.inputs import ClientInput, DeviceFailed, DeviceOpened, ForceApplied, Rearm
 from cogrip.client.safety import Safety
 from cogrip.client.supervised_device import ARMING_S, MOST_GAP_TICKS, SETTLED_S, SupervisedDevice
 from cogrip.devices.device import Capability, DeviceError, Sample
@@ -17,28 +18,27 @@ HERE = Sample((0.01,), None)
 
 
 class Core:
-    """What a handle knows of a core."""
+    """The part of a core that a supervised device uses."""
 
     def __init__(self) -> None:
-        self.capability = RECORD
+        self.capability, self.now_ns = RECORD, 0
         self.safety = Safety(RECORD, 1.0 / RATE_HZ)
         for event in ("open", "calibrated", "go"):
             self.safety.event(event)
         self.equipped: list[Capability] = []
         self.acting: list[tuple[float, ...]] = []
 
-    def fail(self, reason: str) -> None:
-        self.safety.fail(reason)
-
-    def rearm(self) -> None:
-        assert self.safety.event("rearm")
-        assert self.safety.event("go")
-
-    def equip(self, capability: Capability) -> None:
-        self.equipped.append(capability)
-
-    def acted(self, force_n: tuple[float, ...]) -> None:
-        self.acting.append(force_n)
+    def handle(self, given: ClientInput, now_ns: int) -> None:
+        match given:
+            case DeviceFailed(reason):
+                self.safety.fail(reason)
+            case Rearm():
+                assert self.safety.event("rearm")
+                assert self.safety.event("go")
+            case DeviceOpened(capability):
+                self.equipped.append(capability)
+            case ForceApplied(force_n):
+                self.acting.append(force_n)
 
 
 class Scripted:
@@ -74,11 +74,11 @@ class Scripted:
 
 
 class Held:
-    """Device, core and handle, a tick at a time."""
+    """Device and core under supervision, a tick at a time."""
 
     def __init__(self) -> None:
         self.device, self.core = Scripted(), Core()
-        self.handle = SupervisedDevice(self.device, self.core, RATE_HZ)  # type: ignore[arg-type]
+        self.supervised = SupervisedDevice(self.device, self.core, RATE_HZ)  # type: ignore[arg-type]
         self.tick = 0
         self.run(400)
         self.device.calls.clear()
@@ -89,8 +89,8 @@ class Held:
 
     def run(self, ticks: int) -> None:
         for _ in range(ticks):
-            self.handle.read(self.tick)
-            self.handle.write(self.core.safety.limit((1.0,)))
+            self.supervised.read(self.tick)
+            self.supervised.write(self.core.safety.limit((1.0,)))
             self.tick += 1
 
 
@@ -99,22 +99,22 @@ def held() -> Held:
     return Held()
 
 
-def test_a_device_that_knows_its_limits_only_when_open_is_believed(held: Held) -> None:
-    held.handle.open()
+def test_the_core_goes_by_the_record_of_a_device_that_is_open(held: Held) -> None:
+    held.supervised.open()
     assert held.core.equipped == []
     weaker = held.device.when_open = replace(RECORD, peak_force_n=2.0)
-    held.handle.open()
+    held.supervised.open()
     assert held.core.equipped == [weaker]
     assert held.device.calls == [("open", RATE_HZ)] * 2
 
 
 def test_only_open_raises(held: Held) -> None:
     held.device.error = held.device.refused = "the wire is gone"
-    assert held.handle.read(held.tick) is None
-    held.handle.write((0.5,))
-    assert held.handle.rearm() == "the wire is gone"
+    assert held.supervised.read(held.tick) is None
+    held.supervised.write((0.5,))
+    assert held.supervised.rearm() == "the wire is gone"
     with pytest.raises(DeviceError, match="the wire is gone"):
-        held.handle.open()
+        held.supervised.open()
 
 
 def test_a_failure_is_a_fault_with_its_first_reason(held: Held) -> None:
@@ -128,14 +128,14 @@ def test_a_failure_is_a_fault_with_its_first_reason(held: Held) -> None:
 
 
 def test_a_failure_to_write_is_one_too(held: Held) -> None:
-    held.handle.read(held.tick)
+    held.supervised.read(held.tick)
     held.device.error = "takes no bytes"
-    held.handle.write((1.0,))
+    held.supervised.write((1.0,))
     assert held.core.safety.reason == "device: takes no bytes"
 
 
-def test_a_failed_device_gets_the_force_that_fades_and_is_then_let_go(held: Held) -> None:
-    """It may still be reached; and whoever calibrates it must be able to open it."""
+def test_a_failed_device_gets_the_force_that_fades_and_is_then_closed(held: Held) -> None:
+    """The device may still be reached; to calibrate it, others must be able to open it."""
     held.device.error = "encoder b is stuck"
     held.run(40)
     forces = [call for call in held.device.calls if isinstance(call, tuple)]
@@ -147,7 +147,7 @@ def test_a_failed_device_gets_the_force_that_fades_and_is_then_let_go(held: Held
     assert held.device.calls.index("close") > held.device.calls.index((0.0,))
 
 
-def test_the_force_that_acts_is_told_to_the_core(held: Held) -> None:
+def test_the_force_applied_is_reported_to_the_core(held: Held) -> None:
     held.run(1)
     assert held.core.acting == []
     held.device.given = (0.25,)
@@ -156,19 +156,19 @@ def test_the_force_that_acts_is_told_to_the_core(held: Held) -> None:
 
 
 def test_re_arming_without_a_fault_does_nothing(held: Held) -> None:
-    assert held.handle.rearm() == ""
+    assert held.supervised.rearm() == ""
     held.run(2 * SETTLED)
     assert held.state == "live"
-    held.core.fail("later")
+    held.core.handle(DeviceFailed("later"), held.core.now_ns)
     held.run(2 * SETTLED)
     assert held.state == "fault", "it was not asked of this fault"
     assert ("open", RATE_HZ) not in held.device.calls
 
 
 def test_a_device_that_did_not_fail_is_not_opened_anew(held: Held) -> None:
-    held.core.fail("over-speed")
+    held.core.handle(DeviceFailed("over-speed"), held.core.now_ns)
     held.run(30)
-    assert held.handle.rearm() == ""
+    assert held.supervised.rearm() == ""
     held.run(SETTLED)
     assert held.state == "fault"
     held.run(1)
@@ -181,11 +181,11 @@ def test_a_device_that_failed_is_opened_anew(held: Held) -> None:
     held.device.error, held.device.refused = "unplugged", "is not there; plug it in"
     held.run(50)
     for _ in range(2):
-        assert held.handle.rearm() == "is not there; plug it in"
+        assert held.supervised.rearm() == "is not there; plug it in"
         held.run(2 * SETTLED)
         assert held.state == "fault"
     held.device.error = held.device.refused = ""
-    assert held.handle.rearm() == ""
+    assert held.supervised.rearm() == ""
     held.tick += 300  # opening took its time: what comes first says nothing about the loop
     held.run(SETTLED + 1)
     assert held.state == "live"
@@ -197,8 +197,8 @@ def test_a_device_that_failed_is_opened_anew(held: Held) -> None:
 
 @pytest.mark.parametrize(("gap", "state"), [(MOST_GAP_TICKS - 1, "live"), (MOST_GAP_TICKS, "fault")])
 def test_samples_must_come_without_a_gap(held: Held, gap: int, state: str) -> None:
-    held.core.fail("device stall")
-    held.handle.rearm()
+    held.core.handle(DeviceFailed("device stall"), held.core.now_ns)
+    held.supervised.rearm()
     held.run(SETTLED // 2)
     held.device.sample = None
     held.run(gap)
@@ -210,18 +210,18 @@ def test_samples_must_come_without_a_gap(held: Held, gap: int, state: str) -> No
 
 
 def test_a_device_that_stays_silent_is_given_up(held: Held) -> None:
-    held.core.fail("device stall")
+    held.core.handle(DeviceFailed("device stall"), held.core.now_ns)
     held.device.sample = None
-    held.handle.rearm()
+    held.supervised.rearm()
     held.run(ARMING + 1)
-    assert held.handle.refusal == ""
+    assert held.supervised.refusal == ""
     held.run(1)
-    assert "no steady samples within 1 s" in held.handle.refusal
+    assert "no steady samples within 1 s" in held.supervised.refusal
     held.device.sample = HERE
     held.run(2 * SETTLED)
     assert held.state == "fault", "it was given up"
-    assert held.handle.rearm() == ""
-    assert held.handle.refusal == ""
+    assert held.supervised.rearm() == ""
+    assert held.supervised.refusal == ""
     held.run(SETTLED + 1)
     assert held.state == "live"
 
@@ -230,11 +230,11 @@ def test_a_device_that_fails_while_it_is_armed_says_why(held: Held) -> None:
     held.device.error = "encoder a jumped"
     held.run(50)
     held.device.error = ""
-    assert held.handle.rearm() == ""
+    assert held.supervised.rearm() == ""
     held.run(3)
     held.device.error = "the tip is outside its workspace"
     held.run(1)
-    assert held.handle.refusal == "the tip is outside its workspace"
+    assert held.supervised.refusal == "the tip is outside its workspace"
     assert held.core.safety.reason == "device: encoder a jumped", "the fault is still the same"
     held.device.error = ""
     held.run(2 * SETTLED)
@@ -242,7 +242,7 @@ def test_a_device_that_fails_while_it_is_armed_says_why(held: Held) -> None:
 
 
 @pytest.mark.parametrize("given", [(-8.0,), (float("nan"),), (0.5, 0.5)])
-def test_a_report_that_nobody_asked_for_is_not_believed_and_ends_it(held: Held, given: tuple[float, ...]) -> None:
+def test_an_implausible_report_is_ignored_and_three_are_a_fault(held: Held, given: tuple[float, ...]) -> None:
     held.device.given = given
     held.run(2)
     assert held.core.acting == []
@@ -250,11 +250,11 @@ def test_a_report_that_nobody_asked_for_is_not_believed_and_ends_it(held: Held, 
     held.run(1)
     assert held.state == "fault"
     assert held.core.safety.reason.startswith("device: sim: says that (")
-    assert held.handle.counts == {"implausible force reported": 3}
+    assert held.supervised.counts == {"implausible force reported": 3}
 
 
-def test_a_clock_tells_calls_that_block(held: Held) -> None:
-    """A third of all calls may be twice too long, not more; and a device that was opened anew has a clean sheet."""
+def test_a_clock_finds_calls_that_block(held: Held) -> None:
+    """A third of all calls may be twice too long, not more; opening anew clears the count."""
     now_ns = 0
     tick_ns = 1_000_000_000 // RATE_HZ
 
@@ -267,16 +267,16 @@ def test_a_clock_tells_calls_that_block(held: Held) -> None:
         return HERE
 
     held.device.read = read  # type: ignore[method-assign]
-    held.handle = SupervisedDevice(held.device, held.core, RATE_HZ, clock)  # type: ignore[arg-type]
+    held.supervised = SupervisedDevice(held.device, held.core, RATE_HZ, clock)  # type: ignore[arg-type]
     every = 3
     held.run(1000)
     assert held.state == "live"
-    assert held.handle.counts["slow read"] == pytest.approx(333, abs=1)
+    assert held.supervised.counts["slow read"] == pytest.approx(333, abs=1)
     every = 2
     held.run(1000)
     assert held.state == "fault"
     assert held.core.safety.reason.startswith("device: sim: its read took 2.0 ms, and a tick has 1 ms")
     every = 3
-    assert held.handle.rearm() == ""
+    assert held.supervised.rearm() == ""
     held.run(SETTLED + 1)
     assert held.state == "live"

@@ -1,4 +1,4 @@
-"""A client whose server fell silent and came back: on the same line, or on a new one; the books go on, the force ramps in."""
+"""Resumption after a silence of the server: on the same line, or on a new one; the ledger goes on, the force ramps in."""
 
 import math
 
@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.client.core import LET_GO_S
+from cogrip.client.inputs import CloseLedger, Stop
 from cogrip.client.safety import RAMP_IN_S
+from cogrip.client.seated import RELEASE_S
 from cogrip.devices.device import Sample
 from cogrip.protocol.accounts import LinkCount, TickCount
 from cogrip.protocol.messages import Hello, Waves
@@ -140,20 +141,20 @@ def test_the_books_go_on_over_all_lines(seed: int, axes: int, at: list[int], lat
         forces.append(client.tick(number, *place.tolist(), velocity=random.uniform(-1, 1, axes).tolist(), age=latency))
         before = place
         if number in ends:
-            port_j, lost = core.port_j, core.lost
+            port_j, lost = core.ledger.port_j, core.ledger.lost
             core.session.state = "resuming"  # as if it had been silent
             client.renew(now(number))
             assert core.session.state == "seated"
-            assert core.port_j == port_j, "a line that has just begun holds nothing"
-            assert core.lost == lost
+            assert core.ledger.port_j == port_j, "a line that has just begun holds nothing"
+            assert core.ledger.lost == lost
     assert core.session.renewed == len(set(ends.tolist()))
-    assert core.work_j == pytest.approx(work, rel=1e-9, abs=1e-12)
-    assert core.leak_j == pytest.approx(core.work_j - core.port_j, rel=1e-9, abs=1e-12)
-    account = core.account(TickCount())
+    assert core.ledger.work_j == pytest.approx(work, rel=1e-9, abs=1e-12)
+    assert core.ledger.leak_j == pytest.approx(core.ledger.work_j - core.ledger.port_j, rel=1e-9, abs=1e-12)
+    account = core.handle(CloseLedger(TickCount()), core.now_ns)
     assert account.down.sent == account.down.applied + account.down.late + account.down.lost
-    assert account.down.lost == core.lost
+    assert account.down.lost == core.ledger.lost
     assert account.down.applied > client.waves.count().applied or core.session.renewed == 0 or ends[0] < 2 * M
-    assert account.device_leak_j <= core.leak_j
+    assert account.device_leak_j <= core.ledger.leak_j
 
 
 def test_the_least_margin_and_all_fates_of_old_lines_are_kept() -> None:
@@ -162,10 +163,10 @@ def test_the_least_margin_and_all_fates_of_old_lines_are_kept() -> None:
     client.waves.down_margin_j = -0.25  # as a broken sender would make it
     before = client.waves.count()
     client.renew(now(932))
-    assert core.down_margin_j == -0.25
+    assert core.coupling.down_margin_j == -0.25
     run(client, range(932, 1100), -0.1)
     after = client.waves.count()
-    account = core.account(TickCount())
+    account = core.handle(CloseLedger(TickCount()), core.now_ns)
     assert account.down_margin_j == -0.25
     assert account.down == LinkCount(
         **{
@@ -188,10 +189,10 @@ def test_what_is_sent_in_the_old_session_meanwhile_is_not_for_the_new_line() -> 
 # Taking leave ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_hand_that_stops_lets_the_object_go_slowly_and_then_leaves() -> None:
+def test_a_hand_that_stops_releases_the_object_slowly_and_then_leaves() -> None:
     client = Client()
     run(client, range(400), -0.3)
-    client.core.stop()
+    client.core.handle(Stop(), client.core.now_ns)
     client.frames()
     ticks = 0
     while not client.core.released:
@@ -201,11 +202,11 @@ def test_a_hand_that_stops_lets_the_object_go_slowly_and_then_leaves() -> None:
         client.tick(number, 0.0)
         ticks += 1
     loop = client.waves.loop_frames() or 0.0
-    assert ticks == pytest.approx(LET_GO_S * DEVICE_HZ + loop * M, abs=M + 1)
+    assert ticks == pytest.approx(RELEASE_S * DEVICE_HZ + loop * M, abs=M + 1)
     waves = [wave for (wave,) in client.frames()]
     assert waves[0] == pytest.approx(0.3, rel=0.02), "a hand at rest reflects"
-    assert waves[-1] == pytest.approx(-0.15, rel=0.1), "an end that has let go half gives way"
-    assert max(abs(np.diff(waves))) < 0.45 / (LET_GO_S / T_N) * 1.1
+    assert waves[-1] == pytest.approx(-0.15, rel=0.1), "a released end yields by half"
+    assert max(abs(np.diff(waves))) < 0.45 / (RELEASE_S / T_N) * 1.1
     assert client.core.force_n == (0.0,)
 
 
@@ -214,7 +215,7 @@ def test_what_a_hand_does_once_its_force_fades_does_not_reach_the_object() -> No
     for each, speed in ((client, 0.0), (other, 2e-4)):
         for number in range(1000):
             if number == 400:
-                each.core.stop()
+                each.core.handle(Stop(), each.core.now_ns)
             if number % M == 0 and number:
                 each.hear(now(number), 0.1)
             place = 1e-4 * min(number, 400) + speed * max(0, number - 400)
@@ -225,5 +226,5 @@ def test_what_a_hand_does_once_its_force_fades_does_not_reach_the_object() -> No
 
 def test_nobody_waits_for_a_line_that_is_not_there() -> None:
     client = silent()
-    client.core.stop()
+    client.core.handle(Stop(), client.core.now_ns)
     assert client.core.released

@@ -1,0 +1,118 @@
+"""Energy ledger of one person: the hand's work, what the lines took and gave, and the difference.
+
+Symbols: x position [m], F force held over a tick [N]. Energies in J.
+
+    work_j  the hand's work against the force, sum of F (x_{k+1} - x_k): exact under the hold (theory section 3.6)
+    leak_j  its part that did not go into a line, b (y_est - y) y T_c and what safety took
+
+A server that was started anew begins a new line. The ledger goes on over all lines: it keeps sums over the closed ones, and
+adds what the coupling in use knows.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+import msgspec
+
+from cogrip.client.coupling import AnyCoupling
+from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.line.energy_sums import CompensatedSum
+
+
+class EnergyLedger:
+    """coupling: the one in use. `closed_...` are sums over the lines before it."""
+
+    def __init__(self, coupling: AnyCoupling) -> None:
+        self.coupling = coupling
+        self.work = CompensatedSum()
+        self.leak_j = self.least_leak_j = 0.0
+        self.closed_given_j = self.closed_port_j = 0.0  # by and into the closed lines
+        self._reserve_j: float | None = None
+        self._lost = 0
+        self._count = LinkCount()
+        self._playout: PlayoutAccount | None = None
+        self._forces: deque[tuple[float, ...]] = deque()  # of the last ticks, oldest first, where samples are old
+
+    @property
+    def work_j(self) -> float:
+        return self.work.value
+
+    # Forces of the ticks that are entered
+
+    def set_latency(self, ticks: int) -> None:
+        """Samples are `ticks` ticks old from now on: a displacement was made against the force of that many ticks before."""
+        self._forces = deque([*[(0.0,) * len(self.coupling.sent)] * ticks, *self._forces], maxlen=ticks)
+
+    def elapse(self, elapsed: int, force_n: tuple[float, ...]) -> None:
+        """Let ticks pass before there is a hand."""
+        self._forces.extend((force_n,) * elapsed)
+
+    def acting(self, elapsed: int, force_n: tuple[float, ...]) -> Sequence[float]:
+        """Return the mean force over the ticks that samples now show: `elapsed` of them, up to the latency ago."""
+        forces = self._forces
+        if elapsed == 1:
+            acting = forces[0]
+            forces.append(force_n)  # drops the oldest
+            return acting
+        acted = [*forces, *[force_n] * elapsed][:elapsed]
+        forces.extend([force_n] * elapsed)
+        return [sum(parts) / elapsed for parts in zip(*acted, strict=True)]
+
+    # All lines together
+
+    def compare(self) -> None:
+        """Compare the work with the energy that went into all lines."""
+        self.leak_j = leak = self.work.value - (self.closed_port_j + self.coupling.port_j)
+        if leak < self.least_leak_j:
+            self.least_leak_j = leak
+
+    def begin_line(self, coupling: AnyCoupling) -> None:
+        """Close the present line and go on with a new one. What the old one had received but not played is never played now."""
+        before = self.coupling
+        self.closed_given_j += before.given_j
+        self.closed_port_j += before.port_j
+        self._reserve_j, self._lost, self._playout = self.down_reserve_j, self.lost, self.playout_account()
+        self._count = msgspec.structs.replace(self.count(), pending=0)
+        coupling.down_margin_j = before.down_margin_j  # of all lines: the new one begins with 0
+        self.coupling = coupling
+
+    @property
+    def port_j(self) -> float:
+        """Energy that went into all lines."""
+        return self.closed_port_j + self.coupling.port_j
+
+    @property
+    def down_reserve_j(self) -> float | None:
+        """Least reserve after the first second of each line, None where no line was that long."""
+        known = [each for each in (self._reserve_j, self.coupling.down_reserve.reported_j) if each is not None]
+        return min(known, default=None)
+
+    @property
+    def lost(self) -> int:
+        """Number of frames from the server that were lost."""
+        return self._lost + self.coupling.lost()
+
+    def count(self) -> LinkCount:
+        """Count the frames that came down."""
+        before, now = self._count, self.coupling.count()
+        return LinkCount(**{name: getattr(before, name) + getattr(now, name) for name in LinkCount.__struct_fields__})
+
+    def playout_account(self) -> PlayoutAccount | None:
+        """Return how frames were played out, None without waves.
+
+        The mean depth is that of all frames sent; a line that never began has no depth.
+        """
+        before, now = self._playout, self.coupling.playout_account()
+        if before is None or now is None:
+            return now
+        frames, more = self._count.sent, self.coupling.count().sent
+        depth = [(account, sent) for account, sent in ((before, frames), (now, more)) if sent] or [(before, 1)]
+        return PlayoutAccount(
+            depth_frames=sum(account.depth_frames * sent for account, sent in depth) / sum(sent for _, sent in depth),
+            least_frames=min(account.least_frames for account, _ in depth),
+            most_frames=max(account.most_frames for account, _ in depth),
+            repeated=before.repeated + now.repeated,
+            skipped=before.skipped + now.skipped,
+            concealed=before.concealed + now.concealed,
+            longest_gap=max(before.longest_gap, now.longest_gap),
+        )

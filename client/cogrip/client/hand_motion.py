@@ -1,0 +1,110 @@
+"""Position and velocity of the hand, from the samples of a device.
+
+A sample that no held device gives is not used, and a device without velocities has them estimated. Where no sample comes, or
+an older one than usual, the hand is taken to go on as it did (dead reckoning): the next sample corrects that. To stand still
+and catch up in one tick would be a jump that never was, and a damper's energy goes with its square.
+"""
+
+from collections.abc import Sequence
+
+from cogrip.client.safety import Safety
+from cogrip.client.velocity import estimator_for
+from cogrip.devices.device import Capability, Sample
+from cogrip.devices.plausibility import JUMP, Plausibility
+from cogrip.protocol.rates import Rates
+
+RECKON_S = 12.0 / 1024.0  # without a sample, for which dead reckoning goes on
+
+
+class HandMotion:
+    """The hand as the ledger sees it: `latency_ticks` before the newest tick.
+
+    position_m, velocity_mps  now, shape (axes,)
+    start_m, start_mps        as they were before the last `update`
+    begun                     whether there has been a sample that could be used
+    """
+
+    def __init__(self, capability: Capability, rates: Rates, safety: Safety) -> None:
+        self._rate_hz, self._tick_s = float(rates.device_hz), rates.tick_s
+        self._safety = safety
+        self._reckon_ticks = round(RECKON_S * rates.device_hz)
+        self._offset_m: tuple[float, ...] | None = None  # by which jumps have displaced the device's positions
+        self._sampled = 0  # tick at which the newest sample was taken
+        self.begun = False
+        self.start_m = self.position_m = (0.0,) * capability.axes
+        self.start_mps: Sequence[float] = self.position_m
+        self.velocity_mps: Sequence[float] = self.position_m
+        self.fit(capability)
+
+    def fit(self, capability: Capability) -> None:
+        """Go by this record's estimator, and by the age of its samples."""
+        self._estimator = estimator_for(capability, self._tick_s)
+        self.plausibility = Plausibility(capability, self._tick_s)
+        self.latency_ticks = capability.latency_ticks
+
+    def update(self, tick: int, elapsed: int, sample: Sample | None) -> tuple[float, ...] | None:
+        """Take in the sample of `tick`, `elapsed` ticks after the one before. Returns the position, None where unknown."""
+        position: tuple[float, ...] | None = None
+        velocity, taken = self.velocity_mps, self._sampled
+        if sample is not None and (wrong := self.plausibility.judge(tick, sample)):
+            sample = self._refused(wrong, tick, sample)
+        if sample is None:
+            self._safety.absent(elapsed)
+        else:
+            taken, position = tick - sample.age_ticks, sample.position_m
+            if self._offset_m is not None:
+                position = tuple([at - offset for at, offset in zip(position, self._offset_m, strict=True)])
+            if sample.velocity_mps is not None:
+                velocity = sample.velocity_mps
+            else:
+                assert self._estimator is not None
+                velocity = self._estimator.update(position, max(1, taken - self._sampled))
+            if not self._safety.check(elapsed, sample.position_m, velocity):
+                if self._estimator is not None:
+                    self._estimator.reset()
+                position = None
+        before = self.velocity_mps
+        known = position
+        if self.begun and (sample is None or position is None or sample.age_ticks != self.latency_ticks):
+            known = self._reckoned(tick, elapsed, sample, position, velocity)
+        self.start_m, self.start_mps = self.position_m, before
+        if known is not None:
+            self.position_m = known
+        if position is not None:
+            self.velocity_mps, self._sampled = velocity, taken
+            if not self.begun:
+                self.begun, self.start_m = True, position
+        return known
+
+    def _refused(self, wrong: str, tick: int, sample: Sample) -> Sample | None:
+        """Return None for an implausible sample; in a fault a jump sets a new reference, as no hand has moved so."""
+        plausibility, safety = self.plausibility, self._safety
+        safety.note(wrong)
+        if plausibility.fault:
+            safety.fail(plausibility.fault)
+        if wrong != JUMP or safety.state != "fault":
+            return None
+        self._offset_m = tuple([at - here for at, here in zip(sample.position_m, self.position_m, strict=True)])
+        plausibility.restart()
+        plausibility.judge(tick, sample)
+        return sample
+
+    def _reckoned(
+        self,
+        tick: int,
+        elapsed: int,
+        sample: Sample | None,
+        position_m: tuple[float, ...] | None,
+        velocity_mps: Sequence[float],
+    ) -> tuple[float, ...] | None:
+        """Return where the hand was `latency_ticks` ago if it went on as it did; None after RECKON_S without a sample."""
+        if self._safety.state == "fault":
+            return position_m
+        if sample is not None and position_m is not None:
+            ticks = sample.age_ticks - self.latency_ticks
+        elif tick - self._sampled > self.latency_ticks + self._reckon_ticks:
+            return None
+        else:
+            position_m, velocity_mps, ticks = self.position_m, self.velocity_mps, elapsed
+        step_s = ticks / self._rate_hz
+        return tuple([place + step_s * speed for place, speed in zip(position_m, velocity_mps, strict=True)])

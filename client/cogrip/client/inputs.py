@@ -1,0 +1,84 @@
+"""Inputs of a client's core other than ticks and datagrams: tagged values, as a recording holds them.
+
+`ClientCore.handle` takes any of them, `ObserverCore.handle` those of its session (`SessionInput`).
+"""
+
+import re
+
+import msgspec
+
+from cogrip.devices.device import Capability, DeviceError
+from cogrip.protocol.accounts import TickCount
+
+
+def _kind(name: str) -> str:
+    """Return the tag of a class: KeepSeat -> keep_seat."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+class Input(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=_kind):
+    """Base of all inputs."""
+
+
+class Connect(Input, frozen=True, gc=False):
+    """Ask the server for a seat, or for an observer's place."""
+
+
+class Poll(Input, frozen=True, gc=False):
+    """Run the session's timers. Where no ticks are run, at least every 100 ms."""
+
+
+class KeepSeat(Input, frozen=True, gc=False):
+    """Send a sign of life before the first tick."""
+
+
+class DeviceOpened(Input, frozen=True, gc=False):
+    """The device is open, and its record differs from the one before."""
+
+    capability: Capability
+
+
+class DeviceFailed(Input, frozen=True, gc=False):
+    """The device failed: latch a fault."""
+
+    reason: str
+
+
+class ForceApplied(Input, frozen=True, gc=False):
+    """The device applies this force [N], shape (axes,), and not the one that `act` returned."""
+
+    force_n: tuple[float, ...]
+
+
+class Stop(Input, frozen=True, gc=False):
+    """Release the hand and the object; `ClientCore.released` says when that is done."""
+
+
+class Rearm(Input, frozen=True, gc=False):
+    """Leave a latched fault. The caller has removed its cause."""
+
+
+class CloseLedger(Input, frozen=True, gc=False):
+    """Make up the account of this end. ticks: of its loop, as its driver counted them."""
+
+    ticks: TickCount
+
+
+class Leave(Input, frozen=True, gc=False):
+    """Say goodbye with the account, or answer the farewell of a server that stopped first."""
+
+    reason: str
+
+
+SessionInput = Connect | Poll | Leave
+ClientInput = SessionInput | KeepSeat | DeviceOpened | DeviceFailed | ForceApplied | Stop | Rearm | CloseLedger
+
+_decoder: msgspec.json.Decoder[ClientInput] = msgspec.json.Decoder(ClientInput)
+
+
+def decode(text: str) -> ClientInput:
+    """Return the input of a JSON text. Raises ValueError for any other text."""
+    try:
+        return _decoder.decode(text)
+    except DeviceError as error:  # a record without limits
+        raise ValueError(str(error)) from None

@@ -1,0 +1,34 @@
+"""Table of the coupling schemes, by the name in `coupling.kind`. A new scheme is one more row."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cogrip.client.coupling import AnyCoupling
+from cogrip.client.passivity_control import PassivityControl
+from cogrip.client.virtual_coupling import VirtualCoupling
+from cogrip.client.wave_coupling import WaveCoupling
+from cogrip.protocol.messages import Frame, Power, State, Waves
+from cogrip.protocol.settings import Kind, SeatSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """One scheme at the client.
+
+    make        the coupling of a seat
+    message     type of the messages that both ends send
+    damper      symbol, and key of [coupling], of the damper that the device itself renders
+    softer_key  key of [coupling] to lower where the force oscillates
+    """
+
+    make: Callable[[SeatSettings], AnyCoupling]
+    message: type[Frame]
+    damper: tuple[str, str]
+    softer_key: str
+
+
+SCHEMES: dict[Kind, Scheme] = {
+    "wave": Scheme(WaveCoupling, Waves, ("b", "impedance_nspm"), "impedance_nspm"),
+    "coupling": Scheme(VirtualCoupling, State, ("B", "damping_nspm"), "stiffness_npm"),
+    "tdpa": Scheme(PassivityControl, Power, ("b", "impedance_nspm"), "stiffness_npm"),
+}
