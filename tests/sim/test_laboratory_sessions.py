@@ -217,7 +217,7 @@ def text(seed: int) -> str:
 def test_one_seed_gives_one_summary_to_the_byte() -> None:
     once = text(11)
     assert once == text(11)
-    environment = {**os.environ, "PYTHONHASHSEED": "4242"}
+    environment = {**os.environ, "PYTHONHASHSEED": "4242", "PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, __file__, "11"]
     elsewhere = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     assert elsewhere.stdout == once, "in another process too, with another hash seed"
