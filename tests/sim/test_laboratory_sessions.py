@@ -203,10 +203,9 @@ def text(seed: int) -> str:
 def test_one_seed_gives_one_summary_to_the_byte() -> None:
     once = text(11)
     assert once == text(11)
-    environment = {**os.environ, "PYTHONHASHSEED": "4242"}
-    command = [sys.executable, "-m", "tests.sim.test_laboratory_sessions", "11"]
-    root = Path(__file__).parents[2]
-    elsewhere = subprocess.run(command, cwd=root, env=environment, check=True, capture_output=True, text=True)
+    environment = {**os.environ, "PYTHONHASHSEED": "4242", "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, __file__, "11"]
+    elsewhere = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     assert elsewhere.stdout == once, "in another process too, with another hash seed"
     assert once != text(12)
     assert json.loads(once)["seed"] == 11
