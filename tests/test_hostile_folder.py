@@ -110,7 +110,9 @@ def test_the_command_line_as_a_module(folder: Path) -> None:
 def test_every_process_of_python_that_is_started_is_kept_from_its_folder() -> None:
     """`sys.executable` stands first in a command, and -P second."""
     found = []
-    for path in [each for folder in FOLDERS for each in (ROOT / folder).rglob("*.py")] + [ROOT / "dev.py"]:
+    for path in [each for folder in (*FOLDERS, "tests/bench") for each in (ROOT / folder).rglob("*.py")] + [
+        ROOT / "dev.py"
+    ]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             parts = (
                 node.elts if isinstance(node, ast.List | ast.Tuple) else node.args if isinstance(node, ast.Call) else []

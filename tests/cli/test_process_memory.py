@@ -16,14 +16,14 @@ def test_the_slope_is_that_of_the_second_half() -> None:
     for minute in range(60):
         growth.note(60.0 * minute, 1000.0 + (500.0 * minute if minute < 30 else 15_000.0 + 2.0 * (minute - 30)))
     assert growth.slope_kb_per_h == pytest.approx(120.0)
-    told = growth.told()
-    assert (told.first_kb, told.middle_kb, told.last_kb) == (1000.0, 16_000.0, 16_058.0)
+    found = growth.summary()
+    assert (found.first_kb, found.middle_kb, found.last_kb) == (1000.0, 16_000.0, 16_058.0)
 
 
 def test_too_few_notes_have_no_slope_and_none_has_no_memory() -> None:
     growth = Growth()
     with pytest.raises(ValueError, match="no memory was noted"):
-        growth.told()
+        growth.summary()
     growth.note(0.0, 10.0)
     growth.note(1.0, 20.0)
     growth.note(2.0, None)

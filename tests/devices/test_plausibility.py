@@ -257,7 +257,7 @@ def test_a_velocity_that_shakes_where_nothing_moves(speed: float) -> None:
     assert said.index(DRIFT) * TICK_S <= WINDOW_S
 
 
-@pytest.mark.parametrize("share", [0.0, -1.0, 3.0, 1000.0])
+@pytest.mark.parametrize("fraction", [0.0, -1.0, 3.0, 1000.0])
 def test_a_velocity_of_another_size_or_sign(fraction: float) -> None:
     """None at all, the other way, millimetres a second: within a stroke."""
     phases = 2.0 * pi * np.arange(1000) * TICK_S

@@ -18,7 +18,8 @@ from cogrip.sim.session.link import Fate, fates
 
 from tests.extent import long
 from tests.free_ports import free_port
-from tests.live.conftest import LIMIT_S, Process
+from tests.live.conftest import Process
+from tests.live.held_arms import LIMIT_S
 from tests.live.test_live_sessions import DEMO, FEW_FRAMES, HOLD, accounted, leaving, summary_in
 
 MANY = 250

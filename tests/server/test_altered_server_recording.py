@@ -226,5 +226,7 @@ def test_a_start_that_is_none_is_refused_in_words(start: str) -> None:
 def test_a_recording_of_an_earlier_version_is_refused_in_words() -> None:
     server = Server()
     server.topics = tuple(topic.replace("/input", "/command") for topic in server.topics)
-    with pytest.raises(RecordingError, match=r"server.mcap cannot be replayed: it was recorded by an earlier version"):
+    with pytest.raises(
+        RecordingError, match=r"server.mcap cannot be replayed: an earlier version of cogrip recorded it"
+    ):
         server.verdict()

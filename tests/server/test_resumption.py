@@ -11,7 +11,7 @@ from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, 
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant
-from cogrip.server.checkpoint import CheckpointError, decode, encode
+from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Kick, Restore, Revoke, Stop
 from cogrip.server.room import RESERVED_NS
@@ -334,44 +334,6 @@ def test_a_seat_whose_person_is_silent_is_kept_until_they_are_lost() -> None:
     reason = desk.refused("s", token="p").reason
     assert "0 taken, 1 kept for another 2 s" in reason
     assert "anna" not in reason
-
-
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [
-        (room("hall"), "it is of room 'lab'"),
-        (room(people=("anna", "carl")), "other settings"),
-        (room(object={"axes": 2}), "other settings"),
-    ],
-)
-def test_a_checkpoint_of_something_else_changes_nothing(other: Settings, words: str) -> None:
-    before, _ = moved()
-    (checkpoint,) = before.core.checkpoint()
-    after = Guarded(other)
-    with pytest.raises(CheckpointError, match=words):
-        after.core.handle(Restore(checkpoint), 0)
-    assert not after.core.rooms[0].world.position.any()
-    assert not any(seat.ticket_hash for seat in after.core.rooms[0].seats)
-
-
-@pytest.mark.parametrize("data", [b"", b"{}", b"[1]", b"\xff", b'{"version": 2, "room": "lab"}'])
-def test_what_is_no_checkpoint_is_refused(data: bytes) -> None:
-    with pytest.raises(CheckpointError):
-        decode(data)
-
-
-def test_a_checkpoint_of_a_later_version_is_refused() -> None:
-    before, _ = moved()
-    (checkpoint,) = before.core.checkpoint()
-    with pytest.raises(CheckpointError, match="version 2, this is 1"):
-        decode(encode(msgspec.structs.replace(checkpoint, version=2)))
-
-
-def test_secrets_are_in_no_checkpoint() -> None:
-    before, player = moved()
-    data = encode(before.core.checkpoint()[0])
-    assert b"hash of" in data
-    assert player.ticket.encode() not in data.replace(b"hash of " + player.ticket.encode(), b"")
 
 
 def test_the_farewell_of_a_seat_that_was_ended_is_repeated_while_it_sends() -> None:

@@ -85,7 +85,7 @@ class Felt:
 
 
 def least_margin(laboratory: Laboratory) -> float:
-    """Of all lines of those who are here now."""
+    """Return the least margin of all lines of the people who are seated now [J]."""
     room = laboratory.room
     margins = [person.core.coupling.down_margin_j for person in laboratory.people]
     for number, seat in enumerate(room.seats):

@@ -44,7 +44,7 @@ class EmulatedDevice:
     def force_n(self) -> tuple[float, ...]:
         """Return what the motors load the hand with [N], without what they hold of the arm's own weight."""
         mechanics = self.firmware.mechanics
-        fraction = getattr(self.driver, "weight_share", 0.0)
+        fraction = getattr(self.driver, "weight_fraction", 0.0)
         load = [
             -motors - fraction * weight for motors, weight in zip(mechanics.force_n, mechanics.weight_n, strict=True)
         ]

@@ -124,7 +124,7 @@ def advise(settings: Settings, search: Callable[[LiftedModel], Limit] = largest)
 
 
 def advise_seat(seat: SeatSettings, record: Capability) -> Advice:
-    """What there is to say of one seat with its own device, alone with the object. Raises ModelError."""
+    """Return the advice on one seat with its own device, alone with the object. Raises ModelError."""
     return _advise(seat_session(seat, record), [seat], [record], ["coupling"])
 
 

@@ -59,7 +59,7 @@ class Change:
 
     @property
     def effect(self) -> str:
-        """What the change would do, in words."""
+        """Effect of the change, in words."""
         before, after = self.before, self.after
         parts = []
         if after.warnings < before.warnings:

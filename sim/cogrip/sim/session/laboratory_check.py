@@ -89,7 +89,7 @@ class Check:
 
     @property
     def beyond(self) -> str:
-        """What of the settings the session did not reach, "" if it reached all."""
+        """Return the part of the settings that the session did not reach, "" if it reached all."""
         if self.begun_s > self.seconds:
             return f"what begins at {self.begun_s:g} s, hands or outages, is beyond it"
         return f"less than {SHORT_S:g} s tell little" if self.seconds < SHORT_S else ""
