@@ -72,7 +72,7 @@ def session(
     anna = laboratory.people[0]
     device = liar(f"{model}?hand={HANDS[0]}")
     anna.device = device
-    anna.handle.open()
+    anna.supervised.open()
     return laboratory, anna, device
 
 
@@ -123,7 +123,7 @@ def test_re_arming_after_a_jump_is_no_kick(kind: str) -> None:
 
     def watch(lab: Laboratory) -> None:
         if lab.tick == BEGIN + 100:
-            assert anna.handle.rearm() == ""
+            assert anna.supervised.rearm() == ""
 
     laboratory.run(watch)
     assert anna.core.safety.state == "live"
@@ -192,7 +192,7 @@ def test_a_report_of_a_force_that_nobody_asked_for(report: Report) -> None:
     laboratory.run(lambda lab: held.append(anna.core.force_n[0]))
     ends_well(laboratory, anna, device, "acts where (")
     assert anna.core.safety.reason.startswith("device: sim: says that ")
-    assert anna.handle.counts["implausible force reported"] >= 3
+    assert anna.supervised.counts["implausible force reported"] >= 3
     assert held == device.forces[: len(held)], "never what it said"
     assert anna.core.safety.counts.get("force limited by the device", 0) <= 1, "-50 x 0"
 
@@ -229,5 +229,5 @@ def test_whatever_a_driver_raises_names_it(error: Exception) -> None:
 
     laboratory, anna, device = session("wave", "sim:phantom", lambda address: Liar(address, lie, end=BEGIN + 100))
     refusals: list[str] = []
-    laboratory.run(lambda lab: refusals.append(anna.handle.rearm()) if lab.tick == BEGIN + 50 else None)
+    laboratory.run(lambda lab: refusals.append(anna.supervised.rearm()) if lab.tick == BEGIN + 50 else None)
     ends_well(laboratory, anna, device, f"device: sim: {type(error).__name__}")

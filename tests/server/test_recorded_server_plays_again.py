@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import msgspec
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +13,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.records import Datagram, Input
 from cogrip.protocol.session import LOST_NS
+from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import CloseLedger, Idle, Restore, SocketFailed, Stop, decode
 from cogrip.server.recorder import ACCOUNT, ANSWER, DATAGRAM_IN, DATAGRAM_OUT, EVENT, INPUT, RecordedServer, start_of
 
@@ -147,6 +149,17 @@ def test_a_restored_server_plays_again() -> None:
     after.hear((0, "comes back", 0, 0.0), (1, "hello", 0, 0.0))
     assert after.core.rooms[0].seats[0].state == "seated"
     after.run(40)
+    after.handle(CloseLedger())
+    after.exact()
+
+
+def test_a_server_that_refused_its_checkpoint_plays_again() -> None:
+    """Settings were changed between the two: the server begins without the checkpoint, and so does its replay."""
+    after = Server(a_room("lab", "xyz"))
+    with pytest.raises(CheckpointError):
+        after.handle(Restore(Server().core.rooms[0].checkpoint()))
+    after.hear((0, "hello", 0, 0.0))
+    after.run(20)
     after.handle(CloseLedger())
     after.exact()
 

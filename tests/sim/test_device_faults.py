@@ -184,13 +184,13 @@ def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
         if tick == begin:
             firmware(anna).fault(verb)
         elif tick == mended:
-            refusals.append(anna.handle.rearm())
+            refusals.append(anna.supervised.rearm())
             firmware(anna).mend()
-            refusals.append(anna.handle.rearm() if verb in POSE_LOST[wire] else "")
+            refusals.append(anna.supervised.rearm() if verb in POSE_LOST[wire] else "")
         elif tick == again:
             if verb in POSE_LOST[wire]:
                 calibrate(anna)
-            refusals.append(anna.handle.rearm())
+            refusals.append(anna.supervised.rearm())
 
     course = run(laboratory, each)
     still_there, uncalibrated, good = refusals
@@ -250,9 +250,9 @@ def test_no_force_is_ever_above_the_limit_whatever_goes_wrong(seed: int) -> None
             else:
                 firmware(person).mend()
                 if person.core.safety.state == "fault" and person.core.safety.quiet:
-                    person.handle.device.close()
+                    person.supervised.device.close()
                     calibrate(person)
-                person.handle.rearm()
+                person.supervised.rearm()
 
     course = run(laboratory, each)
     assert not plan

@@ -77,7 +77,7 @@ def test_through_jitter_loss_repetition_and_disorder_the_clock_is_found_within_w
     delay = of_laboratory(laboratory)["users"][0]["delay"]
     assert 15.0 < delay["down_ms"]["p50"] < delay["down_ms"]["p99"]
     assert 15.0 < delay["up_ms"]["p50"] < delay["up_ms"]["p99"]
-    assert not {"wild stamp", "implausible stamp"} & {*core.session.dropped, *laboratory.server.dropped}
+    assert "implausible stamp" not in {*core.session.dropped, *laboratory.server.dropped}
 
 
 # The spring --------------------------------------------------------------------------------------------------------------

@@ -191,9 +191,7 @@ class DevicePort:
         self._changed = False
         carried, record = self.carried_nspm, self._record_nspm
         detector = self._detector
-        if (
-            carried < record
-        ):  # what the hand's motion would make, whatever is rendered of it: or it could shake on unseen
+        if carried < record:  # the force of the hand's motion at the record's impedance: else it could shake on unseen
             local_n = [record / carried * local for local in local_n]
         if detector.add(force_n, clipped, local_n):
             if self._tick - self._turned > self._released_ticks:  # the first of its train

@@ -32,7 +32,7 @@ from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
 from cogrip.protocol.waves import device_gain, wave_of
 
-REPAID = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
+COMPENSATED_FRACTION = 1.0 / 16.0  # fraction of what was withheld that a frame compensates
 Held = tuple[tuple[float, ...], float, float, Sequence[float] | None]
 """Returning wave of a tick, its gain s, the ratio r of impedances, and what limits took from the force."""
 OPEN = 0.5  # fraction of a wave that a released end reflects: with more it yields more, and swings more
@@ -144,7 +144,7 @@ class WaveCoupling(Coupling[Waves]):
         sent = self._decimator.take()
         mean, held = sent, self._withheld
         if any(held):
-            sent = tuple([u + REPAID * h for u, h in zip(mean, held, strict=True)])
+            sent = tuple([u + COMPENSATED_FRACTION * h for u, h in zip(mean, held, strict=True)])
         half_frame_s = self._half_tick_s * self._ticks_per_frame
         brought = half_frame_s * sum([v * v for v in self.returning])
         going = half_frame_s * sum([u * u for u in sent])
@@ -222,11 +222,11 @@ class WaveCoupling(Coupling[Waves]):
     def receive(self, message: Waves) -> bool:
         if len(message.state) != len(self.object_state):
             return False
-        mark = (message.made_j, message.port_j, message.acknowledged)
-        taken = self._receiver.receive(message.first, message.waves, message.total, message.squares, mark)
-        if taken:
+        metadata = (message.made_j, message.port_j, message.acknowledged)
+        fits = self._receiver.receive(message.first, message.waves, message.total, message.squares, metadata)
+        if fits:
             self.object_state = message.state
-        return taken
+        return fits
 
     @property
     def played(self) -> bool:

@@ -6,7 +6,7 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 
 import hashlib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
 
@@ -238,8 +238,10 @@ def not_passive(settings: Settings) -> str:
     coupling = settings.coupling
     if coupling.kind == "coupling":
         return 'coupling.kind = "coupling"'
-    if coupling.kind != "wave":
+    if coupling.kind == "tdpa":
         return ""
+    if coupling.kind != "wave":
+        assert_never(coupling.kind)
     active = ['coupling.server_step = "paper"'] if coupling.server_step == "paper" else []
     decimators = {coupling_of(settings, user).decimator for user in settings.users}
     return ", ".join(active + [f'decimator = "{each}"' for each in ("lowpass", "none") if each in decimators])

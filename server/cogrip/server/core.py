@@ -118,9 +118,9 @@ class ServerCore:
         elif place is None:
             self._drop("not seated")
         elif isinstance(place[1], Seat):
-            self._hear_seat(place[0], place[1], message, now_ns)
+            self._receive_from_seat(place[0], place[1], message, now_ns)
         else:
-            self._hear_observer(place[0], place[1], message, now_ns)
+            self._receive_from_observer(place[0], place[1], message, now_ns)
 
     def _receive_malformed(self, datagram: bytes, address: Address) -> None:
         version = messages.foreign_version(datagram)
@@ -131,7 +131,7 @@ class ServerCore:
         else:
             self._joining.refuse(nonce_of(datagram), address, Denied(*version_mismatch(version)))
 
-    def _hear_seat(self, room: Room, seat: Seat, message: messages.AnyMessage, now_ns: int) -> None:
+    def _receive_from_seat(self, room: Room, seat: Seat, message: messages.AnyMessage, now_ns: int) -> None:
         if not isinstance(message, FROM_CLIENTS):
             self._drop("unexpected")
         elif message.session != seat.session:
@@ -145,7 +145,7 @@ class ServerCore:
             if rtt_ns is not None:
                 seat.rtt_ns = rtt_ns
             elif message.stamp.echo_ns:
-                self._drop("wild stamp")
+                self._drop("implausible stamp")
             if type(message) is not Heartbeat and (
                 type(message) is not room.frame or seat.port is None or not seat.port.receive(message)
             ):
@@ -153,7 +153,7 @@ class ServerCore:
                 return
             seat.last_received_ns = now_ns
 
-    def _hear_observer(self, room: Room, observer: Observer, message: messages.AnyMessage, now_ns: int) -> None:
+    def _receive_from_observer(self, room: Room, observer: Observer, message: messages.AnyMessage, now_ns: int) -> None:
         """Take in a heartbeat or a goodbye. Who sends more is kicked."""
         if isinstance(message, FROM_CLIENTS) and message.session != observer.session:
             self._drop("other session")

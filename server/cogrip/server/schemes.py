@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from cogrip.protocol.messages import Power, State, Waves
-from cogrip.protocol.settings import SeatSettings
+from cogrip.protocol.settings import Kind, ObjectKind, SeatSettings
 from cogrip.server.port import Port
 from cogrip.server.power_port import PowerPort
 from cogrip.server.seat_limits import SeatLimits
@@ -22,8 +22,8 @@ from cogrip.server.worlds.world import World
 
 MakeWorld = Callable[[Sequence[SeatSettings]], World]
 
-WAVE_WORLDS: dict[str, MakeWorld] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
-"""Passive worlds, by the kind of the object."""
+WAVE_WORLDS: dict[ObjectKind, MakeWorld] = {"cube": GripWorld, "faces": PushWorld, "wall": PushWorld}
+"""Passive worlds, by `object.kind`. A cube of few axes is stepped by `SmallGripWorld`, the same world in plain floats."""
 
 
 def make_wave_world(seats: Sequence[SeatSettings]) -> World:
@@ -44,7 +44,7 @@ class Scheme(NamedTuple):
     make_world: MakeWorld
 
 
-SCHEMES = {
+SCHEMES: dict[Kind, Scheme] = {
     "wave": Scheme(Waves, WavePort, make_wave_world),
     "coupling": Scheme(State, StatePort, CoupledWorld),
     "tdpa": Scheme(Power, PowerPort, PowerWorld),

@@ -7,8 +7,7 @@ far as they are known (SPEC 5.4). `WaveLedger` bounds every x and p by them: no 
     zero      x = 0, p = 0: a matched termination
     repaid    x = 0; p is 1/16 of the deficit, at most COMPENSATION_LIMIT
     tank      x is the last wave fading out, paid by reserve and tank; p as above, but some reserve is kept for the next gap
-    elastic   the last wave fades more slowly. What was played is cross-faded to the first frame after a gap, like a spring
-    with a
+    elastic   the last wave fades more slowly, and is cross-faded to the first frame after the gap, like a spring with a
               damper: p' = SMOOTHING (target - p), with the deficit as the spring. A reserve is charged for the next gap, and
               the client's end yields (`WaveCoupling`)
 

@@ -31,9 +31,8 @@ class WaveLedger:
         self._played = WaveSums(axes)  # frames that were due, as sent or as filled, without compensation
         self._filled = WaveSums(axes)  # fillings among them
         self._compensated = WaveSums(axes)  # compensation; its squares are what it added to the squares played
-        self._history = [
-            (zero, zero, zero)
-        ] * HISTORY  # before frame n: sums of `_played`, squares, squares of `_filled`
+        # before frame n: sums of `_played`, squares, squares of `_filled`
+        self._history = [(zero, zero, zero)] * HISTORY
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
         self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
         self._lost: Sequence[float] = zero  # sum of the waves lost before frame `settled`, less fillings

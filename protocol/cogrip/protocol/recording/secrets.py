@@ -11,7 +11,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Hello, Welcome
 
 HEAD_BYTES = 24  # in which a hello's magic stands, however its array and tag are written
-FIRST_TAG, LAST_TAG = 3, 9  # of the messages that hold no secret
+FIRST_TAG, LAST_TAG = 3, 10  # of the messages that hold no secret
 TicketHash = Callable[[str], str]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, assert_never
 
 from cogrip.client.velocity import MEMORY, memory_for
 from cogrip.devices.device import Capability, Device
@@ -93,6 +93,8 @@ def scheme_of(coupling: Coupling) -> Scheme:
         )
     if coupling.kind == "coupling":
         return "coupling"
+    if coupling.kind != "wave":
+        assert_never(coupling.kind)
     return "paper" if coupling.server_step == "paper" else "passive"
 
 

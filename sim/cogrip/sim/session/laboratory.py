@@ -68,7 +68,7 @@ class Person:
             force_n=record.peak_force_n, speed_mps=record.speed_mps,
         )  # fmt: skip
         self.core = RecordedClient(hello, device.capability, BarePort if bare else DevicePort)
-        self.handle = SupervisedDevice(device, self.core, self.rates.device_hz)
+        self.supervised = SupervisedDevice(device, self.core, self.rates.device_hz)
         self.up = LinkEmulator(LinkProfile(), "")
         self.down = LinkEmulator(LinkProfile(), "")
 
@@ -90,11 +90,11 @@ class Person:
 
     @property
     def device(self) -> Device:
-        return self.handle.device
+        return self.supervised.device
 
     @device.setter
     def device(self, device: Device) -> None:
-        self.handle.device = device
+        self.supervised.device = device
 
 
 class Laboratory:
@@ -154,7 +154,7 @@ class Laboratory:
         link = self.settings.link
         person.up = configured_link(link, "up", f"{seat.seed}/{seat.seat}/up")
         person.down = configured_link(link, "down", f"{seat.seed}/{seat.seat}/down")
-        person.handle.open()
+        person.supervised.open()
 
     # Leaving and returning
 
@@ -262,7 +262,7 @@ class Laboratory:
             person = self.people[number]
             tick = frame * person.rates.ticks_per_frame + step
             if person.ticks_at(tick):
-                person.core.sense(tick - person.begins, person.handle.read(tick - person.begins), now_ns)
+                person.core.sense(tick - person.begins, person.supervised.read(tick - person.begins), now_ns)
             elif border and person.gone:
                 person.core.handle(inputs.Poll(), now_ns)
             elif border:
@@ -274,7 +274,7 @@ class Laboratory:
             person = self.people[number]
             core, tick = person.core, frame * person.rates.ticks_per_frame + step
             if person.ticks_at(tick):
-                person.handle.write(core.act(now_ns))
+                person.supervised.write(core.act(now_ns))
             if core.session.state == "resuming" or person.migration.newer is not None:
                 person.dial(now_ns, not self.alive)
             if person.going and core.released:
@@ -284,7 +284,7 @@ class Laboratory:
         person.going, person.gone = False, True
         person.core.handle(inputs.CloseLedger(TickCount(due=ticks, run=ticks)), self.now_ns)
         person.core.handle(inputs.Leave("had enough"), self.now_ns)
-        person.handle.close()
+        person.supervised.close()
 
     def run(
         self,

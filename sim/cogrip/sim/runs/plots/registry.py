@@ -44,8 +44,8 @@ PLOTS = (
         "waves",
         "Waves",
         waves,
-        "What each hand sends into the line and what comes back to it: a gap to zero in the right half is a frame "
-        "that did not come in time.",
+        "What each hand sends into the line and what comes back to it. A curve that fades away and returns is concealment of "
+        'frames that did not come in time; with `playout.concealment` "zero" it drops to zero.',
     ),
     Plot(
         "energy",

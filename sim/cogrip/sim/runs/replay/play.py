@@ -5,6 +5,7 @@ between the two halves of the tick stand before it (`cogrip.client.recorder`): t
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 import msgspec
@@ -18,6 +19,7 @@ from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Answer, Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
 from cogrip.server.admission import Denied, Grant
+from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import Idle
 from cogrip.server.inputs import decode as decode_server_input
 from cogrip.server.recorder import RecordedServer, address_of, step_topic
@@ -61,7 +63,6 @@ class ClientPlay:
         self.core = RecordedClient(hello, capability)
         self.core.record(sink)
         self.ticks = 0
-        self._gives_velocity = capability.gives_velocity
         self._kinds = replay_input.kinds
         self._waiting: list[tuple[bytes, int]] = []
 
@@ -73,15 +74,15 @@ class ClientPlay:
         elif kind == "datagram_in":
             self._waiting.append((_datagram(message.payload).data, now_ns))
             if not self.core.seated:  # nothing ticks yet
-                self._hear()
+                self._receive_waiting()
         elif kind == "input":
-            self._hear()
+            self._receive_waiting()
             self.core.handle(decode_client_input(_input(message.payload).value), now_ns)
 
     def finish(self) -> None:
-        self._hear()
+        self._receive_waiting()
 
-    def _hear(self) -> None:
+    def _receive_waiting(self) -> None:
         for datagram, now_ns in self._waiting:
             self.core.receive(datagram, now_ns)
         self._waiting.clear()
@@ -90,8 +91,8 @@ class ClientPlay:
         core = self.core
         if not core.seated:
             raise ValueError(f"tick {tick.tick} stands before a seat was had")
-        core.sense(tick.tick, sample_of(tick, self._gives_velocity), now_ns)
-        self._hear()
+        core.sense(tick.tick, sample_of(tick, core.capability.gives_velocity), now_ns)
+        self._receive_waiting()
         core.timing = (tick.late_us, tick.work_us, tick.skipped)
         core.act(now_ns)
         self.ticks += 1
@@ -137,7 +138,8 @@ class ServerPlay:
             given = decode_server_input(_input(message.payload).value)
             if isinstance(given, Idle):
                 self.ticks += given.steps
-            core.handle(given, now_ns)
+            with suppress(CheckpointError):  # refused then, too: the server began without it
+                core.handle(given, now_ns)
 
     def finish(self) -> None:
         """Nothing is left to do."""

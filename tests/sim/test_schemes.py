@@ -1,0 +1,38 @@
+"""Every coupling scheme and every kind of object has its row in each table that is indexed by it."""
+
+from typing import get_args
+
+import pytest
+
+from cogrip.cli.session.joined_device import MOST_ADVISED_FRAMES
+from cogrip.client import schemes as client_schemes
+from cogrip.protocol.messages import Frame
+from cogrip.protocol.session import FOR_CLIENTS
+from cogrip.protocol.settings import Kind, ObjectKind, resolve, seat_settings
+from cogrip.server import schemes as server_schemes
+from cogrip.sim.experiments.methods.method import METHODS
+
+KINDS = get_args(Kind)
+
+
+@pytest.mark.parametrize("table", [client_schemes.SCHEMES, server_schemes.SCHEMES, MOST_ADVISED_FRAMES])
+def test_every_scheme_has_a_row(table: dict[str, object]) -> None:
+    assert tuple(table) == KINDS
+
+
+def test_every_scheme_is_compared() -> None:
+    assert {method.overrides["coupling.kind"] for method in METHODS.values()} == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_ends_of_a_scheme_speak_the_same_message(kind: Kind) -> None:
+    message = client_schemes.SCHEMES[kind].message
+    assert message is server_schemes.SCHEMES[kind].frame
+    assert message in FOR_CLIENTS
+    assert message in get_args(Frame)
+
+
+@pytest.mark.parametrize("kind", get_args(ObjectKind))
+def test_every_kind_of_object_has_a_world(kind: ObjectKind) -> None:
+    seat = seat_settings(resolve({"object": {"kind": kind}}), 0)
+    assert server_schemes.WAVE_WORLDS[kind]([seat]).axes == seat.object.axes
