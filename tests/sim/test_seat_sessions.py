@@ -101,5 +101,7 @@ def test_a_margin_that_is_no_number_is_called_so(margin_j: float) -> None:
                 assert margin_j == math.inf
                 continue
             assert tone == "bad"
-            assert words.startswith("Not passive as far as can be told: an end told an energy margin that is no number")
+            assert words.startswith(
+                "Not passive as far as can be told: an end reported an energy margin that is no number"
+            )
             assert "gave out" not in words

@@ -86,10 +86,10 @@ def test_a_device_that_gives_more_than_came_in_is_not_passive(margin_j: float | 
 
 def test_what_was_never_told_is_not_good() -> None:
     untold = {
-        "nothing was told of the device port of anna": person(device=DeviceAccount()),
-        "the server told nothing of the line of anna": person(seat=None),
-        "no account was told by the client of anna": UserRecord("anna", None, SEAT),
-        "nothing was heard from the client of anna": UserRecord("anna", None, replace(SEAT, up=LinkCount())),
+        "nothing was reported of the device port of anna": person(device=DeviceAccount()),
+        "the server reported nothing of the line of anna": person(seat=None),
+        "no account was reported by the client of anna": UserRecord("anna", None, SEAT),
+        "nothing was received from the client of anna": UserRecord("anna", None, replace(SEAT, up=LinkCount())),
     }
     for words, user in untold.items():
         summary = summary_of(user)
@@ -258,7 +258,7 @@ def test_what_only_clients_of_others_say_in_their_favour_is_said_to_be_theirs() 
     assert passive(summary).sentence.endswith("any motors; least reserve after the first second 2 mJ in a whole line.")
 
 
-@pytest.mark.parametrize(("received", "words"), [(1000, "told no account"), (0, "was never heard")])
+@pytest.mark.parametrize(("received", "words"), [(1000, "reported no account"), (0, "was never heard")])
 def test_a_client_without_an_account_was_heard_if_frames_of_it_were(received: int, words: str) -> None:
     summary = summary_of(UserRecord("ben", None, replace(SEAT, up=LinkCount(received=received))))
     assert ("warn", f"The client of ben {words}: what it alone knows is missing.") in verdict(summary)

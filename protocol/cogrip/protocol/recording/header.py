@@ -28,7 +28,7 @@ class Versions(msgspec.Struct, frozen=True):
     machine: str
 
     @property
-    def told(self) -> str:
+    def in_words(self) -> str:
         """The versions as text, escaped: a file may come from anybody."""
         return shown(f"cogrip {self.cogrip}, Python {self.python}, numpy {self.numpy}, {self.machine}")
 

@@ -34,7 +34,8 @@ def felt_as_intended(summary: Summary, stable: bool) -> Judgement:
         more = f" (and {len(reasons) - 1} more reasons)" if len(reasons) > 1 else ""
         text, brief = f"Not felt as intended: {'; '.join(reasons)}.", f"not felt as intended: {reasons[0]}{more}"
     elif (unknown := names_of(row for row in held if not is_number(row.get("at_limit")))) or not held:
-        text = f"Whether it felt as intended is not known: limits on the force were not told of {some(unknown) or 'anybody'}."
+        whom = some(unknown) or "anybody"
+        text = f"Whether it felt as intended is not known: limits on the force were not reported of {whom}."
     elif not any((_value(row, "peak_force_n") or 0.0) >= LEAST_FELT_N for row in held):
         text = "Nothing was felt: no hand met a force."
     elif softer := _softer(held):

@@ -169,7 +169,7 @@ def _of_summary(summary: Summary) -> Iterator[Word]:
     broken = stable(summary).tone == "bad"
     found: tuple[Judgement, ...] = judgements(summary)
     if unjudged(summary) and came(summary) and "bad" not in (judgement.tone for judgement in found):
-        text = "not known whether passive, stable and felt as intended: nothing was told of device ports"
+        text = "not known whether passive, stable and felt as intended: nothing was reported of device ports"
         yield Word("warn", text, "not known")
         found = ()
     for judgement in found:

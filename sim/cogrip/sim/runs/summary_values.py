@@ -89,7 +89,7 @@ def ledgers(user: dict[str, Any]) -> dict[str, str]:
 
 
 def least_reserve(users: list[dict[str, Any]], key: str) -> tuple[float, str] | None:
-    """Return (least energy reserve after the first second [J], whose), by its key in `energy`; None where no end told."""
+    """Return (least energy reserve after the first second [J], whose), by its key in `energy`; None if no end reported it."""
     found = [
         (float(value), name_of(user)) for user in seat_sessions(users) if is_number(value := dig(user, "energy", key))
     ]
@@ -105,7 +105,7 @@ def lent_j(settings: Any) -> float | None:
 
 
 def worst_margin(users: list[dict[str, Any]]) -> tuple[float, str, str] | None:
-    """Return (energy [J], which ledger, whose); None where no end told."""
+    """Return (energy [J], which ledger, whose); None where no end reported it."""
     found = [
         (float(value), words, name_of(user))
         for user in seat_sessions(users)

@@ -154,9 +154,9 @@ def _versions(records: RunRecords) -> tuple[str, ...]:
     found: dict[str, list[str]] = {}
     for who, end in ends.items():
         if end is not None:
-            told = end.recording.header.versions.told
-            found.setdefault(told, []).append(who)
-    return tuple(found) if len(found) < 2 else tuple(f"{', '.join(who)}: {told}" for told, who in found.items())
+            reported = end.recording.header.versions.in_words
+            found.setdefault(reported, []).append(who)
+    return tuple(found) if len(found) < 2 else tuple(f"{', '.join(who)}: {reported}" for reported, who in found.items())
 
 
 def _read_json(path: Path, notes: list[str]) -> dict[str, Any]:

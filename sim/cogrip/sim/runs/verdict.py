@@ -1,6 +1,6 @@
 """Three judgements of a run, for the whole chain from hand to object, devices included: passive, stable, felt as intended.
 
-Each is good only where every end told what it takes to know: missing values warn. The rules are the same wherever a run is
+Each is good only where every end reported what it takes to know: missing values warn. The rules are the same wherever a run is
 judged (`lab`, `demo`, `join`, `serve`, reports, `runs`, `compare`, exit codes); docs/verdict.md lists them with their bounds.
 """
 
@@ -53,7 +53,7 @@ def came(summary: Summary) -> bool:
 
 
 def unjudged(summary: Summary) -> bool:
-    """Return True for a run of clients of older versions, none of which told anything of its device port."""
+    """Return True for a run of clients of older versions, none of which reported anything of its device port."""
     return all(dig(row, "energy", "device_margin_j") is None for row in occupied(people(summary)))
 
 
@@ -61,10 +61,10 @@ def unjudged(summary: Summary) -> bool:
 
 
 def passive_of(rows: list[Row], tank_j: float) -> bool | None:
-    """Return `passive` of a summary with these people, by the margins that the ends told; None where an end told none."""
+    """Return `passive` of a summary with these people, by the reported margins; None where an end reported none."""
     held = list(occupied(rows))
-    told = [(key, dig(row, "energy", key)) for row in held for key in _measured(row)]
-    if any(value is not None and not (is_number(value) and value >= _bound(key, tank_j)) for key, value in told):
+    reported = [(key, dig(row, "energy", key)) for row in held for key in _measured(row)]
+    if any(value is not None and not (is_number(value) and value >= _bound(key, tank_j)) for key, value in reported):
         return False
     return None if not held or any(map(_untold, held)) else True
 
@@ -95,8 +95,8 @@ def passive(summary: Summary, tank_j: float | None = None) -> Judgement:
         for text in _untold(row):
             missing.setdefault(text, []).append(name_of(row))
     if missing or said is not True or worst is None:
-        told = [f"{text} of {some(dict.fromkeys(names))}" for text, names in missing.items()]
-        why = "; ".join(told) or "no end told its energy margin"
+        reported = [f"{text} of {some(dict.fromkeys(names))}" for text, names in missing.items()]
+        why = "; ".join(reported) or "no end reported its energy margin"
         return Judgement("passive", "warn", f"Whether the run was passive is not known: {why}.")
     port = "no device's motors either" if device else "nor, say the clients, any motors"
     port += _least_reserves(users)
@@ -121,11 +121,13 @@ def _claimed_margins(users: list[Row], tank_j: float) -> list[str]:
 
 
 def _least_reserves(users: list[Row]) -> str:
-    """Return the least energy reserves after the first second, "" where no end told."""
+    """Return the least energy reserves after the first second, "" where no end reported it."""
     line, device = least_reserve(users, "line_reserve_j"), least_reserve(users, "device_reserve_j")
     ours = device if not any(row.get("claimed") for row in users) else None
-    told = [f"{energy(each[0])} {where}" for each, where in ((line, "in a whole line"), (ours, "at a device")) if each]
-    return f"; least reserve after the first second {', '.join(told)}" if told else ""
+    reported = [
+        f"{energy(each[0])} {where}" for each, where in ((line, "in a whole line"), (ours, "at a device")) if each
+    ]
+    return f"; least reserve after the first second {', '.join(reported)}" if reported else ""
 
 
 def _not_passive(
@@ -153,7 +155,7 @@ def _not_passive(
         return f"Not passive: {' '.join(found)}", f"not passive: {', '.join(brief)}"
     least = f"the least that is one is {energy(worst[0])} ({worst[1]} of {worst[2]})" if worst else "none is one"
     why = "not passive as far as can be told: an energy margin is no number"
-    return f"Not passive as far as can be told: an end told an energy margin that is no number; {least}.", why
+    return f"Not passive as far as can be told: an end reported an energy margin that is no number; {least}.", why
 
 
 def _worst_device(users: list[Row]) -> tuple[float, str] | None:
@@ -170,15 +172,15 @@ def _untold(row: Row) -> list[str]:
     """Return what is missing of a seat session before it can be called passive, in words to stand before `of <name>`."""
     if row.get("state") is None:
         received = dig(row, "link", "up", "received")
-        return ["no account was told by the client" if received else "nothing was heard from the client"]
+        return ["no account was reported by the client" if received else "nothing was received from the client"]
     missing = []
     margins = [dig(row, "energy", key) for key in ("up_margin_j", "down_margin_j")]
     if margins == [None, None]:
         missing.append("no energy ledger was kept on the network")
     elif None in margins:
-        missing.append("the server told nothing of the line")
+        missing.append("the server reported nothing of the line")
     if dig(row, "energy", "device_margin_j") is None:
-        missing.append("nothing was told of the device port")
+        missing.append("nothing was reported of the device port")
     return missing
 
 
@@ -205,7 +207,7 @@ def stable(summary: Summary) -> Judgement:
         return Judgement("stable", "bad", f"{'. '.join(found)}.", ", ".join(brief))
     not_known = "Whether the run was stable is not known:"
     if said is not False:
-        return Judgement("stable", "warn", f"{not_known} no end told whether anything diverged.")
+        return Judgement("stable", "warn", f"{not_known} no end reported whether anything diverged.")
     diverged = names_of(row for row in sessions if dig(row, "claimed", "diverged") is True)
     if theirs := [(what, who) for what, who in (("the force", names_of(shaking)), ("the hand", diverged)) if who]:
         claims = ", ".join(f"{what} of {some(who)}" for what, who in theirs)
@@ -215,7 +217,7 @@ def stable(summary: Summary) -> Judgement:
         )
     unknown = names_of(row for row in occupied(users) if not isinstance(row.get("oscillates"), bool))
     if unknown or not users:
-        text = f"{not_known} nothing diverged; whether a force oscillated was not told of {some(unknown) or 'anybody'}."
+        text = f"{not_known} nothing diverged; whether a force oscillated was not reported of {some(unknown) or 'anybody'}."
         return Judgement("stable", "warn", text)
     if let_go := names_of(row for row in sessions if row.get("let_go")):
         text = f"Not known to be stable: the force on {some(let_go)} was let go, at its limit or for want of energy."

@@ -72,22 +72,22 @@ def energy_sheet(
     rows: Sequence[EnergyRow], window: Window, lent_j: float | None, reserves: str, legend: Legend, columns: int = 0
 ) -> Figure:
     """Draw rows of ledgers and, where any is known, of reserves, which may go down to what lines may lend."""
-    told = any(row.reserves for row in rows)
-    sheet = Sheet(len(rows), 1 + told, row_in=1.9, widths=(1.7, 1.0) if told else (1.0,))
+    reported = any(row.reserves for row in rows)
+    sheet = Sheet(len(rows), 1 + reported, row_in=1.9, widths=(1.7, 1.0) if reported else (1.0,))
     unit, scale = _unit(line for row in rows for line in row.ledgers)
     reserve_unit, reserve_scale = _unit(line for row in rows for line in row.reserves)
     for row, panels in zip(rows, sheet.panels, strict=True):
         for line in row.ledgers:
             draw(panels[0], line.time, line.values * scale, **line.style)
         title(panels[0], row.heading, row.tint)
-        if told:
+        if reported:
             for line in row.reserves:
                 draw(panels[1], line.time, line.values * reserve_scale, **line.style)
             forbid(panels[1], row.reserves, lent_j, reserve_scale)
             title(panels[1], f"{reserves} [{reserve_unit}]", row.tint)
     for panel in sheet.panels[0]:
         panel.set_xlim(*window)
-    legend = [*legend, *([FORBIDDEN] if told else [])]
+    legend = [*legend, *([FORBIDDEN] if reported else [])]
     return sheet.finish("time [s]", [f"energy [{unit}]"] * len(rows), legend, columns)
 
 
