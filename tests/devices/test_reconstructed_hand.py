@@ -253,7 +253,7 @@ def deviation_mm(one: RunRecords, other: RunRecords) -> dict[str, float]:
 
 
 WORST_MM = {"sim:ideal": 0.06, "sim:phantom": 0.4}
-"""Of strokes of 37 and 33 mm; measured 0.045 and 0.33. What is missing is the smoothing and, of the phantom, friction."""
+"""Strokes of 37 and 33 mm; measured 0.045 and 0.33. What is missing is the smoothing and, of the phantom, friction."""
 
 
 def test_the_same_world_moves_it_as_it_was_moved(demo: tuple[str, RunRecords], tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_nobody_loses_a_seat_in_a_flood_and_all_of_it_is_counted(start, tmp_path
     assert "silent for too long" not in server.said
     dropped = summary(tmp_path / "server")["server"]["dropped"]
     print(dropped)
-    assert {"stranger", "contact budget", "too large", *ANSWERED} <= dropped.keys()
+    assert {"unauthenticated", "contact budget", "too large", *ANSWERED} <= dropped.keys()
     assert sum(dropped.values()) >= done.sent, "each of them is somewhere"
     answered = sum(dropped[reason] for reason in ANSWERED)
     peers = 2 * (contacts.burst + contacts.per_second * took_s)  # of the new, and of those who come again

@@ -262,7 +262,7 @@ def test_unauthenticated_peers_are_refused_and_counted(serve, tmp_path):
     server.signal(signal.SIGTERM)
     server.end()
     dropped = summary_in(tmp_path / "server")["server"]["dropped"]
-    assert dropped == {"empty": 1, "stranger": 2, "too large": 1, "refused: version": 1}
+    assert dropped == {"empty": 1, "unauthenticated": 2, "too large": 1, "refused: version": 1}
 
 
 def test_a_port_in_use_and_a_server_that_is_not_there(run, serve, tmp_path):

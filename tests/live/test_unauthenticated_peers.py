@@ -376,5 +376,5 @@ def test_another_port_resumes_the_seat_and_a_stop_is_told(start, encrypted, join
     assert largest_step_n(end) < MOST_STEP_N
     assert verify(end.recording).exact
     dropped = encrypted.account()["server"]["dropped"]
-    assert dropped["stranger"] > 10, "what still came by the new port of the old association"
+    assert dropped["unauthenticated"] > 10, "what still came by the new port of the old association"
     assert not (encrypted.state / "checkpoint-demo.json").exists(), "a stop is no crash: nobody resumes it"

@@ -421,13 +421,13 @@ def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
     for datagram in others:
         assert encrypted.receive(datagram, stranger, 0) == ()
     assert not encrypted.outbox
-    assert encrypted.dropped == {"refused: sealed": 1, "stranger": len(others)}
+    assert encrypted.dropped == {"refused: sealed": 1, "unauthenticated": len(others)}
     call = DtlsClient(encrypted.fingerprint)
     call.poll(0)
     (_, first) = call.outbox.popleft()
     unencrypted = UnencryptedListener(RateLimiter(b"s" * 16), lambda _: False)
     assert unencrypted.receive(first, stranger, 0) == ()
-    assert (unencrypted.dropped, list(unencrypted.outbox)) == ({"stranger": 1}, [])
+    assert (unencrypted.dropped, list(unencrypted.outbox)) == ({"unauthenticated": 1}, [])
     for datagram, _ in VECTORS.values():
         assert call.receive(datagram, PEER, 0) == ()
     assert call.dropped == {"not sealed": len(VECTORS)}

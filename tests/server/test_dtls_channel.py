@@ -174,7 +174,7 @@ def test_an_unencrypted_hello_is_refused_with_the_cure(folder: Path) -> None:
     assert [event.code for event in wire.listener.events] == ["sealed"]
     assert wire.inject(hello[:-1], ANNA) == ()
     assert len(wire.listener.outbox) == 1
-    assert wire.listener.dropped == {"refused: sealed": 1, "stranger": 1}
+    assert wire.listener.dropped == {"refused: sealed": 1, "unauthenticated": 1}
 
 
 def test_an_unencrypted_refusal_is_a_hint_and_no_more(folder: Path) -> None:

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from cogrip.protocol.messages import NO_BOUND, Stamp, State
 from cogrip.protocol.settings import (
     HUMAN_POWER_W,
-    STRANGERS_FORCE_N,
-    STRANGERS_SPEED_MPS,
+    REMOTE_FORCE_N,
+    REMOTE_SPEED_MPS,
     Settings,
-    for_strangers,
+    for_remote_clients,
     resolve,
 )
 from cogrip.server.observers import VIEWS_HZ
@@ -115,12 +115,12 @@ def test_limits_come_from_the_record_and_the_settings() -> None:
     assert limits_of(PHANTOM, settings(power_w=5.0), 0) == SeatLimits(8.5, 2.0, 5.0)
     assert limits_of(PHANTOM, settings(power_w=5.0), 1) == SeatLimits(8.5, 2.0, 3.0)
     ideal = Record("sim:ideal", 1, 1e4, NO_BOUND, NO_BOUND)
-    bounded = SeatLimits(STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, HUMAN_POWER_W)
-    assert limits_of(ideal, for_strangers(settings()), 0) == bounded
+    bounded = SeatLimits(REMOTE_FORCE_N, REMOTE_SPEED_MPS, HUMAN_POWER_W)
+    assert limits_of(ideal, for_remote_clients(settings()), 0) == bounded
     assert limits_of(ideal, settings(), 0) == bounded, "on this machine, too"
-    own = limits_of(ideal, for_strangers(settings(force_n=7.0, speed_mps=2.0, power_w=0.0)), 0)
+    own = limits_of(ideal, for_remote_clients(settings(force_n=7.0, speed_mps=2.0, power_w=0.0)), 0)
     assert own == SeatLimits(7.0, 2.0, 14.0)
-    assert limits_of(PHANTOM, for_strangers(settings()), 0) == SeatLimits(8.5, 2.0, HUMAN_POWER_W)
+    assert limits_of(PHANTOM, for_remote_clients(settings()), 0) == SeatLimits(8.5, 2.0, HUMAN_POWER_W)
     assert limits_of(ideal, settings(), 1).power_w == 3.0
 
 

@@ -34,7 +34,7 @@ def test_of_unauthenticated_peers_only_hellos_pass() -> None:
     assert listener.receive(WAVE, BEN, 0) == (WAVE,)
     assert listener.receive(bytes(MAX_DATAGRAM_BYTES + 1), BEN, 0) == ()
     assert listener.receive(b"", BEN, 0) == ()
-    assert listener.dropped == {"stranger": 2, "too large": 1, "empty": 1}
+    assert listener.dropped == {"unauthenticated": 2, "too large": 1, "empty": 1}
 
 
 def test_hellos_have_budgets_by_address_and_in_all() -> None:
@@ -59,7 +59,7 @@ def test_a_seated_peer_has_a_budget_of_its_own() -> None:
 def test_a_dtls_hello_is_dropped() -> None:
     listener = authenticator()
     assert listener.receive(b"\x16\xfe\xff" + bytes(1100), ANNA, 0) == ()
-    assert listener.dropped == {"stranger": 1}
+    assert listener.dropped == {"unauthenticated": 1}
     assert not listener.outbox
 
 

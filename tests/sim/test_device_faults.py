@@ -42,7 +42,7 @@ HOLDS_ON = ("emulated:woodenhaptics", "emulated:2diy")  # a stroke and longer wh
 
 @dataclass
 class Course:
-    """How much the motors truly pushed, all axes together, tick by tick [N], and in which state the clients were."""
+    """Force of the motors, all axes together, tick by tick [N], and in which state the clients were."""
 
     force: list[tuple[float, float]] = field(default_factory=list)
     state: list[tuple[str, str]] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Course:
         return max(row[person] for row in self.force[begin:end])
 
     def kick_n(self, whole: "Course", person: int, begin: int, end: int | None = None, *, held: bool = False) -> float:
-        """How far the force ever was above that of the same tick in `whole`; and, where it is `held`, above that of `begin`."""
+        """Largest excess of the force over that of the same tick in `whole`; and, where it is `held`, above that of `begin`."""
         least = self.force[begin][person] if held else 0.0
         both = zip(self.force[begin:end], whole.force[begin:end], strict=False)
         return max(mine[person] - max(theirs[person], least) for mine, theirs in both)

@@ -217,4 +217,4 @@ HANDLERS: Mapping[type[ClientInput], Callable[[ClientCore, Any], ClientAccount |
     inputs.CloseLedger: lambda core, given: core._close_ledger(given.ticks),
     inputs.Leave: lambda core, given: core._leave(given.reason),
 }
-"""What `handle` does with each input."""
+"""Method that `handle` calls for each input."""

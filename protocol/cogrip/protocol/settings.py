@@ -46,8 +46,8 @@ SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
-STRANGERS_FORCE_N = 40.0  # as strong as the arms on the market
-STRANGERS_SPEED_MPS = 4.0
+REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
+REMOTE_SPEED_MPS = 4.0
 ONLY_USER = "anna"  # where a file names no users
 
 
@@ -97,7 +97,7 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seats_per_token: Annotated[int, msgspec.Meta(ge=1, le=65536)] = 8  # that one token holds at once, in all rooms
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
     # of device records: those that claim more are refused, those without a bound get this one. None: any; encrypted, the
-    # bounds of `for_strangers`
+    # bounds of `for_remote_clients`
     force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
     speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
     # mean power of a seat; 0: F V of its record
@@ -212,13 +212,13 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
     return settings
 
 
-def for_strangers(settings: Settings) -> Settings:
+def for_remote_clients(settings: Settings) -> Settings:
     """Return the settings of a room that other machines may join: device records have bounds in any case."""
     admission = settings.admission
     bounded = msgspec.structs.replace(
         admission,
-        force_n=STRANGERS_FORCE_N if admission.force_n is None else admission.force_n,
-        speed_mps=STRANGERS_SPEED_MPS if admission.speed_mps is None else admission.speed_mps,
+        force_n=REMOTE_FORCE_N if admission.force_n is None else admission.force_n,
+        speed_mps=REMOTE_SPEED_MPS if admission.speed_mps is None else admission.speed_mps,
     )
     return msgspec.structs.replace(settings, admission=bounded)
 

@@ -1,7 +1,7 @@
 """Bounds of what a seat may bring in: a hostile player can be unpleasant, never dangerous.
 
     waves     |u| <= (b V + F) / sqrt(2b), with peak force F and speed V of the device record that was claimed; where that
-              has no bound, [admission]'s, or STRANGERS_FORCE_N and STRANGERS_SPEED_MPS
+              has no bound, [admission]'s, or REMOTE_FORCE_N and REMOTE_SPEED_MPS
     power     into the object on average over BURST_S; what the settings say (by default a hand's), or the device's own F V
     states    (virtual coupling, time-domain passivity) speed V, and no farther in one frame than V lets a hand go
     energy    (time-domain passivity) that power as well, whatever energy the client says it has sent
@@ -16,7 +16,7 @@ from math import inf, sqrt
 import msgspec
 
 from cogrip.protocol.messages import NO_BOUND, SHORT, Hello, Power, State
-from cogrip.protocol.settings import STRANGERS_FORCE_N, STRANGERS_SPEED_MPS, Settings
+from cogrip.protocol.settings import REMOTE_FORCE_N, REMOTE_SPEED_MPS, Settings
 from cogrip.protocol.waves import wave_of
 
 BURST_S = 0.25  # of the power a seat may bring in at once
@@ -62,8 +62,8 @@ def record_of(hello: Hello) -> Record:
 def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
     """Return the bounds of seat `number` with this device record."""
     admission = settings.admission
-    force = record.force_n if record.force_n < NO_BOUND else admission.force_n or STRANGERS_FORCE_N
-    speed = record.speed_mps if record.speed_mps < NO_BOUND else admission.speed_mps or STRANGERS_SPEED_MPS
+    force = record.force_n if record.force_n < NO_BOUND else admission.force_n or REMOTE_FORCE_N
+    speed = record.speed_mps if record.speed_mps < NO_BOUND else admission.speed_mps or REMOTE_SPEED_MPS
     asked = settings.users[number].power_w
     power = admission.power_w if asked is None else asked
     return SeatLimits(force, speed, power or (force * speed if force and speed else 0.0))

@@ -39,7 +39,7 @@ class UnencryptedListener(UnencryptedChannel):
             elif looks_like_hello(datagram):
                 reason = rate_limiter.contact(address, now_ns)
             else:
-                reason = "stranger"
+                reason = "unauthenticated"
         if reason:
             self.dropped[reason] = self.dropped.get(reason, 0) + 1
             return ()

@@ -154,7 +154,7 @@ class ServeTable:
 
     def __init__(self, view: ServeView, run: FollowedRun | None = None) -> None:
         self.roster: Sequence[RosterEntry] = ()
-        """What the server answered last; asked for once a second where it has a state folder."""
+        """Last answer of the server, asked for once a second where it has a state folder."""
         self._view = view
         self._run = run or FollowedRun(Path(view.folder))
         self._state = StateFolder(Path(view.state)) if view.state else None

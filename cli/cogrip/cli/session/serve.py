@@ -20,7 +20,7 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.protocol.settings import Settings, for_strangers
+from cogrip.protocol.settings import Settings, for_remote_clients
 from cogrip.protocol.version import VERSION
 from cogrip.server.io.housekeeping import Housekeeping
 from cogrip.server.io.metrics_feed import MetricsError, open_metrics
@@ -95,7 +95,7 @@ def serve(
     encrypted = not insecure and (seal or not is_loopback(host))
     _check_flags(seal, insecure, encrypted, public, metrics, seconds)
     if encrypted:
-        rooms = [for_strangers(room) for room in rooms]
+        rooms = [for_remote_clients(room) for room in rooms]
     names = [room.name for room in rooms]
     stop = Stop()
     with ExitStack() as stack:

@@ -126,4 +126,4 @@ def _find_hid() -> list[PluggedIn]:
 
 
 FINDERS: dict[str, Callable[[], list[PluggedIn]]] = {"serial ports": _find_serial, "HID devices": _find_hid}
-"""What is looked for -> the function that looks. May raise DeviceError, which says why that cannot be."""
+"""Kinds of devices, and the function that finds each. It may raise DeviceError, which says why it cannot."""

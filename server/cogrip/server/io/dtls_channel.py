@@ -126,7 +126,7 @@ class DtlsListener:
             self._receive_client_hello(datagram, address, now_ns)
             return ()
         if peer is None and half is None:
-            self._drop("stranger")
+            self._drop("unauthenticated")
             return ()
         reason = self._rate_limiter.peer(address, now_ns) or (
             "no record" if len(datagram) < RECORD_HEADER_BYTES else ""
@@ -231,7 +231,7 @@ class DtlsListener:
     def _receive_unencrypted(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         """Refuse an unencrypted hello of an unknown peer; drop all else."""
         if not looks_like_hello(datagram):
-            self._drop("stranger")
+            self._drop("unauthenticated")
             return ()
         reason = self._rate_limiter.contact(address, now_ns)
         self._drop(reason or "refused: sealed")

@@ -142,7 +142,7 @@ def overloads(settings: Settings) -> tuple[str, ...]:
 
 
 def _section(settings: Settings, number: int) -> str:
-    """Where the damper that this person's device renders stands: a user's own value is above [coupling]'s."""
+    """Return the section of settings with the damper of this person's device: a user's own value is above [coupling]'s."""
     own = getattr(settings.users[number], damper_of(settings.coupling).key)
     return "coupling" if own is None else f"users.{number}"
 

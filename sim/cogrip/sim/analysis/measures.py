@@ -32,4 +32,4 @@ LIFTED: dict[str, Callable[[Settings], Value]] = {
     "lifted.felt_damping_nspm": lambda settings: _slow(settings).damping_nspm,
     "lifted.felt_inertia_kg": lambda settings: _slow(settings).inertia_kg,
 }
-"""Of the whole session; what is felt is what user 0 feels of an object that cannot move."""
+"""Numbers of the whole session; felt values are those of user 0 of an object that cannot move."""

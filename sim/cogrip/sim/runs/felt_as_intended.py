@@ -6,17 +6,17 @@ from cogrip.sim.runs.judgement import Judgement, Row, Tone, names_of, occupied, 
 from cogrip.sim.runs.summary_values import FORCELESS, Summary, dig, is_number, name_of, number, people
 
 MOST_LIMITED = 0.01
-"""Of the ticks that may give force: a limit of the device held the force, so the hand felt the limit. 10 ms in a second."""
+"""Largest fraction of live ticks in which a limit of the device held the force, and the hand felt it: 10 ms a second."""
 MOST_CONTROLLED = 0.05
-"""Of the same ticks: the device port changed the force, or rendered less impedance than was asked for."""
+"""Largest fraction of the same ticks in which the device port changed the force or reduced the impedance."""
 MOST_REPLACED = 0.05
-"""Of one direction's frames: not there in time, and concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
+"""Largest fraction of a direction's frames that were concealed. Telehaptics bears losses of 10 % (docs/decisions/0010)."""
 MOST_REPLACED_AT_REST = 0.001
-"""Of one direction's frames less its longest gap, for the prediction: what a line keeps for gaps makes a steady hand softer."""
+"""The same less the longest gap, for the prediction: the reserve kept for gaps makes a line softer."""
 MOST_MOVED = 0.01
-"""Of one direction's frames: the playout became deeper or shallower. The delay that stiffness depends on kept changing."""
+"""Largest fraction of a direction's frames at which the playout delay changed. Felt stiffness depends on that delay."""
 STIFFNESS_JND = 0.23
-"""Share by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
+"""Fraction by which two stiffnesses differ before a hand tells them apart (Jones and Hunter 1990)."""
 SOFTER, SOFTER_BRIEF = "Softer than asked for", "softer than asked"
 LEAST_FELT_N = 0.05
 """Peak force below which a hand has felt nothing: about the smallest that a finger notices."""
