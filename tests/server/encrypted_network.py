@@ -19,6 +19,7 @@ LATE_NS = 640_000_000  # the call has begun anew by then
 SWAPPED_NS = 40_000_000
 PLENTY = Budget(1_000_000, 1_000_000_000)
 NO_LIMITS = Limits(PLENTY, PLENTY, PLENTY, PLENTY)
+UP, DOWN = b"a message to the server", b"a message to a client"  # long: no ciphertext holds them by chance
 ANNA, BEN = ("10.0.0.1", 4001), ("10.0.0.2", 4002)
 FAULTS: dict[str, tuple[int, ...]] = {  # when the copies of a datagram arrive
     "pass": (ON_THE_WAY_NS,),
@@ -115,8 +116,8 @@ class Wire:
     def talk(self, address: Address = ANNA) -> None:
         """A message each way passes, and nothing else."""
         before, said = len(self.heard), len(self.answers[address])
-        assert self.calls[address].send(b"up", PEER)
-        assert self.listener.send(b"down", address)
+        assert self.calls[address].send(UP, PEER)
+        assert self.listener.send(DOWN, address)
         self.until(lambda: len(self.heard) > before and len(self.answers[address]) > said)
-        assert self.heard[before:] == [(address, b"up")]
-        assert self.answers[address][said:] == [b"down"]
+        assert self.heard[before:] == [(address, UP)]
+        assert self.answers[address][said:] == [DOWN]

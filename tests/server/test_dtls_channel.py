@@ -29,7 +29,7 @@ from cogrip.server.io.dtls_channel import (
 from cogrip.server.rate_limit import LIMITS, Budget, RateLimiter
 
 from tests.protocol.foreign_peers import foreign
-from tests.server.encrypted_network import ANNA, BEN, FAULTS, NO_LIMITS, Wire
+from tests.server.encrypted_network import ANNA, BEN, DOWN, FAULTS, NO_LIMITS, UP, Wire
 
 HELLO = make_hello(
     software="test", nonce=77, room="", name="", digest="", device="sim:ideal", axes=1, rate_hz=1024.0
@@ -53,7 +53,7 @@ def test_a_handshake_then_messages_both_ways(folder: Path) -> None:
     assert not wire.heard
     assert all(len(datagram) <= MAX_DATAGRAM_BYTES for *_, datagram in wire.log)
     wire.talk()
-    assert not any(b"up" in datagram or b"down" in datagram for *_, datagram in wire.log)
+    assert not any(UP in datagram or DOWN in datagram for *_, datagram in wire.log)
 
 
 def test_the_longest_message_fits_one_datagram_and_one_byte_more_is_counted(folder: Path) -> None:
