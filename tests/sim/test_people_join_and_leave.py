@@ -16,6 +16,8 @@ from cogrip.protocol.session import QUIET_NS
 from cogrip.protocol.settings import Settings, resolve
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import long
+
 MOST_STEP_N = 0.5
 SOFT_N = SOFT_SLOPE_NPS / 1024
 NOTHING_J = -1e-12
@@ -102,7 +104,7 @@ def seated(laboratory: Laboratory) -> Callable[[], bool]:
 # Joining and leaving --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "axes"), [("cube", 1), ("cube", 3), ("faces", 1), ("faces", 3)])
+@pytest.mark.parametrize(("kind", "axes"), [("cube", 1), long("cube", 3), long("faces", 1), ("faces", 3)])
 def test_a_third_comes_and_goes_25_times_while_two_move(kind: str, axes: int) -> None:
     """A hundred times in all. The third begins its strokes anew with each visit, against those of the others."""
     laboratory = Laboratory(world(kind, axes, [reaching(axes, 20.0)] * 3))
