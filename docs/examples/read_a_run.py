@@ -1,16 +1,18 @@
 """Read a recorded run from Python. Run it cell by cell in an editor that knows `# %%`, or whole:
 
-python docs/examples/read_a_run.py runs/20260101-120000-demo
+python docs/examples/read_a_run.py [RUN]    the newest run in runs/ if none is named
 """
 
 # %% Open a run: a folder, or one .mcap file. Damaged files are read up to the damage.
 import sys
+from pathlib import Path
 
 import numpy as np
 
 from cogrip.sim.runs.records import open_run
 
-run = open_run(sys.argv[1] if len(sys.argv) > 1 else "runs/20260101-120000-demo")
+newest = max(Path("runs").glob("*-*"), default=Path("runs"))  # their names begin with the time
+run = open_run(sys.argv[1] if len(sys.argv) > 1 else newest)
 print("people:", ", ".join(run.clients), "| notes:", run.notes or "none")
 
 # %% Typed records, one by one: every topic has its struct in cogrip.protocol.recording.records.

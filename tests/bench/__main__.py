@@ -22,6 +22,7 @@ BENCHES = {  # each is the function bench_NAME of tests.bench.NAME
     "velocity": "Compare velocity estimators on recorded hands and in sessions, and report the impedance each device carries.",
 }
 RENAMED = {"storms": "impaired"}
+"""Benchmarks of earlier versions by their present names."""
 
 bench = App(name="dev.py bench", help="Measure this machine: ratios of what is timed side by side in one run.")
 for _name, _help in BENCHES.items():

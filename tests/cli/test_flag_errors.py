@@ -16,7 +16,7 @@ HELP = "--help` shows what it takes"
 MISTAKES = [
     ("join 127.0.0.1:1 --seconds abc", "--seconds: expects a number, in s; got 'abc'"),
     ("join 127.0.0.1:1 --seconds -1", "--seconds: expects a number above 0, in s; got -1.0"),
-    ("bench concealment", "benchmarks need a checkout of cogrip: run `python3 dev.py bench NAME` there"),
+    ("bench concealment", "benchmarks are run in a checkout of cogrip: `python3 dev.py bench NAME`"),
     ("demo --seconds 0", "--seconds: expects a number above 0, in s; got 0.0"),
     ("join 127.0.0.1:1 --axes two", "--axes: expects a whole number; got 'two'"),
     ("join 127.0.0.1:1 --start-s x", "--start-s: expects a number, in s; got 'x'"),

@@ -233,10 +233,10 @@ VIEW = View(5, 1, (0.012, -0.003, 0.1, 0.0), (0, 2), (0.013, 0.0, 0.011, 0.0), (
 
 
 def test_a_line_says_where_everything_is() -> None:
-    assert line(seeing(None), 0) == "nothing seen yet; nobody holds it"
+    assert line(seeing(None), 0) == "no view yet"
     assert line(seeing(VIEW), 40_000_000) == (
         "object at +12.0 -3.0 mm, +100.0 +0.0 mm/s, 40 ms ago; "
-        "seat 1 at +13.0 +0.0 mm, +1.25 +0.00 N; seat 3 at +11.0 +0.0 mm, -1.25 +0.50 N"
+        "seat 0 at +13.0 +0.0 mm, +1.25 +0.00 N; seat 2 at +11.0 +0.0 mm, -1.25 +0.50 N"
     )
 
 
@@ -245,8 +245,8 @@ def test_a_table_has_a_row_a_hand() -> None:
     console.print(table(seeing(VIEW), 5_000_000))
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     rows = [text.split() for text in shown.splitlines()]
-    assert ["1", "+13.0", "+0.0", "+1.25", "+0.00"] in rows
-    assert ["3", "+11.0", "+0.0", "-1.25", "+0.50"] in rows
+    assert ["0", "+13.0", "+0.0", "+1.25", "+0.00"] in rows
+    assert ["2", "+11.0", "+0.0", "-1.25", "+0.50"] in rows
     assert "5 ms ago" in shown
 
 

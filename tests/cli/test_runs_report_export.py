@@ -115,7 +115,7 @@ def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
         replayed.name: ("replay", "good", "good"),
         f"{world.name}/unchanged": ("what-if", "good", "good"),
         world.name: ("what-if", "good", "good"),
-        swept.name: ("comparison", "good", "5 cells"),
+        swept.name: ("comparison", "good", "5 cases"),
         begun.name: ("comparison", "warn", "3 sessions"),
         compared.name: ("comparison", "good", "8 sessions"),
     }

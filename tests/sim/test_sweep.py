@@ -113,7 +113,7 @@ def test_impossible_grids(axes: list[Axis], words: str) -> None:
 @pytest.mark.parametrize(
     ("vary", "words"),
     [
-        ("coupling.stifness_npm=1,2", "cell 0 .* did you mean coupling.stiffness_npm"),
+        ("coupling.stifness_npm=1,2", "case 0 .* did you mean coupling.stiffness_npm"),
         ("coupling.stiffness_npm=10,-1", "cell 1 .*expects a number of at least 0, in N/m"),
         ("users.2.stiffness_npm=10", "no user number 2"),
         ("coupling.kind=wave,waves", "cell 1 .*coupling.kind"),

@@ -50,7 +50,7 @@ GROUPS: dict[str, Table] = {
 }  # fmt: skip
 COMMANDS = tuple(name for table in GROUPS.values() for name in table)
 
-MOVED = {"bench": "benchmarks need a checkout of cogrip: run `python3 dev.py bench NAME` there"}
+MOVED = {"bench": "benchmarks are run in a checkout of cogrip: `python3 dev.py bench NAME`"}
 """Commands of earlier versions, and what to run instead."""
 
 app = App(

@@ -176,7 +176,7 @@ class Housekeeping:
             return text, True
         good = self._authenticator.reload()
         ended = self._end_revoked()
-        words = f"tokens were read again; {ended} were kicked" if good else "tokens could not be read; see the log"
+        words = f"tokens were read again, sessions ended: {ended}" if good else "tokens could not be read; see the log"
         return words, good
 
     def _end_revoked(self) -> int:

@@ -58,7 +58,7 @@ def comparison_words(folder: Path, summary: Summary) -> Iterator[Word]:
     if done is None or total is None or not (is_number(done) and is_number(total)):
         cells = _lines(folder / _CELLS)
         if (folder / _MANIFESTS[1]).is_file():
-            yield Word("good", f"a sweep, {cells} cells", f"{cells} cells")
+            yield Word("good", f"a sweep, {cells} cases", f"{cells} cases")
         elif not (folder / SUMMARY).exists():
             yield Word("warn", f"a comparison that was cut short after {cells} sessions", f"{cells} sessions")
         else:

@@ -133,7 +133,7 @@ class Grid:
                 self.settings(case)
             except SettingsError as error:
                 values = ", ".join(f"{key}={value}" for key, value in self.values(case).items())
-                raise GridError(f"cell {case} ({values}): {error}") from None
+                raise GridError(f"case {case} ({values}): {error}") from None
 
     def __iter__(self) -> Iterator[int]:
         return iter(range(self.cases))
