@@ -55,7 +55,8 @@ _TRACE_LEGEND: list[tuple[str, Style]] = [
 _DOT_LEGEND: list[tuple[str, Style]] = [("hollow: unstable session", _HOLLOW), ("median", _MEDIAN)]
 _MARKS = (
     "A mark is a session, hollow if it diverged (measured up to then), oscillates or is not passive, "
-    "a bar the median of a method; methods stand beside each other in the order of the legend. On a logarithmic axis what is less than its first number "
+    "a bar the median of a method; methods stand beside each other in the order of the legend. "
+    "On a logarithmic axis what is less than its first number "
     "stands on its edge."
 )
 _Key = tuple[str, str]  # network, method
