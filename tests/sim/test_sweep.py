@@ -114,9 +114,9 @@ def test_impossible_grids(axes: list[Axis], words: str) -> None:
     ("vary", "words"),
     [
         ("coupling.stifness_npm=1,2", "case 0 .* did you mean coupling.stiffness_npm"),
-        ("coupling.stiffness_npm=10,-1", "cell 1 .*expects a number of at least 0, in N/m"),
+        ("coupling.stiffness_npm=10,-1", "case 1 .*expects a number of at least 0, in N/m"),
         ("users.2.stiffness_npm=10", "no user number 2"),
-        ("coupling.kind=wave,waves", "cell 1 .*coupling.kind"),
+        ("coupling.kind=wave,waves", "case 1 .*coupling.kind"),
     ],
 )
 def test_every_case_is_checked_before_any_is_run(vary: str, words: str) -> None:
