@@ -159,6 +159,24 @@ def test_after_the_first_gap_a_reserve_is_charged_for_the_next_one_and_then_the_
     checked.check()
 
 
+@pytest.mark.parametrize("name", CONCEALMENTS)
+@pytest.mark.parametrize("tank_j", [0.0, 1e-3])
+def test_a_repeat_before_any_loss_is_mended_like_a_gap(name: Concealed, tank_j: float) -> None:
+    """One late datagram: the end yields for a pop, then comes back, and what was played besides is compensated."""
+    checked = CheckedLine(delay="auto", redundancy=8, tank_j=tank_j, concealment=name)
+    for number in range(800):
+        contents = checked.send((0.3 if number < 160 else 0.0,))
+        if number != 100:
+            checked.receiver.receive(*contents)
+        checked.pop()
+        if number == 160:
+            assert checked.receiver.playout_account().repeated == 1
+            assert checked.receiver.playout_account().concealed == checked.receiver.lost == 0
+            assert checked.receiver.gain == 1.0
+    checked.check()
+    assert abs(checked.receiver.deficit[0]) < 0.01
+
+
 @pytest.mark.parametrize("frame_s", [1 / 32, 1 / 128, 1 / 1024])
 def test_the_times_do_not_depend_on_the_frame_rate(frame_s: float) -> None:
     """A fade takes the same time at every rate."""

@@ -355,7 +355,7 @@ def test_a_message_may_have_its_largest_size_and_not_a_byte_more() -> None:
         decode(encode(msgspec.structs.replace(fits, padding=fits.padding + b"\0")))
 
 
-def test_no_answer_to_a_stranger_is_longer_than_the_hello() -> None:
+def test_no_answer_to_an_unauthenticated_peer_is_longer_than_the_hello() -> None:
     assert len(encode(LARGEST["welcome"])) <= HELLO_BYTES
     assert len(encode(LARGEST["refuse"])) <= HELLO_BYTES
 

@@ -410,23 +410,23 @@ def test_limits_are_those_of_the_page(holders: tuple[ModuleType, ...], name: str
 def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
     """Try the table of section 11.3, row by row."""
     assert len(rows(section("11.3"), "to")) == 4
-    hello, stranger = VECTORS["hello"][0], ("192.0.2.1", 9)
+    hello, unknown = VECTORS["hello"][0], ("192.0.2.1", 9)
     encrypted = DtlsListener(tmp_path, RateLimiter(b"s" * 16), lambda _: False)
-    assert encrypted.receive(hello, stranger, 0) == ()
+    assert encrypted.receive(hello, unknown, 0) == ()
     (_, answer) = encrypted.outbox.popleft()
     refuse = decode(answer)
     assert isinstance(refuse, messages.Refuse)
     assert (refuse.code, refuse.nonce) == ("sealed", 42)
     others = [datagram for datagram, _ in VECTORS.values() if datagram is not hello]
     for datagram in others:
-        assert encrypted.receive(datagram, stranger, 0) == ()
+        assert encrypted.receive(datagram, unknown, 0) == ()
     assert not encrypted.outbox
     assert encrypted.dropped == {"refused: sealed": 1, "unauthenticated": len(others)}
     call = DtlsClient(encrypted.fingerprint)
     call.poll(0)
     (_, first) = call.outbox.popleft()
     unencrypted = UnencryptedListener(RateLimiter(b"s" * 16), lambda _: False)
-    assert unencrypted.receive(first, stranger, 0) == ()
+    assert unencrypted.receive(first, unknown, 0) == ()
     assert (unencrypted.dropped, list(unencrypted.outbox)) == ({"unauthenticated": 1}, [])
     for datagram, _ in VECTORS.values():
         assert call.receive(datagram, PEER, 0) == ()

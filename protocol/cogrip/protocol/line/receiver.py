@@ -176,6 +176,7 @@ class LineReceiver:
         if self.gap:
             self._cursor = number
             filling = self._fill(late, self._newest < number)
+            self.ledger.disturbed = True  # `filling` is owed, and the end has yielded: both are to be mended
             self.ledger.add_compensation(filling, [x * x for x in filling])  # no frame stands for it
             return self._play(filling)
         if move != PLAY:
