@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from cogrip.protocol.io import punctuality
-from cogrip.protocol.io.punctuality import ALL, PLAIN, Punctuality, advise, verdict
+from cogrip.protocol.io.punctuality import ALL, PLAIN, Punctuality, advise
 
 
 def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
@@ -24,7 +24,7 @@ def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
     ],
 )
 def test_verdict_on_both_sides_of_each_bound(p99_us, skipped, word):
-    assert verdict(found(p99_us, skipped)) == word
+    assert found(p99_us, skipped).verdict == word
 
 
 def test_advice_names_the_cure():

@@ -17,7 +17,7 @@ from cogrip.protocol.io.ring import Ring, make_ring
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.sink import topics
-from cogrip.protocol.recording.spool import HELD_BYTES
+from cogrip.protocol.recording.summary import HELD_BYTES
 
 KINDS = ("event", "gap", "clock")
 EVENT = 0

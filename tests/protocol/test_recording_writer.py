@@ -19,13 +19,13 @@ from mcap.writer import CompressionType, Writer
 
 from cogrip.protocol.io import recording_process
 from cogrip.protocol.io.recording_process import WholePieces
-from cogrip.protocol.recording import spool as spool_module
+from cogrip.protocol.recording import summary as summary_module
 from cogrip.protocol.recording.header import NAME, Header, versions_here
 from cogrip.protocol.recording.reader import Message, Recording, open_recording
 from cogrip.protocol.recording.records import KINDS, kind_of
 from cogrip.protocol.recording.schema import json_schema
 from cogrip.protocol.recording.sink import topics
-from cogrip.protocol.recording.spool import HELD_BYTES, Spool
+from cogrip.protocol.recording.summary import HELD_BYTES, Spool
 from cogrip.protocol.recording.writer import CHUNK_BYTES, LIBRARY, RecordingWriter
 
 EPOCH_NS = 1_700_000_000_123_456_789
@@ -98,7 +98,7 @@ def test_a_file_is_what_the_library_would_write(content, ends, held_bytes):
     borders = [0, *sorted(end for end in ends if end < len(content)), len(content)]
     chunks = [content[start:end] for start, end in pairwise(borders)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spool_module, "HELD_BYTES", held_bytes)
+        patch.setattr(summary_module, "HELD_BYTES", held_bytes)
         assert written(RecordingWriter, header(), chunks) == written(LibraryWriter, header(), chunks)
 
 
@@ -242,7 +242,7 @@ def test_a_long_recording_cut_in_its_summary_loses_nothing_but_that(tmp_path):
 @given(st.lists(st.binary(max_size=50)), st.integers(1, 100))
 def test_a_spool_gives_back_what_it_was_given(records, held_bytes):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spool_module, "HELD_BYTES", held_bytes)
+        patch.setattr(summary_module, "HELD_BYTES", held_bytes)
         spool = Spool(None)
         for record in records:
             spool.append(record)

@@ -108,16 +108,15 @@ def open_recorder(
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        say(f"this session is not recorded: {path}: {error.strerror}; choose another folder with --runs")
-        return None
-    try:
         out = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
-    except FileExistsError:
-        say(f"this session is not recorded: {path} exists, and no recording is overwritten")
-        return None
     except OSError as error:
-        say(f"this session is not recorded: {path}: {error.strerror}; choose another folder with --runs")
+        exists = isinstance(error, FileExistsError) and path.exists()
+        why = (
+            " exists, and no recording is overwritten"
+            if exists
+            else f": {error.strerror}; choose another folder with --runs"
+        )
+        say(f"this session is not recorded: {path}{why}")
         return None
     with suppress(OSError):
         lock(out)
