@@ -290,11 +290,9 @@ def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
 
 
 def _check_fit(settings: Settings) -> None:
-    for key, section in (
-        ("rates", settings.rates),
-        *((f"users.{place}", user) for place, user in enumerate(settings.users)),
-    ):
-        if section.device_hz and (why := misfit(section.device_hz, settings.rates.network_hz, f"{key}.device_hz")):
+    users = [(f"users.{place}", user.device_hz) for place, user in enumerate(settings.users)]
+    for key, device_hz in (("rates", settings.rates.device_hz), *users):
+        if device_hz and (why := misfit(device_hz, settings.rates.network_hz, f"{key}.device_hz")):
             raise SettingsError(why)
     ((name, times),) = Counter(user.name for user in settings.users).most_common(1)
     if times > 1:

@@ -210,7 +210,7 @@ def open_recording(path: Path) -> Recording:
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"{path} is not a recording (no MCAP file); name a run folder or its .mcap file")
-        opcode = HEADER
+        opcode, content = HEADER, b""
         while opcode != METADATA:
             frame = file.read(_FRAME.size)
             opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (HEADER, 1)
