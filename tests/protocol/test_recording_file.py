@@ -19,20 +19,14 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
+from cogrip.protocol.recording import reader
 from cogrip.protocol.recording.header import CHECK, FORMAT, NAME, Header, checksum, header_of, versions_here
-from cogrip.protocol.recording.reader import (
-    MOST_CHUNK_BYTES,
-    MOST_PACKED,
-    Follower,
-    Message,
-    Recording,
-    RecordingError,
-    open_recording,
-)
+from cogrip.protocol.recording.reader import MOST_PACKED, Message, Recording, RecordingError, open_recording
 from cogrip.protocol.recording.records import KINDS, Record, SeatStep
 from cogrip.protocol.recording.sink import encode, topics
 from cogrip.protocol.recording.writer import RecordingWriter
 
+from tests.extent import every
 from tests.protocol.test_recording_schema import fits
 
 EPOCH_NS = 1_700_000_000_123_456_789
@@ -212,7 +206,7 @@ def test_chunks_are_of_64_kib(path):
 def test_a_follower_sees_what_was_flushed(path):
     """The newest of each topic; a chunk of which only a part is there is waited for."""
     path.write_bytes(SMALL[: SMALL_PLACES[0].start])
-    follower = Follower(path)
+    follower = reader.Follower(path)
     assert not follower.look()
     done: list[Message] = []
     for chunk, place in zip(SMALL_CONTENT, SMALL_PLACES, strict=True):
@@ -232,9 +226,7 @@ def newest(messages: Sequence[Message]) -> dict[str, Message]:
 # -- cut --------------------------------------------------------------------------------------------------------------
 
 
-def check_cut(
-    path: Path, data: bytes, content: Sequence[Sequence[Message]], chunk_places: Sequence[range], size: int
-) -> None:
+def check_cut(path, data, content, chunk_places, size) -> None:
     """Only RecordingError is raised, and all of what was whole is there, and nothing else."""
     whole = [chunk for chunk, place in zip(content, chunk_places, strict=True) if place.stop <= size]
     recording, found = read_or_refused(path, data[:size])
@@ -253,7 +245,10 @@ def check_cut(
 
 
 def test_a_file_cut_at_any_byte_gives_what_was_whole(path):
-    for size in range(len(SMALL) + 1):
+    """At any byte of header and first chunk, beside any border, and at every seventh byte of the rest."""
+    borders = {end + off for place in SMALL_PLACES for end in (place.start, place.stop) for off in (-1, 0, 1)}
+    rest = range(SMALL_PLACES[1].start, len(SMALL), 7)
+    for size in {*range(SMALL_PLACES[0].stop), *borders, *rest, *range(len(SMALL) - 30, len(SMALL) + 1)}:
         check_cut(path, SMALL, SMALL_CONTENT, SMALL_PLACES, size)
 
 
@@ -289,9 +284,7 @@ def flipped(data: bytes, flips: Flips) -> bytes:
     return bytes(damaged)
 
 
-def check_damage(
-    path: Path, data: bytes, content: Sequence[Sequence[Message]], chunk_places: Sequence[range], flips: Flips
-) -> None:
+def check_damage(path, data, content, chunk_places, flips: Flips) -> None:
     """Nothing is raised; nothing is wrong; nothing is missing but what was hit; what is missing is named with its time."""
     recording, found = read(path, flipped(data, flips))
     original = [message for chunk in content for message in chunk]
@@ -330,7 +323,7 @@ def test_flipped_bytes_in_a_larger_file(path, flips):
     check_damage(path, LARGE, LARGE_CONTENT, LARGE_PLACES, flips)
 
 
-@pytest.mark.parametrize("bits", [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0xFF])
+@pytest.mark.parametrize("bits", every(4, [0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0xFF]))
 def test_every_byte_of_one_chunk_and_its_index_flipped_costs_at_most_that_chunk(path, bits):
     """Its length, its checksum, the length of its index: reading goes on at the next chunk."""
     for at in range(SMALL_PLACES[3].start, SMALL_PLACES[4].start):
@@ -341,18 +334,13 @@ def test_every_byte_of_one_chunk_and_its_index_flipped_costs_at_most_that_chunk(
 def test_a_chunk_that_says_it_is_of_any_size_costs_no_more_than_itself(path, size):
     """The size is set in the record, in its frame and in the compressed data's own frame header."""
     place = SMALL_PLACES[3]
-    for at in (place.start + 1, place.start + 9 + 16, place.start + 9 + 36):
-        damaged = bytearray(SMALL)
-        damaged[at : at + 8] = size.to_bytes(8, "little")
-        changes = {n: a ^ b for n, (a, b) in enumerate(zip(SMALL, damaged, strict=True)) if a != b}
-        check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, changes)
     data = place.start + 9 + 28 + 8 + 8
     assert SMALL[data : data + 4] == b"\x28\xb5\x2f\xfd", "a zstd frame begins here"
-    damaged = bytearray(SMALL)
-    damaged[data + 4] = 0xE0  # a single segment whose size is in the eight bytes that follow
-    damaged[data + 5 : data + 13] = size.to_bytes(8, "little")
-    changes = {n: a ^ b for n, (a, b) in enumerate(zip(SMALL, damaged, strict=True)) if a != b}
-    check_damage(path, SMALL, SMALL_CONTENT, SMALL_PLACES, changes)
+    number = size.to_bytes(8, "little")  # behind 0xE0 in zstd's frame: a single segment with its size in eight bytes
+    for at, new in (*((place.start + at, number) for at in (1, 25, 45)), (data + 4, b"\xe0" + number)):
+        check_damage(
+            path, SMALL, SMALL_CONTENT, SMALL_PLACES, {at + n: SMALL[at + n] ^ byte for n, byte in enumerate(new)}
+        )
 
 
 @settings(max_examples=1000)
@@ -475,7 +463,7 @@ def test_chunks_that_unpack_to_far_more_than_was_ever_written_are_not_opened(pat
     assert sum(taken) <= MOST_PACKED * len(data)
     assert found == []
     assert len(recording.damage) == chunks
-    most = min(MOST_CHUNK_BYTES, MOST_PACKED * (recording.damage[0].length - 9))
+    most = min(reader.MOST_CHUNK_BYTES, MOST_PACKED * (recording.damage[0].length - 9))
     assert f"bytes that say they hold {unpacked}, and {most} is the most that is opened" in recording.damage[0].reason
 
 

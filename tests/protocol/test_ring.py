@@ -196,7 +196,7 @@ assert taken == int(sys.argv[3]) and ring.lost_there == 0, (taken, ring.lost_the
 
 def test_two_processes_at_full_speed_lose_nothing_while_there_is_room():
     """Neither may see a counter of the other's half written: the ring is never more than half full here."""
-    messages, capacity = 400_000, 1 << 16
+    messages, capacity = 100_000, 1 << 16
     loop, answers = make_ring(capacity), make_ring(CAPACITY)
     most_waiting = capacity // 2 // padded(len(b"%d" % messages))
     command = [sys.executable, "-c", TAKER, str(loop.fd), str(answers.fd), str(messages)]
