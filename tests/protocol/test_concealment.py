@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import inf, sin, sqrt
+from math import inf, sqrt
 
 import pytest
 from hypothesis import given, settings
@@ -14,7 +14,7 @@ from cogrip.protocol.line.concealment import CHARGE_FRACTION, CONCEALMENTS, ELAS
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import Frame
 
-from tests.protocol.test_line import FRAME_S, TOLERANCE, CheckedLine, Conditions, drive, hand, noise
+from tests.protocol.test_line import FRAME_S, CheckedLine
 
 BEST: Concealed = "elastic"
 
@@ -69,14 +69,6 @@ TestAnyOrder = AnyOrder.TestCase
 TestAnyOrderTank = AnyOrderTank.TestCase
 
 
-@pytest.mark.parametrize("name", CONCEALMENTS)
-def test_a_clean_line_never_asks(name: Concealed) -> None:
-    checked = CheckedLine(axes=2, delay=2, concealment=name)
-    drive(checked, Conditions(delay=0), hand(2, 0), frames=300, seed=0)
-    assert checked.played[2:] == checked.sent[:298]
-    assert checked.receiver.gain == 1.0
-
-
 def outage(name: Concealed, silent: int, rest: int = 600) -> tuple[list[float], CheckedLine]:
     """Return the waves played to a hand that moves on through `silent` lost frames, after an earlier gap, and then rests."""
     checked = CheckedLine(delay=2, redundancy=4, concealment=name)
@@ -113,16 +105,6 @@ def test_the_deficit_is_compensated_within_seconds() -> None:
     played, checked = outage(BEST, 64, rest=640)
     assert abs(checked.deficit()) < 0.1
     assert max(played[400:]) <= 0.3 + ELASTIC_LIMIT + 1e-12, "and no faster than it may cost energy"
-
-
-def test_a_datagram_that_is_missing_while_no_frame_is_changes_nothing() -> None:
-    """Its frames came with the next one: what is played is what was sent, to the bit."""
-    checked, sent = CheckedLine(delay=2, redundancy=4), []
-    for number in range(300):
-        sent.append((0.3 * sin(number / 9.0),))
-        checked.step(sent[-1], number % 7)
-    assert checked.receiver.count().lost == checked.receiver.count().late == 0
-    assert [tuple(wave) for wave in checked.played[2:]] == sent[:-2]
 
 
 def test_after_the_first_gap_a_reserve_is_charged_for_the_next_one_and_then_the_line_is_clear() -> None:
@@ -214,13 +196,3 @@ def test_forged_totals_bring_no_more_than_honest_waves_could(name: Concealed, si
             receiver.receive(number, (0.2,), (number * size,), (number * size * size,))
         largest = max(largest, abs(receiver.pop()[0]))
     assert largest <= 0.2 + ELASTIC_LIMIT + 1e-9
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.sampled_from(sorted(CONCEALMENTS)), st.sampled_from([noise, hand]), st.integers(0, 2**32))
-def test_outages_create_nothing(name: Concealed, signal: type, seed: int) -> None:
-    checked, waves = CheckedLine(axes=2, delay=6, redundancy=4, concealment=name), signal(2, seed)
-    for number in range(500):
-        checked.step(next(waves), number % 120 < 90 and (number * 7 + seed) % 5)
-    checked.check()
-    assert checked.worst <= TOLERANCE

@@ -38,7 +38,7 @@ def test_a_handshake(identity: Identity) -> None:
     assert (cookie_in(first), cookie_in(second)) == (b"", foreign_peers.COOKIE)
     assert pair.client.peer_fingerprint() == identity.fingerprint
     assert pair.server.peer_fingerprint() == ""
-    connection = pair.client._connection
+    connection = pair.client.connection
     assert connection.get_protocol_version() == dtls.DTLS1_2
     assert (connection.get_cipher_name() or "").startswith("ECDHE-ECDSA-AES")
 
@@ -213,29 +213,28 @@ def test_renegotiation_is_refused(identity: Identity, asks: str) -> None:
     else:
         pair = Pair(client_side(identity), foreign(identity=identity)).shake()
         asking, asked = pair.server, pair.client
-    asking._connection.renegotiate()
-    asking._handshake()
-    asking._drain()
+    asking.connection.renegotiate()
+    asking.connect()
     for datagram in asking.pop_datagrams():
         assert asked.feed(datagram) == ()
     assert all(datagram[0] == ALERT for datagram in asked.pop_datagrams())
     if not asked.failed:
         assert list(pair.server.feed(pair.client.send(b"on"))) in ([b"on"], [])
-    assert asked._connection.total_renegotiations() == 0
+    assert asked.connection.total_renegotiations() == 0
 
 
 def test_no_session_is_resumed(identity: Identity) -> None:
     context = foreign()
     context.set_session_cache_mode(SSL.SESS_CACHE_CLIENT)
     first = Pair(context, server_side(identity)).shake()
-    session = first.client._connection.get_session()
+    session = first.client.connection.get_session()
     second = Pair(context, server_side(identity))
     if session is not None:
-        second.client._connection.set_session(session)
+        second.client.connection.set_session(session)
     second.shake()
     assert second.client.ready
     assert len(second.flights) == 6  # all of it again
-    assert first.client._connection.master_key() != second.client._connection.master_key()
+    assert first.client.connection.master_key() != second.client.connection.master_key()
 
 
 @pytest.mark.parametrize("sizes", [(100,), (700, 500), (700, 600), (13,) * 100, (1219, 14, 1219), (2000, 20)])

@@ -261,18 +261,12 @@ def test_frames_are_a_number_or_auto() -> None:
     assert HELD_MS == HOLD_MS
 
 
-@pytest.mark.parametrize("frames", [0, 256, "auto"])
-def test_frames_that_can_be_set(frames: int | str) -> None:
-    assert resolve({}, {"playout.frames": frames}).playout.frames == frames
-
-
 @pytest.mark.parametrize(
     ("frames", "allowed"),
     [
         (-1, "expects a whole number of at least 0"),
         (257, "expects a whole number of at most 256"),
         ("fast", 'expects a whole number from 0 to 256 or "auto"'),
-        ("", 'expects a whole number from 0 to 256 or "auto"'),
         (1.5, 'expects a whole number from 0 to 256 or "auto"'),
         (True, 'expects a whole number from 0 to 256 or "auto"'),
     ],

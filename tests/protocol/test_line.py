@@ -193,14 +193,15 @@ def test_every_frame_plays_at_most_once_and_in_order(seed: int) -> None:
     assert checked.receiver.count().lost > 0
 
 
-@pytest.mark.parametrize("delay", [0, 1, 4])
-def test_a_clean_link_is_a_pure_delay(delay: int) -> None:
-    checked = CheckedLine(axes=2, delay=delay, redundancy=8)
+@pytest.mark.parametrize(("delay", "name"), [(0, "zero"), (1, "repaid"), (4, "tank"), (2, "elastic")])
+def test_a_clean_link_is_a_pure_delay(delay: int, name: Concealed) -> None:
+    checked = CheckedLine(axes=2, delay=delay, redundancy=8, concealment=name)
     drive(checked, Conditions(delay=0), hand(2, 0), frames=200, seed=0)
     assert checked.played == [(0.0, 0.0)] * delay + checked.sent[: 200 - delay]
     count = checked.receiver.count()
     assert (count.applied, count.late, count.lost, count.duplicate) == (200 - delay, 0, 0, 0)
     assert count.pending == delay
+    assert checked.receiver.gain == 1.0
 
 
 def test_redundancy_repairs_every_gap_shorter_than_itself_within_the_playout_delay() -> None:

@@ -64,11 +64,11 @@ def start(words: Words, tmp_path: Path) -> Iterator[Start]:
 
 
 def writer_of(recorder: Recorder) -> int:
-    return recorder._process.pid
+    return recorder.process.pid
 
 
 def ended(recorder: Recorder) -> bool:
-    return recorder._process.poll() is not None
+    return recorder.process.poll() is not None
 
 
 def stop(recorder: Recorder) -> None:
@@ -266,7 +266,7 @@ def test_a_folder_removed_at_the_last_moment_comes_back_too(start, words):
     shutil.rmtree(recorder.path.parent)
     closing = threading.Thread(target=recorder.close)
     closing.start()
-    while not recorder._process.stdin.closed:  # the last that `close` does before it waits
+    while not recorder.process.stdin.closed:  # the last that `close` does before it waits
         pass
     os.kill(writer_of(recorder), signal.SIGCONT)
     closing.join()
@@ -281,7 +281,7 @@ def test_a_folder_that_cannot_come_back_is_said(start, words):
     shutil.rmtree(recorder.path.parent)
     recorder.path.parent.write_text("something else has that name now")
     os.kill(writer_of(recorder), signal.SIGCONT)
-    wait_for(lambda: recorder._ring.said)
+    wait_for(lambda: recorder.ring.said)
     assert not words, "the loop looks at what the writer says only when it puts"
     put(recorder, 10**9, 10**9 + 64)
     assert words == [f"recording of client-anna.mcap has stopped: {recorder.trouble}"], "said at once"
@@ -310,7 +310,7 @@ for number in range(600):
     recorder.put(0, number, b'{"text":"%01024x"}' % chance.getrandbits(4096))
     while room and number == 100 and recorder.path.stat().st_size < 50_000:
         pass
-while not recorder._ring.said:
+while not recorder.ring.said:
     pass
 for number in range(1000):
     recorder.put(0, 10**9 + number, b"{}")

@@ -147,18 +147,6 @@ def test_a_full_ring_takes_nothing_until_something_is_taken(ends):
     assert [topic for topic, _, _ in writer.take()] == [9]
 
 
-@pytest.mark.parametrize("room", [8, 16, 24, 512])
-def test_what_does_not_fit_before_the_end_goes_to_the_start(ends, room):
-    loop, writer = ends
-    loop.put(0, 0, bytes(MOST - room))
-    assert len(list(writer.take())) == 1
-    payload = bytes(range(256)) * 3
-    for number in range(3):
-        loop.put(1, number, payload)
-    assert list(writer.take()) == [(1, number, payload) for number in range(3)]
-    assert loop.lost == 0
-
-
 def test_words_and_the_end_go_the_other_way(ends):
     loop, writer = ends
     assert not loop.said

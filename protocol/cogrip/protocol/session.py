@@ -1,14 +1,7 @@
 """The session's two state machines, without I/O: who may send what in which state (`SPEC.md` section 4).
 
-    client   idle --connect--> connecting --welcome--> seated --leave--> leaving --farewell--> closed
-             connecting: a hello every HELLO_EVERY; refused, or no answer in GIVE_UP_NS: closed
-             seated: no datagram for QUIET_NS: resuming; farewell (server stops): closed
-             resuming: a hello with the ticket every HELLO_EVERY; welcome, or a datagram of the session: seated;
-             refused, or silence of RESUME_GIVE_UP_NS: closed
-    seat     free --hello--> seated --leave | silence of LOST_NS | server stops--> free
-             seated --hello with its ticket--> seated, at another address
-
 The two tables below are the only place that changes a state. A step that is not in the table leaves the state as it is.
+A client sends a hello every HELLO_EVERY_NS while it is connecting or, with its ticket, resuming.
 """
 
 from collections import Counter, deque

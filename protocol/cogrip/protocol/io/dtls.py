@@ -77,14 +77,15 @@ def _context() -> SSL.Context:
 class Association:
     """One DTLS association. A server's begins with `listen`, a client's with `connect`. Send what `pop_datagrams` returns.
 
-    ready   messages can be sent
-    failed  why the association cannot go on, "" while it can
+    connection  of OpenSSL, over memory
+    ready       messages can be sent
+    failed      why the association cannot go on, "" while it can
     """
 
-    __slots__ = ("_connection", "_pending", "failed", "ready")
+    __slots__ = ("_pending", "connection", "failed", "ready")
 
     def __init__(self, context: SSL.Context, *, server: bool = False) -> None:
-        self._connection = connection = SSL.Connection(context, None)
+        self.connection = connection = SSL.Connection(context, None)
         connection.set_ciphertext_mtu(MAX_DATAGRAM_BYTES)
         if server:
             connection.set_accept_state()
@@ -103,7 +104,7 @@ class Association:
 
     def listen(self, datagram: bytes) -> bool:
         """Answer a ClientHello without keeping any of it. True if its cookie fits: go on with `accept`."""
-        connection = self._connection
+        connection = self.connection
         fits = False
         with suppress(SSL.Error, ValueError):  # no ClientHello, or one without a cookie that fits
             connection.bio_write(datagram)
@@ -121,7 +122,7 @@ class Association:
         """Return the messages of a datagram. OpenSSL is asked after each of them, or a last flight that was lost stays lost."""
         if self.failed or not datagram:
             return ()
-        connection, before = self._connection, self.ready
+        connection, before = self.connection, self.ready
         try:
             connection.bio_write(datagram)
             if not before:
@@ -139,7 +140,7 @@ class Association:
     def _more(self, messages: list[bytes]) -> list[bytes]:
         try:
             while True:
-                messages.append(self._connection.recv(READ_BYTES))
+                messages.append(self.connection.recv(READ_BYTES))
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
         self._drain()
@@ -150,8 +151,8 @@ class Association:
         if not self.ready or self.failed:
             return b""
         try:
-            self._connection.send(message)
-            return self._connection.bio_read(READ_BYTES)
+            self.connection.send(message)
+            return self.connection.bio_read(READ_BYTES)
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
             return b""
@@ -169,8 +170,8 @@ class Association:
         if self.failed:
             return
         try:
-            if self._connection.DTLSv1_get_timeout() is not None:
-                self._connection.DTLSv1_handle_timeout()
+            if self.connection.DTLSv1_get_timeout() is not None:
+                self.connection.DTLSv1_handle_timeout()
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
         self._drain()
@@ -179,18 +180,18 @@ class Association:
         """Close the association and tell the other end, where it can understand that."""
         if self.ready and not self.failed:
             with suppress(SSL.Error, ValueError):  # the other end may be gone
-                self._connection.shutdown()
+                self.connection.shutdown()
             self._drain()
         self.failed = self.failed or "closed"
 
     def peer_fingerprint(self) -> str:
         """Return the fingerprint of the other end's certificate, "" if it has shown none."""
-        certificate = self._connection.get_peer_certificate(as_cryptography=True)
+        certificate = self.connection.get_peer_certificate(as_cryptography=True)
         return fingerprint_of(certificate.public_bytes(Encoding.DER)) if certificate else ""
 
     def _handshake(self) -> None:
         try:
-            self._connection.do_handshake()
+            self.connection.do_handshake()
             self.ready = True
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
@@ -206,7 +207,7 @@ class Association:
     def _drain(self) -> None:
         try:
             while True:
-                self._pending.append(self._connection.bio_read(READ_BYTES))
+                self._pending.append(self.connection.bio_read(READ_BYTES))
         except (SSL.Error, ValueError):
             pass  # no more
 

@@ -48,7 +48,7 @@ def _unavailable(name: str, why: str) -> Measure:
     return Measure(name, False, f"not available: {why}")
 
 
-def _libc_call(name: str, *arguments: int) -> int:
+def libc_call(name: str, *arguments: int) -> int:
     """Call a C library function on unsigned longs. Raises OSError on -1, AttributeError when it does not exist."""
     function = getattr(ctypes.CDLL(None, use_errno=True), name)
     function.restype = ctypes.c_int
@@ -64,13 +64,13 @@ def _timer_slack(_priority: int) -> Measure:
     if sys.platform != "linux":
         return _unavailable("timer-slack", f"timer slack is a Linux setting, this is {sys.platform}")
     try:
-        before_ns = _libc_call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0)
-        _libc_call("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
+        before_ns = libc_call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0)
+        libc_call("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
     except (OSError, AttributeError) as error:
         return _unavailable("timer-slack", f"prctl: {error}")
 
     def undo() -> None:  # a real-time thread reads as 0, and 0 sets the default: the right way back for both
-        _libc_call("prctl", _PR_SET_TIMERSLACK, before_ns, 0, 0, 0)
+        libc_call("prctl", _PR_SET_TIMERSLACK, before_ns, 0, 0, 0)
 
     return Measure("timer-slack", True, f"1 ns instead of {before_ns} ns", undo)
 
@@ -108,13 +108,13 @@ def _memory_locked(_priority: int) -> Measure:
     if unlimited:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (before[1], before[1]))
     try:
-        _libc_call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
+        libc_call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
     except (OSError, AttributeError) as error:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, before)
         return _unavailable(name, f"mlockall: {error}")
 
     def undo() -> None:
-        _libc_call("munlockall")
+        libc_call("munlockall")
         resource.setrlimit(resource.RLIMIT_MEMLOCK, before)
 
     return Measure(name, True, "all present and future pages", undo)

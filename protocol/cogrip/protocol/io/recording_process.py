@@ -51,14 +51,14 @@ class WholePieces:
 
     def flush(self) -> None:
         held, self._held = self._held, bytearray()
-        piece, whole = memoryview(held), len(held)
+        piece = memoryview(held)
         try:
             while piece:
                 piece = piece[os.write(self.fd, piece) :]
         except OSError:
             os.ftruncate(self.fd, self._at)
             raise
-        self._at += whole
+        self._at += len(held)
 
 
 class Task:
