@@ -65,7 +65,12 @@ class Clock:
         least_ns, most_ns = low_ns, high_ns
         if self._read_ns is not None:
             way_ns = (now_ns - self._read_ns) // _DRIFT_PART + 1  # rounded up
-            least_ns, most_ns = max(low_ns, self._low_ns - way_ns), min(high_ns, self._high_ns + way_ns)
+            kept_ns = self._low_ns - way_ns  # compared by hand: calls of min and max cost half as much again
+            if kept_ns > least_ns:
+                least_ns = kept_ns
+            kept_ns = self._high_ns + way_ns
+            if kept_ns < most_ns:
+                most_ns = kept_ns
             if least_ns > most_ns:  # the kept bounds contradict the new ones
                 self.contradictions += 1
                 least_ns, most_ns = low_ns, high_ns

@@ -49,7 +49,9 @@ class DurationHistogram:
     def add(self, value_ns: int) -> None:
         """Count one duration. Negative ones (a clock read a little early) count as 0."""
         if value_ns > self.max_ns:
-            self.max_ns = value_ns = min(value_ns, _LARGEST_NS)
+            if value_ns > _LARGEST_NS:
+                value_ns = _LARGEST_NS
+            self.max_ns = value_ns
         elif value_ns < 0:
             value_ns = 0
         self.total_ns += value_ns
