@@ -18,10 +18,9 @@ from cogrip.client.seated import MakePort
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
-from cogrip.protocol.recording.core_recorder import CoreRecorder
 from cogrip.protocol.recording.records import Datagram, Event, Ledger, Tick
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import ObservedQueue, topics
+from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
 
 KINDS = ("tick", "datagram_in", "datagram_out", "input", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, INPUT, EVENT, ACCOUNT = range(6)

@@ -12,10 +12,9 @@ import msgspec
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.core_recorder import CoreRecorder
 from cogrip.protocol.recording.records import Answer, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import ObservedQueue, topics
+from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
 from cogrip.server.core import ServerCore

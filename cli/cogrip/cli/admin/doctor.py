@@ -68,7 +68,7 @@ def _lateness_table(found: Sequence[Punctuality]) -> Table:
         if first and previous_hz is not None:
             table.add_row()
         previous_hz = each.rate_hz
-        word = punctuality.verdict(each)
+        word = each.verdict
         note = f" [dim]({len(each.refused)} refused)[/]" if each.refused else ""
         table.add_row(
             f"{each.rate_hz} Hz" if first else "",
