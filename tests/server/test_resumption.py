@@ -13,7 +13,7 @@ from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant
 from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
-from cogrip.server.inputs import Kick, Restore, Revoke, Stop
+from cogrip.server.inputs import Expire, Kick, Restore, Revoke, Stop
 from cogrip.server.room import RESERVED_NS
 from cogrip.server.roster import roster_of
 
@@ -465,3 +465,38 @@ def test_one_token_holds_so_many_seats_at_once_in_all_rooms() -> None:
     assert isinstance(desk.hello("e", token="b", room="lab", name="ben"), Welcome)  # another token
     desk.say(messages.encode(Leave(first.session, "goodbye")), "c")
     assert isinstance(desk.hello("f", token="p", room="lab", name=""), Welcome)
+
+
+def test_a_ticket_opens_no_more_seats_than_its_token_may_hold() -> None:
+    desk = Guarded(room(people=("anna", "ben"), admission={"seats_per_token": 1}))
+    first = desk.welcome("x", name="anna")
+    desk.now_ns += LOST_NS
+    desk.tick()
+    second = desk.welcome("y", name="ben", nonce=2)
+    refused = desk.again("x", first.ticket)
+    assert isinstance(refused, Refuse)
+    assert (refused.code, "holds 1 seats already" in refused.reason) == ("token", True)
+    assert isinstance(desk.again("z", second.ticket), Welcome), "of a seat that is held it moves the session"
+    desk.say(messages.encode(Leave(second.session, "goodbye")), "z")
+    assert isinstance(desk.again("x", first.ticket), Welcome)
+
+
+@pytest.mark.parametrize("token", ["p", "o"])
+def test_an_expired_token_ends_the_right_to_resume_and_no_session(token: str) -> None:
+    desk = Guarded()
+    first, ben = desk.welcome("x", token=token), desk.welcome("b", token="b", name="ben", nonce=2)
+    desk.core.handle(Expire(("aaaaaaaa", "bbbbbbbb")), desk.now_ns)
+    assert desk.core.knows("x"), "whoever has a place keeps it"
+    refused = desk.again("y", first.ticket, token="x")
+    assert isinstance(refused, Refuse)
+    assert refused.code == "token", "the hello is judged by its token"
+    assert isinstance(desk.again("z", ben.ticket, token="x"), Welcome), "another token's ticket is as good as before"
+
+
+def test_an_expired_token_opens_no_seat_of_a_checkpoint() -> None:
+    before, player = moved()
+    after = Guarded(server="another-")
+    after.core.handle(Restore(before.core.checkpoint()[0]), after.now_ns)
+    after.core.handle(Expire(("aaaaaaaa",)), after.now_ns)
+    assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
+    assert after.welcome("s", name="anna").settings.user == "anna", "it is reserved no longer"

@@ -13,6 +13,7 @@ from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import (
     CloseLedger,
+    Expire,
     Idle,
     Kick,
     Restore,
@@ -65,6 +66,7 @@ class ServerCore:
             SocketFailed: lambda given, _: out.drop(f"socket: {given.reason}"),
             Kick: self._kick,
             Revoke: self._revoke,
+            Expire: self._expire,
             UnbindAddress: lambda given, _: table.release(given.address),
             Restore: self._restore,
             Idle: self._idle,
@@ -221,6 +223,16 @@ class ServerCore:
     def _revoke(self, given: Revoke, now_ns: int) -> int:
         return self._end(lambda _, who: bool(who.token) and who.token in given.tokens, "kicked: the token was revoked")
 
+    def _expire(self, given: Expire, now_ns: int) -> None:
+        """Void tickets: the next hello is judged by its token. Sessions go on until they end by themselves."""
+        for room in self.rooms:
+            for seat in room.seats:
+                if seat.token in given.tokens:
+                    seat.void_ticket()
+            for observer in room.observer_slots.observers.values():
+                if observer.token in given.tokens:
+                    observer.void_ticket()
+
     def _end(self, chosen: Callable[[Room, Seat | Observer], bool], reason: str) -> int:
         """End the chosen sessions, and let nobody resume them. Returns how many there were."""
         count = 0
@@ -231,7 +243,7 @@ class ServerCore:
                     self._end_seat(room, seat, "kick", reason)
                     self._out.report("kicked", room, seat, f"was {reason}")
                 elif seat.state == "free" and seat.ticket_hash and chosen(room, seat):
-                    seat.ticket_hash, seat.reserved_until_ns = "", None
+                    seat.void_ticket()
             for observer in list(room.observer_slots.observers.values()):
                 if chosen(room, observer):
                     count += 1

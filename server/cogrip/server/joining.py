@@ -106,6 +106,9 @@ class Joining:
             return True
         elif who.state == "seated":
             room.resume_seat(who.number, now_ns)
+        elif denied := self._too_many_seats(room, who.token):
+            self.refuse(hello.nonce, address, denied)
+            return True
         else:
             room.take_seat(who.number, self._new_session(), hello.nonce, now_ns, record_of(hello))
         who.nonce, who.ticket = hello.nonce, hello.ticket
@@ -120,14 +123,20 @@ class Joining:
             self.refuse(hello.nonce, address, found)
             return
         room, seat = found
-        most = room.settings.admission.seats_per_token
-        if grant.token and self._table.count_by_token(grant.token) >= most:
-            reason = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
-            self.refuse(hello.nonce, address, Denied("token", reason))
+        if denied := self._too_many_seats(room, grant.token):
+            self.refuse(hello.nonce, address, denied)
             return
         room.take_seat(seat.number, self._new_session(), hello.nonce, now_ns, record_of(hello))
         words = f"joined from {place_text(address)} with {messages.shown(hello.device)}"
         self._admit("joined", room, seat, grant, address, words)
+
+    def _too_many_seats(self, room: Room, token: str) -> Denied | None:
+        """Return a refusal where a token holds as many seats as the room lets it; None where one more may be taken."""
+        most = room.settings.admission.seats_per_token
+        if not token or self._table.count_by_token(token) < most:
+            return None
+        words = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
+        return Denied("token", words)
 
     def _give_observer_slot(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
         room = find_observer_slot(self._table.rooms, hello, grant)

@@ -58,15 +58,17 @@ class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     revoked: ClockSeconds | None
     note: Note
 
+    def expired(self, now_s: float) -> bool:
+        """Return whether its time is over."""
+        return self.expires is not None and now_s >= self.expires
+
     def state(self, now_s: float) -> TokenState:
         """Return whether it admits anyone, else why not."""
         if self.revoked is not None:
             return "revoked"
         if self.once and self.used is not None:
             return "used"
-        if self.expires is not None and now_s >= self.expires:
-            return "expired"
-        return "good"
+        return "expired" if self.expired(now_s) else "good"
 
 
 class StartLink(msgspec.Struct, frozen=True):

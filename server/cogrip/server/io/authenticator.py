@@ -54,6 +54,7 @@ class TokenAuthenticator:
         self._book = file.load()
         self._pending: list[TokenChange] = []  # not in the file yet
         self._reported_revoked: set[str] = set()
+        self._reported_expired: set[str] = set()
         self._trouble = ""
         self._writer = _Writer(file)
 
@@ -77,6 +78,14 @@ class TokenAuthenticator:
         revoked = {token.id for token in self._book.tokens if token.revoked is not None}
         news = revoked - self._reported_revoked
         self._reported_revoked = revoked
+        return news
+
+    def expired(self) -> set[str]:
+        """Return the ids of tokens whose time has ended since the last call; of all at the first."""
+        now_s = self._wall_s()
+        expired = {token.id for token in self._book.tokens if token.expired(now_s)}
+        news = expired - self._reported_expired
+        self._reported_expired = expired
         return news
 
     def reload(self) -> bool:

@@ -77,6 +77,7 @@ class Housekeeping:
                     core.handle(inputs.Restore(decode(data)), time.monotonic_ns())
             except (CheckpointError, StateError, OSError) as error:
                 self._report_trouble(f"{writer.path}: room {room} begins anew: {error}")
+        self._end_revoked()  # before anybody resumes a restored seat
         while core.events:
             self._say(core.events.popleft())
         self._server.chores.append(self.chore)
@@ -180,10 +181,14 @@ class Housekeeping:
         return words, good
 
     def _end_revoked(self) -> int:
-        revoked = self._authenticator.revoked() if self._authenticator is not None else set()
-        if not revoked:
+        """End sessions of revoked tokens, and the right to resume those of expired ones. Returns how many were ended."""
+        if self._authenticator is None:
             return 0
-        return self._server.core.handle(inputs.Revoke(tuple(sorted(revoked))), time.monotonic_ns())
+        core, now_ns = self._server.core, time.monotonic_ns()
+        if expired := self._authenticator.expired():
+            core.handle(inputs.Expire(tuple(sorted(expired))), now_ns)
+        revoked = self._authenticator.revoked()
+        return core.handle(inputs.Revoke(tuple(sorted(revoked))), now_ns) if revoked else 0
 
     def _obey(self, request: Request) -> None:
         assert self._control is not None
