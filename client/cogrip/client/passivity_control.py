@@ -20,8 +20,7 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling import PortEnergy, Row
-from cogrip.client.latest_state_coupling import LatestStateCoupling
+from cogrip.client.coupling import LatestStateCoupling, PortEnergy, Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.messages import Power, Stamp
