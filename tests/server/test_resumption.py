@@ -10,7 +10,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Expire, Kick, Restore, Revoke, Stop
@@ -44,10 +44,10 @@ class Guarded(Desk):
     def __init__(self, *rooms: Settings, server: str = "") -> None:
         sessions, tickets = count(100), count(1)
         self.authenticator = Tokens()
-        self.core = ServerCore(
-            rooms or (room(),), "test", lambda: next(sessions), self.authenticator, lambda: f"{server}ticket-{next(tickets)}",
-            lambda ticket: f"hash of {ticket}",
-        )  # fmt: skip
+        outside = Outside(
+            lambda: next(sessions), self.authenticator, lambda: f"{server}ticket-{next(tickets)}", "hash of {}".format
+        )
+        self.core = ServerCore(rooms or (room(),), "test", outside)
         self.now_ns = 1_000_000_000
 
     def welcome(self, address: str, **changed: object) -> Welcome:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from cogrip.protocol.felt_stiffness import MOST_GAIN
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
+from cogrip.server.admission import Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.schemes import make_world
 from cogrip.server.stiffness_adaptation import FOLLOW_S, REPORT_EVERY_S, REPORTS, StiffnessAdapter
@@ -136,7 +137,7 @@ def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
 
 
 def test_what_was_not_said_is_counted_by_name() -> None:
-    core = ServerCore([resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", lambda: 1)
+    core = ServerCore([resolve({"coupling": {"impedance_nspm": 50.0, "compensate": True}})], "1", Outside(lambda: 1))
     [room] = core.rooms
     followed = Followed()
     room.seats[0].adapter = followed.adapter
@@ -167,7 +168,7 @@ def test_whatever_loop_a_peer_makes_one_believe_the_aim_is_bounded_and_slow(said
 )
 def test_no_other_seat_follows(other: dict[str, object]) -> None:
     table = {"name": "lab", "coupling": {"impedance_nspm": 50.0, "compensate": True, **other}}
-    [room] = ServerCore([resolve(table)], "1", lambda: 1).rooms
+    [room] = ServerCore([resolve(table)], "1", Outside(lambda: 1)).rooms
     assert not room.seats[0].settings.follows
 
 

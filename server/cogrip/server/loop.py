@@ -29,7 +29,7 @@ from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server import inputs
-from cogrip.server.admission import AdmitAll, Authenticator
+from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer, server_topics
@@ -103,10 +103,10 @@ class LiveServer:
             raise _cannot_listen(self.host, self.port, error) from None
         self._socket.setblocking(False)
         host, port = self._socket.getsockname()[:2]
-        self.core = RecordedServer(
-            self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator,
-            lambda: secrets.token_urlsafe(16), ticket_hash,
-        )  # fmt: skip
+        outside = Outside(
+            lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
+        )
+        self.core = RecordedServer(self.rooms, VERSION, outside)
         try:
             self.channel = self.open_channel(self.core)
         except BaseException:  # there is no usable key
