@@ -41,16 +41,19 @@ class Followed:
             self.aims.append(self.aims[-1] if aim is None else aim)
 
 
-def test_what_the_settings_say_stands_while_the_delay_is_as_they_say() -> None:
-    followed = Followed()
+@pytest.fixture
+def followed() -> Followed:
+    return Followed()
+
+
+def test_what_the_settings_say_stands_while_the_delay_is_as_they_say(followed: Followed) -> None:
     followed.hear(5, 1000)
     assert set(followed.aims) == {followed.seat.rendered_npm}
     assert followed.seat.rendered_npm == pytest.approx(1000.0 / (1.0 - 5 * FRAME_MS * 1e-3 / 100.0 * 1000.0))
 
 
 @pytest.mark.parametrize("loop", [1, 3, 9])
-def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(loop: int) -> None:
-    followed = Followed()
+def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(followed: Followed, loop: int) -> None:
     followed.hear(5, 200)
     followed.hear(loop, 64)
     assert len(set(followed.aims)) == 1, "half a second of another delay is not the median of a second"
@@ -63,16 +66,16 @@ def test_another_delay_is_followed_slowly_both_ways_and_to_the_end(loop: int) ->
     assert followed.adapter.reported == ""
 
 
-def test_a_jitter_that_leaves_the_median_moves_nothing() -> None:
-    followed = Followed()
+def test_a_jitter_that_leaves_the_median_moves_nothing(followed: Followed) -> None:
     random = np.random.default_rng(1)
     for _ in range(2000):
         followed.hear(int(random.choice([4, 5, 5, 5, 6])), 1)
     assert len(set(followed.aims)) == 1
 
 
-def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can_be_is_rendered() -> None:
-    followed = Followed()
+def test_what_is_out_of_reach_is_said_once_with_what_would_do_and_as_much_as_can_be_is_rendered(
+    followed: Followed,
+) -> None:
     followed.hear(5, 200)
     followed.hear(13, 2000)  # C_line = 101.6 ms / 100: softer than 1000 N/m
     assert followed.aims[-1] == 1000.0 * MOST_GAIN
@@ -109,8 +112,7 @@ def swing(followed: Followed, seconds: int) -> list[tuple[int, str]]:
     return heard
 
 
-def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others() -> None:
-    followed = Followed()
+def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others(followed: Followed) -> None:
     followed.hear(5, 200)
     heard = swing(followed, 600)
     at_once = [frame for frame, _ in heard if frame < 8 * 128]
@@ -124,8 +126,7 @@ def test_a_loop_that_swings_for_ever_says_a_word_a_minute_and_counts_the_others(
 
 
 @pytest.mark.parametrize("loop", [5, 13])
-def test_what_holds_in_the_end_is_said_in_the_end(loop: int) -> None:
-    followed = Followed()
+def test_what_holds_in_the_end_is_said_in_the_end(followed: Followed, loop: int) -> None:
     followed.hear(5, 200)
     heard = swing(followed, 9)
     assert len(heard) == REPORTS
