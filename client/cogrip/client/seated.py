@@ -7,6 +7,7 @@ waves are entered all the same.
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import dist, hypot
 
 from cogrip.client.coupling import AnyCoupling
@@ -27,13 +28,13 @@ REST_S = 0.5  # for which frames must agree before a hand is at rest
 MakePort = Callable[[Capability, float], DevicePort]
 
 
+@dataclass(slots=True)
 class Peaks:
     """Largest force and change of force between two ticks [N], and the path from frame to frame [m]."""
 
-    __slots__ = ("force_n", "step_n", "travel_m")
-
-    def __init__(self) -> None:
-        self.force_n = self.step_n = self.travel_m = 0.0
+    force_n: float = 0.0
+    step_n: float = 0.0
+    travel_m: float = 0.0
 
 
 class FeltStiffness:
@@ -148,8 +149,6 @@ class SeatedClient:
         elif coupling.newest > before:
             self.session.mark_fresh(now_ns)
 
-    # The first half of a tick
-
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call, with the sample read now."""
         elapsed = tick - self.tick
@@ -223,8 +222,6 @@ class SeatedClient:
             side = self.settings.side_sign
             self._felt.add(side * position_m[0], side * self.force_n[0])
 
-    # The second half
-
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return the force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
         coupling, safety, session = self.coupling, self.safety, self.session
@@ -283,8 +280,6 @@ class SeatedClient:
         else:
             safety.event("stale", reason)
 
-    # What is known at the end
-
     @property
     def released(self) -> bool:
         """True once no force is left on the hand and the server knows that the line has released the object.
@@ -306,15 +301,14 @@ class SeatedClient:
         """Return all that this end knows. ticks: of its loop, as its driver counted them."""
         coupling, ledger, safety = self.coupling, self.ledger, self.safety
         loop = coupling.loop_frames()
+        predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, self._late_frames)
         return ClientAccount(
             position_m=self.hand.position_m,
             force_n=self.force_n,
             peak_force_n=self.peaks.force_n,
             travel_m=self.peaks.travel_m,
             felt_stiffness_npm=self._felt.stiffness_npm() if self._felt else None,
-            predicted_stiffness_npm=None
-            if loop is None
-            else self.settings.predicted_stiffness(loop, self._late_frames),
+            predicted_stiffness_npm=predicted_npm,
             down_margin_j=coupling.down_margin_j,
             device_leak_j=ledger.least_leak_j,
             down=ledger.count(),

@@ -92,9 +92,8 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self._rendered_npm = stiffness = min(self._stiffness, self.carried_nspm / self._lag_s if self._lag_s else inf)
         self.reduced = stiffness < self._stiffness or damping < self._damping
         self._stretch = stretch = [position_m[axis] - state[axis] for axis in range(axes)]
-        force = [
-            stiffness * stretch[axis] + damping * (velocity_mps[axis] - state[axes + axis]) for axis in range(axes)
-        ]
+        relative = [velocity_mps[axis] - state[axes + axis] for axis in range(axes)]
+        force = [stiffness * e + damping * v for e, v in zip(stretch, relative, strict=True)]
         self.local_n = [stiffness * position_m[axis] + damping * velocity_mps[axis] for axis in range(axes)]
         if self._push:
             inside = self._push * stretch[0] > 0.0

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from cogrip.protocol import messages
+from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave
 from cogrip.protocol.session import nonce_of, version_mismatch
@@ -201,12 +202,9 @@ class ServerCore:
     def _expire(self, given: inputs.Expire, now_ns: int) -> None:
         """Void tickets: the next hello is judged by its token. Sessions go on until they end by themselves."""
         for room in self.rooms:
-            for seat in room.seats:
-                if seat.token in given.tokens:
-                    seat.void_ticket()
-            for observer in room.observer_slots.observers.values():
-                if observer.token in given.tokens:
-                    observer.void_ticket()
+            for who in (*room.seats, *room.observer_slots.observers.values()):
+                if who.token in given.tokens:
+                    who.void_ticket()
 
     def _end(self, chosen: Callable[[Room, Seat | Observer], bool], reason: str) -> int:
         """End the chosen sessions, and let nobody resume them. Returns how many there were."""
@@ -226,10 +224,12 @@ class ServerCore:
         return count
 
     def _end_seat(self, room: Room, seat: Seat, event: str, reason: str) -> None:
-        account = room.leave_seat(seat.number, event)
-        if account is not None:
-            seat.farewell = messages.encode(Farewell(seat.session, messages.clipped(reason), account, room.account()))
-            self.outbox.append((seat.address, seat.farewell))
+        if (account := room.leave_seat(seat.number, event)) is not None:
+            self._say_farewell(room, seat, account, messages.clipped(reason))
+
+    def _say_farewell(self, room: Room, seat: Seat, account: SeatAccount, reason: str) -> None:
+        seat.farewell = messages.encode(Farewell(seat.session, reason, account, room.account()))
+        self.outbox.append((seat.address, seat.farewell))
 
     def _end_observer(self, room: Room, observer: Observer, reason: str, event: str, words: str) -> None:
         address = observer.address
@@ -246,9 +246,8 @@ class ServerCore:
             self._repeat_farewell(seat, now_ns)
             return
         self._out.report("left", room, seat, f"left: {messages.shown(leave.reason)}")
-        seat.farewell = messages.encode(Farewell(seat.session, "goodbye", account, room.account()))
         seat.farewell_ns = now_ns
-        self.outbox.append((seat.address, seat.farewell))
+        self._say_farewell(room, seat, account, "goodbye")
 
     def _repeat_farewell(self, seat: Seat, now_ns: int) -> None:
         """Send the last farewell again, not at every message that comes late."""
