@@ -123,7 +123,7 @@ def test_a_new_line_begins_where_the_hand_is_at_a_frame_border(client: Client, a
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 3),
-    st.lists(st.integers(1, 300), min_size=1, max_size=4),
+    st.lists(st.integers(1, 100), min_size=1, max_size=4),
     st.integers(0, 3),
 )
 def test_the_books_go_on_over_all_lines(seed: int, axes: int, at: list[int], latency: int) -> None:
@@ -131,7 +131,7 @@ def test_the_books_go_on_over_all_lines(seed: int, axes: int, at: list[int], lat
     that floats allow."""
     client, random = Client(axes, latency=latency), np.random.default_rng(seed)
     core, number, work, forces = client.core, 0, 0.0, [(0.0,) * axes] * (latency + 1)
-    path, before, port_j, ends = walk(seed, 1300, axes), None, 0.0, np.cumsum(at)
+    path, before, port_j, ends = walk(seed, 450, axes), None, 0.0, np.cumsum(at)
     lost = 0
     for number, place in enumerate(path):
         if before is not None:
