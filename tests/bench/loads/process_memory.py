@@ -73,6 +73,11 @@ def memory_kb(process: int) -> float | None:
         return None
 
 
+def own_memory_kb() -> int:
+    """Resident memory of this process, 0 where the system does not tell."""
+    return round(memory_kb(os.getpid()) or 0)
+
+
 def _parent_of(entry: Path) -> int:
     try:
         return int(entry.joinpath("stat").read_text().rpartition(")")[2].split()[1])
