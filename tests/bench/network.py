@@ -198,7 +198,7 @@ def _table(found: Sequence[Measured], per_room: int, axes: int) -> Table:
         ]
         for each in found
     ]  # fmt: skip
-    return plain_table(headings, rows, gap=2, title=f"rooms of {per_room}, {axes} axes, 128 Hz")
+    return plain_table(headings, rows, title=f"rooms of {per_room}, {axes} axes, 128 Hz")
 
 
 def _served(found: Sequence[Measured]) -> dict[str, int]:

@@ -50,7 +50,7 @@ def bench_stability(*, rounds: int = 5, cells: int = 50) -> int:
             scheme, f"{1e3 * traced:.0f} ms", str(points), f"{1e3 * solved:.0f} ms", f"{1e3 * (made + solved):.0f} ms",
             f"{ratio:.1f}", f"{(made + solved) / traced:.1f}",
         ])  # fmt: skip
-    headings = ("scheme", "boundaries", "points", "eigvals of the grid", "with matrices", "ratio", "with matrices")
+    headings = ("scheme", "boundaries", "points", "eigvals\nof the grid", "with\nmatrices", "ratio", "with\nmatrices")
     title = f"boundary against a {cells} x {cells} grid, two users, {len(DELAYS_FRAMES)} delays"
     console.print(plain_table(headings, rows, gap=2, title=title))
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
