@@ -1,7 +1,5 @@
 """An arm's driver on its emulated firmware, both at hand. Virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import hypot
 

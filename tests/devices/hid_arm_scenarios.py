@@ -1,7 +1,5 @@
 """Scenarios of an arm's driver on a HID port, by hidapi on its stub."""
 
-from __future__ import annotations
-
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.emulated.device import Notebook

@@ -1,7 +1,5 @@
 """The real package hidapi on a stub of the C library beneath it, in a scenario's hands; scenarios assert."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenarios of a HID port and its reports, by hidapi on its stub."""
 
-from __future__ import annotations
-
 from cogrip.devices.hid.frames import CODECS
 from cogrip.devices.io import hid_port
 

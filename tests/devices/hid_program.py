@@ -1,7 +1,5 @@
 """Plays all scenarios on one backend of hidapi and prints, as JSON, what went wrong. It runs below `LD_PRELOAD`."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import sys

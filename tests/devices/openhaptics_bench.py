@@ -1,7 +1,5 @@
 """The library libHD in a test's hands: a stand-in of its own for each test, and devices on it."""
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from pathlib import Path

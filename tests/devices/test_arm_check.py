@@ -1,7 +1,5 @@
 """The verdict on an arm before it is held: from both sides of every bound, and the measurement in virtual time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import ceil
 

@@ -1,7 +1,5 @@
 """The driver of an arm on a serial line, over the emulated firmware, in virtual time. Its pose: test_arm_pose."""
 
-from __future__ import annotations
-
 from math import hypot, inf, nan
 
 import pytest

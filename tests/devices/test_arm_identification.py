@@ -4,8 +4,6 @@ The emulated mechanism has viscous damping b and, on each axis, Coulomb friction
 Virtual time.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from math import hypot, inf
 

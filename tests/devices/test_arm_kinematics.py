@@ -3,8 +3,6 @@
 The Phantom's numbers are those printed with hfabapi's tables; of the Polhem none are, so its linkage is tested by its lengths.
 """
 
-from __future__ import annotations
-
 from math import acos, atan2, cos, degrees, hypot, inf, isclose, nan, pi, sin
 
 import numpy as np

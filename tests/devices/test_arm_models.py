@@ -3,8 +3,6 @@
 Counts, positions and currents are those printed with the tables of haptikfabrikenapi (HID) and hfabapi (serial).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import hypot, inf, nan, pi
 

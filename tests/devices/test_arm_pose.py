@@ -1,7 +1,5 @@
 """An arm gives force where its pose is known, and inside its workspace. Virtual time."""
 
-from __future__ import annotations
-
 from math import hypot
 
 import pytest

@@ -1,7 +1,5 @@
 """The records of the arms, worked out again: force, resolution and mass from geometry, drives and links."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import atan2, cos, hypot, inf, pi, sin
 

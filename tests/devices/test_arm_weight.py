@@ -1,7 +1,5 @@
 """The Polhem's own weight, which its motors hold as with its maker's software: on the hand, in the limits, in the ledger."""
 
-from __future__ import annotations
-
 from math import hypot
 
 import pytest

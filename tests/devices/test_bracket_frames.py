@@ -1,7 +1,5 @@
 """The bracket-ASCII frames, byte for byte in both directions, and what becomes of bytes that are none."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

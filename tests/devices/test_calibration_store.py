@@ -1,7 +1,5 @@
 """Calibrations as files: kept, found again, told apart, and never half there."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

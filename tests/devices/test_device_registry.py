@@ -1,7 +1,5 @@
 """Addresses: what is understood, and what is said about what is not."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import suppress

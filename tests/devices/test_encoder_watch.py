@@ -1,7 +1,5 @@
 """Encoders that lie are found, and hands that do not lie are left alone. Counts of every model, 1024 readings a second."""
 
-from __future__ import annotations
-
 import csv
 from functools import cache
 from math import hypot, pi, sin, sqrt

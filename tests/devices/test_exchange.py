@@ -1,7 +1,5 @@
 """Requests and replies in lock-step, over a wire that keeps the order and does whatever else it likes. Virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

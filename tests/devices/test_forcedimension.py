@@ -1,7 +1,5 @@
 """`forcedimension:` through the real package `forcedimension_core`, on a stand-in for libdrd compiled here."""
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 import platform

@@ -1,7 +1,5 @@
 """The Haply driver on the emulated board, in virtual time: positions, forces, the pose, faults."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import pytest

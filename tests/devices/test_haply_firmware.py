@@ -1,7 +1,5 @@
 """The emulated board, held to what is known of its firmware; no driver is involved."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

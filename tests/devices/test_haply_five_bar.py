@@ -1,7 +1,5 @@
 """The five-bar linkage and the models made of it: two ways round, slopes, power, and the numbers in the records."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import cos, degrees, hypot, isclose, pi, radians, sin
 

@@ -1,7 +1,5 @@
 """hAPI's bytes in both directions, and what is made of bytes that are no reply."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ busy machine stalls a driver by itself: so a guard sees one after NEVER_NS, but 
 at any moment, and the test holds for any.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import select

@@ -1,7 +1,5 @@
 """The emulated hfab firmware by its own rules: what it refuses, what it does then, when it lets go. Virtual time."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

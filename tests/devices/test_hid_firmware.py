@@ -1,7 +1,5 @@
 """The emulated HID firmware by itself, and the driver on it, in virtual time."""
 
-from __future__ import annotations
-
 from math import hypot
 from struct import pack, unpack
 

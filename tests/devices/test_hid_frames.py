@@ -1,7 +1,5 @@
 """HID reports byte by byte in both directions, the choice among devices on the bus, and the addresses of the family."""
 
-from __future__ import annotations
-
 from math import inf, nan, pi
 from struct import pack, unpack
 

@@ -1,7 +1,5 @@
 """The package hidapi: which of its modules is loaded, and what is said of one that is not there."""
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """`openhaptics:`: what the library reports and what it leaves out; force is zero, and the error says why."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import pytest

@@ -1,7 +1,5 @@
 """`openhaptics:`: samples and forces of one device, round by round of the library's scheduler."""
 
-from __future__ import annotations
-
 import ctypes
 from math import hypot, inf, nan
 

@@ -1,7 +1,5 @@
 """`openhaptics:`: what one frame of the servo sends, by axes and mailbox. No library."""
 
-from __future__ import annotations
-
 from math import nan
 
 import pytest

@@ -1,7 +1,5 @@
 """`openhaptics:`: which model it is, by address and by what the library says, and what that allows."""
 
-from __future__ import annotations
-
 import ctypes
 from math import inf, nan
 

@@ -1,7 +1,5 @@
 """`openhaptics:`: the library is bound, asked in its order, and calibrated before any force."""
 
-from __future__ import annotations
-
 import ctypes
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A recorded person's effort behind an impedance: the same world moves it as it was moved, another one makes it give way."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from math import sin

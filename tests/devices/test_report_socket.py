@@ -1,7 +1,5 @@
 """`cogrip devices emulate hid` as a process of its own, on a real socket: the driver of `hid:` on it, and what may go wrong."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable, Iterator

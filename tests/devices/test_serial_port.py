@@ -1,7 +1,5 @@
 """The serial port on real pseudo-terminals: whatever a cable can do, as an error with its cure; no wait is without end."""
 
-from __future__ import annotations
-
 import os
 import select
 import threading

@@ -1,7 +1,5 @@
 """Hands: motions that are what they say, and recordings played as they were recorded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The machines' mechanics: exact where exactness is promised, passive always, with numbers known beforehand."""
 
-from __future__ import annotations
-
 from math import exp
 from random import Random
 

@@ -4,8 +4,6 @@ A check raises UnfitError, which says what was expected and what was found. The 
 family of the registry; `cogrip devices conform ADDRESS` runs them on any one device.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A device of many axes in a room of fewer: the first ones are used, the others get no force."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from cogrip.devices.device import Capability, Device, DeviceError, Sample

@@ -1,7 +1,5 @@
 """A person's motion out of a recording: positions, velocities and forces on the grid of the device ticks."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from itertools import pairwise

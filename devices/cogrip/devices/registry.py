@@ -1,7 +1,5 @@
 """Devices by address. One table of names; the module behind a name is imported when it is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache

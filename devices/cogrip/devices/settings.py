@@ -3,8 +3,6 @@
 Nothing is percent-decoded: a value may hold any character but `&`, so that a file name stands as it is.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The verdict on an arm before anyone holds it: measurements against its model. Pure; `io.arm_check` measures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 LEAST_RATE_HZ = 1000.0

@@ -4,8 +4,6 @@ closed --open: met, model as stated, pose known, tip inside--> open --close: zer
 open --lost, jumped, stuck, out of the workspace--> every verb raises until it is closed and opened again
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace

@@ -7,8 +7,6 @@ force it leads to acts one tick after it was taken. That is all a blocking excha
     asked --reply--> idle        asked --no reply for RETRY_S--> asked again --all replies, or no more for RETRY_S--> idle
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 

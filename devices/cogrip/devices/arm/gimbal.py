@@ -9,8 +9,6 @@ Model 1 (Polhem) turns about x, y, x, and its R_arm is Rz(tA) Ry(-lambda); model
 encoders come in the order f, e, d, and all count backwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin

@@ -24,8 +24,6 @@ Jacobian J, of length 1), and the axes. Losses are in the joints, P = sum of B_j
               r = min over p of 1 / |J_p J^-1|: friction is at least r c, damping r^2 b
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

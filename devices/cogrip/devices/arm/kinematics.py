@@ -4,8 +4,6 @@ x toward the user, y to the user's right, z up. Joint angles t = (tA, tB, tC), f
 its own module what they are measured from.
 """
 
-from __future__ import annotations
-
 from typing import Protocol, TypeAlias
 
 Vector: TypeAlias = tuple[float, float, float]

@@ -16,8 +16,6 @@ What the tables do not say, and how the records got it:
 - speed: 1.5 m/s, faster than hands hold on to anything; it is ours.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from cogrip.devices.arm import gimbal

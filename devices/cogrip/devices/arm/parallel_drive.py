@@ -8,8 +8,6 @@ turret) [rad]; Ln height of the shoulder, Lb, Lc links, o origin [m]; r reach in
 Source: kinematics of haptikfabrikenapi and hfabapi. The inverse is our own: the elbow points up and back, 0 < tB + tC < pi.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import acos, atan2, cos, hypot, sin
 

@@ -16,8 +16,6 @@ Source: hfabapi, which writes lam as tB minus three angles, each an arc cosine. 
 is clockwise of the line from B to O2; beyond, its linkage would not close, and this one does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin, sqrt
 

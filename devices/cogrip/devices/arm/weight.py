@@ -5,8 +5,6 @@ the weight of the links, and what is left is the force that the client asked for
 force may step, and falls when the device has failed: the hand takes the weight over.
 """
 
-from __future__ import annotations
-
 RISE_S = 0.3
 FALL_S = 0.04  # gone before the 50 ms after which no force may be left
 

@@ -1,7 +1,5 @@
 """An arm's tip in somebody's hand, in its own time: a simulated machine of three axes, stepped finely."""
 
-from __future__ import annotations
-
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.hands import Hand

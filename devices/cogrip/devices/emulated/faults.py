@@ -8,8 +8,6 @@ jump        encoder a slips by 400 counts                     stuck        encod
 unplug      the port is gone, and so is the power             deaf         requests are not heard, so nothing is answered
 """
 
-from __future__ import annotations
-
 from random import Random
 
 VERBS = ("silence", "garbage", "split", "merge", "short", "slow", "stale", "model", "jump", "stuck", "unplug", "deaf")

@@ -1,7 +1,5 @@
 """The machines that can be emulated: which firmware, on which arm, for which driver."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 The way round that no driver goes: the inverse kinematics, and its own slopes for the forces (F = (d theta / d x)^T tau).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cogrip.devices.arm.kinematics import Matrix, Vector

@@ -1,7 +1,5 @@
 """The port of an emulated device in virtual time: the firmware's clock is whatever it was last advanced to."""
 
-from __future__ import annotations
-
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.firmware import Firmware
 

@@ -4,8 +4,6 @@ A force is held by the controller. What keeps one from being held for ever, shou
 controller's own watchdog, set here to the longest it has.
 """
 
-from __future__ import annotations
-
 import atexit
 from collections.abc import Callable, Mapping, Sequence
 from math import hypot, isfinite

@@ -5,8 +5,6 @@ Sources: type numbers as in forcedimension-core 1.0; forces, stiffness, damping 
 the Falcon's continuous force are guesses.
 """
 
-from __future__ import annotations
-
 from cogrip.devices.device import SLEW_NPS, SPEED_MPS, Capability, DeviceError
 
 CAUTIOUS = "falcon"  # the record of a device whose model is not stated: the weakest

@@ -1,7 +1,5 @@
 """A Haply arm: an `ArmDevice` whose counters begin with a setup, which must not be repeated while its pose is to stay known."""
 
-from __future__ import annotations
-
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
 from cogrip.devices.arm.pose import Calibration, KnownPose, Store

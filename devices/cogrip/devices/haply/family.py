@@ -1,7 +1,5 @@
 """The family `haply:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from cogrip.devices.arm.exchange import Port

@@ -15,8 +15,6 @@ the user, motors on the far side, Y comes toward the user and X goes to the left
 Source: Haply's Pantograph examples. The third joint angle is there for the shape of `Kinematics` only, and always 0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import acos, atan2, cos, hypot, sin, sqrt
 

@@ -7,8 +7,6 @@ Numbers are IEEE-754, 32 bits, little-endian; everything is in the order of port
 firmware M3 1.5 and the hosts in Java, C++ and Python.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ Lengths, wiring, home poses and the clamp of 0.123 Nm are those of Haply's examp
 - workspace: a box in front of the motors that both legs reach well; resolution: one count of a joint at its centre, rounded up.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 

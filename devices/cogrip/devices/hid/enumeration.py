@@ -1,7 +1,5 @@
 """Selection of a HID device on the bus by its address. Pure; the list comes from `HidPort`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The family `hid:` and its query keys: `hid:woodenhaptics?variant=mbed14&backend=hidraw&serial=...`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal

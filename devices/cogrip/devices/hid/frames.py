@@ -8,8 +8,6 @@ The firmware of 2016 (8 bytes) has a b c and a running number in, a b c and a de
 round; the signs of its motors are not known, so it is never asked for current.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from struct import Struct, error
 

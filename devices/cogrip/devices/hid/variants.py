@@ -3,8 +3,6 @@
 Sources: haptikfabrikenapi (host and mbed firmware), woody-experimental (the firmware of 2016), Teensy RawHID.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 USAGE = (0xFFAB, 0x0200)  # usage page and usage of all of them

@@ -1,7 +1,5 @@
 """A serial line with a guard process behind it, for boards that hold their last torque for ever."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import select

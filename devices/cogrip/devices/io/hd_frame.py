@@ -1,7 +1,5 @@
 """One frame of the HD library's servo thread: read, judge, send a force, whatever happens."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from ctypes import c_double, c_int

@@ -1,7 +1,5 @@
 """Detection of connected devices from the system's own lists: nothing is opened, so nothing moves."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping

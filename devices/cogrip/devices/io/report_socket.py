@@ -4,8 +4,6 @@ It stands for the bus. A virtual HID device of the system's own (/dev/uhid) need
 neither. `HidPort` takes a socket for the path as it takes /dev/hidraw0, and everything above hidapi is the same.
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import stat

@@ -1,7 +1,5 @@
 """A serial line (USB CDC, or a pty of an emulated device), by pyserial."""
 
-from __future__ import annotations
-
 import os
 import select
 import sys

@@ -4,8 +4,6 @@ Its verbs come as lines: a fault's name and how many seconds it lasts (`silence 
 `status`, `quit`. Unplugging makes the wire disappear; `mend` makes a new one.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import time

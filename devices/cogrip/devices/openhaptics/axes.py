@@ -3,8 +3,6 @@
 OpenHaptics has x right, y up, z toward the user, in mm; the common frame x toward the user, y right, z up, in m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cogrip.devices.arm.kinematics import Vector

@@ -5,8 +5,6 @@
 An encoder reset is never done here: it declares whatever pose the arm is in to be the home pose.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from cogrip.devices.device import DeviceError

@@ -1,7 +1,5 @@
 """The loop's side of a device that the HD library's servo thread drives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from math import hypot, isfinite
 from typing import Protocol

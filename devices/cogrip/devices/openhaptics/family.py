@@ -1,7 +1,5 @@
 """The family `openhaptics:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Literal

@@ -4,8 +4,6 @@ Each field is written by one thread only, as one whole immutable value by one as
 or the new one, never a mixture, and neither waits.
 """
 
-from __future__ import annotations
-
 from math import isfinite
 from typing import NamedTuple
 

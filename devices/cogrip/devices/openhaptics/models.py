@@ -4,8 +4,6 @@ Sources: forces, stiffness and damping as CHAI3D states them where it does; the 
 width x height x depth in the data sheets, so (depth, width, height) here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import isfinite
 

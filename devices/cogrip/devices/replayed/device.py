@@ -3,8 +3,6 @@
 The motion is a function of the tick, so it keeps the loop's absolute deadlines: it can neither drift nor run late.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf, isfinite
 from typing import Annotated, Protocol

@@ -1,7 +1,5 @@
 """The family `serial:` and its query keys."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal
 

@@ -4,8 +4,6 @@ request  `[a,b,c]\\n`, motor currents in mA, filled up with NUL to 16 bytes
 reply    `[model,e0,e1,e2,e3,e4,e5,error]\\n`: which machine, counts of the three joints, of the three gimbal axes, error bits
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

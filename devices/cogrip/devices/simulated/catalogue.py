@@ -1,7 +1,5 @@
 """The family `sim:`: a table of machines and a table of hands, and how query keys are shared out between them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

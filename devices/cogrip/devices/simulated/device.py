@@ -1,7 +1,5 @@
 """The shell that makes a `Device` of a plant and a hand: state of the connection, ticks, the held force."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite
 from typing import Protocol

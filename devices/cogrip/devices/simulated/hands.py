@@ -10,8 +10,6 @@ Time on the hand's clock is tick / rate_hz. `direction` is used as given, not no
 axis i are multiplied by direction[i]; missing components are 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import cos, floor, inf, pi, sin, sqrt
 from random import Random

@@ -5,8 +5,6 @@ the hand's part at the tick's start (paper eq. 9 with the hand's impedance on th
 zero_order_hold).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import msgspec

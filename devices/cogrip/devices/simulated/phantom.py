@@ -15,8 +15,6 @@ One tick, each part conserving or losing energy (m mass, r rest force, p q g h o
 The encoder reads whole counts of resolution_m; it has no velocity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import floor
 

@@ -6,8 +6,6 @@ The same drive meets another force now, and the hand gives way as its impedance 
 did. The acceleration is that of a cubic through SMOOTH_S of positions (Savitzky and Golay 1964): encoders have none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

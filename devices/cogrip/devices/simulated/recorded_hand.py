@@ -5,8 +5,6 @@ every sample and overshoots none, whatever the gaps. Positions, velocities and t
 `open`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
