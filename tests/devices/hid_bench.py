@@ -9,8 +9,8 @@ import pytest
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.device import Notebook
+from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.hid.family import drive
-from cogrip.devices.hid.variants import VARIANTS
 from cogrip.devices.io.hid_port import HidPort
 from cogrip.devices.settings import parse_address
 

@@ -19,7 +19,6 @@ def a_request_has_one_reply(bench: Bench) -> None:
         assert report == bytes.fromhex("9001d4fe38182e270c00fbff0100")
         [reading] = codec.feed(report)
         assert reading.raw == (400, -300, 6200)
-        assert reading.buttons == 1
         assert bench.currents == (number, -number, 0)
         assert bench["length_written"] == 15
         assert port.read() == b""

@@ -11,25 +11,14 @@ from cogrip.devices.arm.driver import GOODBYES, HEADROOM, SILENT_S
 from cogrip.devices.arm.models import MODELS
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.faults import VERBS
-from cogrip.devices.emulated.hfab_firmware import HfabFirmware
 from cogrip.devices.serial.family import family, make
 from cogrip.devices.serial.frames import MODELS as NUMBERS
 from cogrip.devices.settings import parse_address
 
-from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, opened
+from tests.devices.arm_bench import NO_FORCE, RATE_HZ, Bench, least_force_n, opened
 
 NAMES = tuple(NUMBERS.values())
 every_model = pytest.mark.parametrize("name", NAMES)
-
-
-def least_force_n(arm: HfabFirmware) -> float:
-    """Force of one milliampere of every motor here: truncation may leave out so much."""
-    least = 0.0
-    for currents in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-        arm.mechanics.drive(currents)
-        least += hypot(*arm.mechanics.force_n)
-    arm.mechanics.drive(NO_FORCE)
-    return least
 
 
 # where it is
@@ -252,19 +241,11 @@ def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:
     assert 30 < last < SILENT_S * RATE_HZ
     assert bench.counts["reply late"] == 199
     assert bench.counts["reply missed"] > 10
+    bench.read(bench.tick)
+    assert bench.write((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)  # what acts
     bench.arm.mend()
     bench.hold((0.5, 0.0, 0.0), 15)
     assert hypot(*bench.arm.mechanics.force_n) == pytest.approx(0.5, abs=0.01)
-    bench.close()
-
-
-def test_it_says_that_no_force_acts_while_it_is_silent() -> None:
-    bench = opened()
-    bench.hold((0.5, 0.0, 0.0), 20)
-    bench.arm.fault("silence")
-    bench.hold((0.5, 0.0, 0.0), 60)
-    bench.read(bench.tick)
-    assert bench.write((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)
     bench.close()
 
 
@@ -287,14 +268,6 @@ def test_closing_asks_twice_for_no_current(when: str) -> None:
     assert len(bench.sent) - before == GOODBYES
 
 
-def test_closing_a_device_that_is_gone_is_counted() -> None:
-    bench = opened()
-    bench.hold((0.5, 0.0, 0.0), 5)
-    bench.arm.fault("unplug")
-    bench.close()
-    assert bench.counts["not reached when closed"] == 1
-
-
 def test_what_went_wrong_is_said_again_until_it_is_opened_anew() -> None:
     bench = opened()
     bench.hold((0.5, 0.0, 0.0), 5)
@@ -304,6 +277,7 @@ def test_what_went_wrong_is_said_again_until_it_is_opened_anew() -> None:
             bench.read(bench.tick)
         bench.write(NO_FORCE)  # waits for its turn
     bench.close()
+    assert bench.counts["not reached when closed"] == 1
     with pytest.raises(DeviceError, match="is not there; plug it in"):
         bench.open(RATE_HZ)
 

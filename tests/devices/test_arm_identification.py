@@ -51,7 +51,7 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
         long("woodenhaptics", 0.3, 0.04),
         long("woodenhaptics-serial", 1.0, 0.1),
         long("aluhaptics", 0.5, 0.05),
-        ("2diy-metal", 0.5, 0.1),
+        long("2diy-metal", 0.5, 0.1),
         long("pantograph", 0.5, 0.15),
     ],
 )

@@ -5,10 +5,9 @@ import struct
 import pytest
 
 from cogrip.devices import make
-from cogrip.devices.emulated.body import Body
 from cogrip.devices.emulated.faults import Faults
 from cogrip.devices.emulated.haply_firmware import HaplyFirmware, Joint
-from cogrip.devices.emulated.mechanics import Mechanics
+from cogrip.devices.emulated.mechanics import Body, Mechanics
 from cogrip.devices.haply.models import MODELS
 
 MS = 1_000_000

@@ -6,7 +6,7 @@ from types import ModuleType
 import pytest
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.hid.variants import VARIANTS
+from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.io.hid_port import HidPort, load_hidapi
 
 from tests.devices.hid_bench import NAME

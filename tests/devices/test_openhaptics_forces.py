@@ -4,16 +4,15 @@ import ctypes
 from math import hypot, inf, nan
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cogrip.devices.conformance import CHECKS, Subject
 from cogrip.devices.device import DeviceError
-from cogrip.devices.openhaptics.axes import to_library
-from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, Mailbox
+from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, to_library
 
 from tests.devices.moved_evenly import ends_softly, forces_over_a_jump
-from tests.devices.openhaptics_bench import RATE_HZ, make
+from tests.devices.openhaptics_bench import RATE_HZ
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])
@@ -21,12 +20,10 @@ def test_samples_and_forces_on_fewer_axes(bench, axes) -> None:
     device = bench.opened(axes=axes)
     assert device.capability.axes == axes == len(device.capability.workspace_m)
     bench.move(0, 10.0, -20.0, 30.0)
-    bench.lib.stub_buttons(0, 2)
     bench.step()
     sample = device.read(1)
     assert sample.position_m == pytest.approx((0.030, 0.010, -0.020)[:axes])
     assert (sample.velocity_mps, sample.age_ticks) == (None, device.capability.latency_ticks)
-    assert device.buttons == 2
     device.write((0.5, 1.0, -1.5)[:axes])
     bench.step()
     want = (0.5, 1.0, -1.5)[:axes] + (0.0,) * (3 - axes)
@@ -63,23 +60,18 @@ def test_positive_force_moves_the_device_towards_minus(bench, axis) -> None:
 
 
 @given(force=st.tuples(*[st.floats(-100.0, 100.0)] * 3))
-@settings(max_examples=50)
-def test_force_is_limited_and_keeps_its_direction(force) -> None:
-
-    device = make("openhaptics:x")
-    device._link = _NoLink()
-    device._mailbox = Mailbox({})
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_force_is_limited_and_keeps_its_direction(bench, force) -> None:
+    device = bench.opened()
+    counted = device.counts.get("force limited", 0)
     acting = device.write(force)
-    sent = device._mailbox.order.force_n
-    assert tuple(-f for f in sent) == (acting or force)
-    assert hypot(*sent) <= 3.3 * (1 + 1e-12)
+    bench.step()
     fraction = min(1.0, 3.3 / max(hypot(*force), 1e-300))
-    assert sent == pytest.approx([-fraction * f for f in force], abs=1e-12)
-    assert device.counts.get("force limited", 0) == (hypot(*force) > 3.3)
-
-
-class _NoLink:
-    def close(self) -> None: ...
+    sent = [-fraction * part for part in force]
+    assert bench.force() == pytest.approx(to_library(sent), abs=1e-12)
+    assert (acting or force) == pytest.approx([-part for part in sent], abs=1e-12)
+    assert device.counts.get("force limited", 0) - counted == (hypot(*force) > 3.3)
+    device.close()
 
 
 def test_both_sides_of_the_limit(bench) -> None:

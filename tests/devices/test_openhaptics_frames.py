@@ -1,13 +1,13 @@
 """`openhaptics:`: what one frame of the servo sends, by axes and mailbox. No library."""
 
+from collections import Counter
 from math import nan
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cogrip.devices.openhaptics.axes import to_common, to_library
-from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, ZERO, Mailbox
+from cogrip.devices.openhaptics.mailbox import HOLD_FRAMES, ZERO, Mailbox, to_common, to_library
 
 three = st.tuples(*[st.floats(-5.0, 5.0)] * 3)
 
@@ -26,13 +26,13 @@ def test_work_is_the_same_in_both_frames(force, step_mm) -> None:
 
 
 def test_force_is_held_for_fifty_frames_and_not_for_one_more() -> None:
-    mailbox = Mailbox({})
+    mailbox = Mailbox(Counter())
     mailbox.say((1.0, 2.0, 3.0))
-    sent = [mailbox.frame(ZERO, 0) for _ in range(HOLD_FRAMES + 3)]
+    sent = [mailbox.frame(ZERO) for _ in range(HOLD_FRAMES + 3)]
     assert sent == [(2.0, 3.0, 1.0)] * HOLD_FRAMES + [ZERO] * 3
     assert mailbox.counts == {"force not renewed": 1}
     mailbox.say((1.0, 2.0, 3.0))  # the same force again is a new order
-    assert mailbox.frame(ZERO, 0) == (2.0, 3.0, 1.0)
+    assert mailbox.frame(ZERO) == (2.0, 3.0, 1.0)
 
 
 @given(
@@ -48,7 +48,7 @@ def test_force_is_held_for_fifty_frames_and_not_for_one_more() -> None:
 @settings(max_examples=200)
 def test_what_is_sent_is_the_newest_force_or_zero(events) -> None:
     """An independent account of the rule: zero when lost, dropped, untrusted, or not renewed for HOLD_FRAMES frames."""
-    mailbox = Mailbox({})
+    mailbox = Mailbox(Counter())
     newest, since, drop, lost = ZERO, HOLD_FRAMES, False, False
     for event, argument in events:
         if event == "say":
@@ -66,7 +66,7 @@ def test_what_is_sent_is_the_newest_force_or_zero(events) -> None:
                 sent = (
                     mailbox.skip("why")
                     if event == "skip"
-                    else mailbox.frame((nan if event == "nan" else 0.0, 0.0, 0.0), 0)
+                    else mailbox.frame((nan if event == "nan" else 0.0, 0.0, 0.0))
                 )
                 assert sent == (to_library(newest) if good else ZERO)
                 drop, since = False, since + 1

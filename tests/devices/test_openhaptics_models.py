@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.devices.device import DeviceError
-from cogrip.devices.openhaptics.family import family
 from cogrip.devices.openhaptics.models import RECORDS, Facts, lowered, model_of
 
 from tests.devices.openhaptics_bench import RATE_HZ, make
@@ -59,20 +58,6 @@ def test_a_device_can_only_lower_its_record(peak, continuous, stiffness) -> None
 def test_addresses_that_are_wrong(address, axes, words) -> None:
     with pytest.raises(DeviceError, match=words):
         make(address, axes)
-
-
-@pytest.mark.parametrize("example", family().examples)
-@pytest.mark.parametrize("axes", [1, 2, 3])
-def test_capability_is_there_before_opening_and_makes_sense(example, axes) -> None:
-    record = make(example, axes).capability
-    assert record.axes == axes == len(record.workspace_m)
-    assert all(low < high for low, high in record.workspace_m)
-    assert 0.0 < record.continuous_force_n <= record.peak_force_n < inf
-    assert (
-        min(record.stiffness_npm, record.damping_nspm, record.slew_nps, record.speed_mps, record.apparent_mass_kg) > 0.0
-    )
-    assert record.resolution_m > 0.0
-    assert record.rate_hz >= 1024
 
 
 def test_peak_force_key_lowers_and_never_raises() -> None:

@@ -70,34 +70,6 @@ def test_no_name_is_the_default_device(bench) -> None:
     assert bench.journal()[0] == "init NULL"
 
 
-def test_closed_device_refuses_and_closes_twice(bench) -> None:
-    device = bench.device()
-    for _ in range(2):
-        for verb in (lambda: device.read(0), lambda: device.write((0.0,) * 3)):
-            with pytest.raises(DeviceError, match=r"while it is closed; call open\(rate_hz\) first"):
-                verb()
-        device.close()
-        device.close()
-        device.open(RATE_HZ)
-        with pytest.raises(DeviceError, match="open already"):
-            device.open(RATE_HZ)
-        device.close()
-
-
-@pytest.mark.parametrize("rate_hz", [0, 249, 1025])
-def test_rates_out_of_bounds(bench, rate_hz) -> None:
-    with pytest.raises(DeviceError, match=f"rate_hz={rate_hz} is out of 250 to 1024"):
-        bench.device().open(rate_hz)
-    assert bench.journal() == []
-
-
-@pytest.mark.parametrize("rate_hz", [250, 1024])
-def test_rates_within_bounds(bench, rate_hz) -> None:
-    device = bench.device()
-    device.open(rate_hz)
-    device.close()
-
-
 def test_name_that_the_vendors_settings_do_not_have(bench) -> None:
     device = make(f"openhaptics:Nobody?library={bench.path}")
     with pytest.raises(DeviceError, match=r"openhaptics:Nobody: is not to be had: No such device.*0x303.*GTDD_HOME"):

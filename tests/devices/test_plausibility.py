@@ -33,6 +33,7 @@ from cogrip.devices.plausibility import (
 from cogrip.devices.registry import make
 
 from tests.devices.test_encoder_watch import HANDS
+from tests.extent import every
 
 RATE_HZ = 1024
 TICK_S = 1.0 / RATE_HZ
@@ -75,7 +76,7 @@ def test_the_bound_is_the_integral_of_the_speed_gained(rate_hz: int, time_s: flo
 
 
 @every_record
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", every(3, HANDS))
 def test_recorded_hands_are_believed(record, hand: str) -> None:
     read, *arguments = HANDS[hand]
     count = record.resolution_m

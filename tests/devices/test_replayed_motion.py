@@ -11,6 +11,7 @@ from cogrip.devices import Sample, make
 from cogrip.protocol.rates import due_ns
 
 from tests.devices.replayed_hands import RATE_HZ, TICKS, played, recorded, write_recording
+from tests.extent import long
 
 
 @pytest.mark.parametrize(("user", "file"), [("0", "anna"), ("anna", "anna"), ("1", "ben"), ("ben", "ben")])
@@ -95,13 +96,21 @@ def test_velocity_goes_with_the_speed(run: Path, speed: float) -> None:
         assert sample.velocity_mps == tuple(velocities[row] * speed)
 
 
-@pytest.mark.parametrize(("rate_hz", "speed"), [(1024, 1.0), (1000, 1.0), (4096, 1.0), (1024, 0.5), (1024, 2.0)])
-def test_two_minutes_take_two_minutes(tmp_path: Path, rate_hz: int, speed: float) -> None:
+@pytest.fixture(scope="module")
+def two_minutes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of 120 s, a micrometre a tick."""
+    path = tmp_path_factory.mktemp("minutes") / "long.mcap"
+    write_recording(path, [(tick, [tick * 1e-6]) for tick in range(120 * RATE_HZ + 1)], "sim:ideal")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "speed"), [long(1024, 1.0), (1000, 1.0), long(4096, 1.0), long(1024, 0.5), (1024, 2.0)]
+)
+def test_two_minutes_take_two_minutes(two_minutes: Path, rate_hz: int, speed: float) -> None:
     """The motion is a function of the tick, and tick k is due at k / rate: nothing can drift. To 0.1 % as promised."""
-    seconds = 120.0
-    samples = round(seconds * RATE_HZ) + 1
-    write_recording(tmp_path / "long.mcap", [(tick, [tick * 1e-6]) for tick in range(samples)], "sim:ideal")
-    device = make(f"replay:{tmp_path / 'long.mcap'}#speed={speed}")
+    seconds, samples = 120.0, 120 * RATE_HZ + 1
+    device = make(f"replay:{two_minutes}#speed={speed}")
     device.open(rate_hz)
     last_m = (samples - 1) * 1e-6
     tick = round(seconds / speed * rate_hz)

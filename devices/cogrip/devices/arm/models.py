@@ -18,13 +18,12 @@ What the tables do not say, and how the records got it:
 
 from dataclasses import replace
 
-from cogrip.devices.arm import gimbal
 from cogrip.devices.arm.kinematics import Vector
 from cogrip.devices.arm.model import ArmModel
 from cogrip.devices.arm.motors import CableDrive
 from cogrip.devices.arm.parallel_drive import ParallelDrive, Weights
 from cogrip.devices.arm.polhem import Bodies, Polhem
-from cogrip.devices.device import SLEW_NPS, Capability
+from cogrip.devices.device import Capability, encoder_record
 
 RATE_HZ = 1024
 RE30_310007_NM_PER_A = 0.0259
@@ -41,32 +40,12 @@ def _alike(value: float) -> Vector:
 
 
 def _record(
-    family: str,
-    model: str,
-    reach_m: float,
-    stiffness_npm: float,
-    damping_nspm: float,
-    continuous_force_n: float,
-    resolution_m: float,
-    apparent_mass_kg: float,
-) -> Capability:
-    return Capability(
-        family=family,
-        model=model,
-        axes=3,
-        workspace_m=((-reach_m, reach_m),) * 3,
-        peak_force_n=5.0,
-        continuous_force_n=continuous_force_n,
-        stiffness_npm=stiffness_npm,
-        damping_nspm=damping_nspm,
-        slew_nps=SLEW_NPS,
-        speed_mps=1.5,
-        resolution_m=resolution_m,
-        apparent_mass_kg=apparent_mass_kg,
-        rate_hz=RATE_HZ,
-        gives_velocity=False,
-        latency_ticks=1,
-    )
+    family: str, model: str, reach_m: float, limits: tuple[float, float], continuous_n: float, numbers: tuple[float, float]
+) -> Capability:  # fmt: skip
+    """limits, numbers: see `encoder_record`."""
+    box = ((-reach_m, reach_m),) * 3
+    forces = (5.0, continuous_n)
+    return encoder_record(family, model, box, forces, limits, numbers, rate_hz=RATE_HZ, speed_mps=1.5, latency_ticks=1)
 
 
 _WOODEN_DRIVE = CableDrive(
@@ -83,7 +62,7 @@ _WOODENHAPTICS = ArmModel(
     kinematics=_WOODEN_ARM,
     drive=_WOODEN_DRIVE,
     home_counts=(0.0, 0.0, 6000.0),
-    record=_record("hid", "woodenhaptics", 0.10, 1000.0, 8.0, 2.53, 6.42e-5, 0.022),
+    record=_record("hid", "woodenhaptics", 0.10, (1000.0, 8.0), 2.53, (6.42e-5, 0.022)),
     reach_m=0.10,
 )
 
@@ -107,9 +86,8 @@ _VINTAGE = ArmModel(
         full_scale_ma=3000.0,  # the table's; the firmware would take 6000
     ),
     home_counts=(0.0, 7700.0, 0.0),
-    record=_record("serial", "vintage", 0.10, 800.0, 8.0, 0.88, 2.82e-5, 0.075),
+    record=_record("serial", "vintage", 0.10, (800.0, 8.0), 0.88, (2.82e-5, 0.075)),
     reach_m=0.10,
-    gimbal=gimbal.VINTAGE,
 )
 
 _POLHEM = ArmModel(
@@ -124,9 +102,9 @@ _POLHEM = ArmModel(
         full_scale_ma=6000.0,
     ),
     home_counts=(8312.0, -10366.0, 19764.0),
-    record=_record("serial", "polhem", 0.15, 2000.0, 1.0, 1.16, 5.18e-5, 0.049),
+    record=_record("serial", "polhem", 0.15, (2000.0, 1.0), 1.16, (5.18e-5, 0.049)),
     reach_m=0.15,
-    gimbal=gimbal.POLHEM,
+    gimbal_home_counts=(0.0, 30.0, 0.0),
     holds_weight=True,
 )
 
@@ -136,8 +114,7 @@ _POLHEM_HID = replace(
     _POLHEM,
     drive=replace(_POLHEM.drive, capstan_m=(0.0288, 0.0130, 0.010), full_scale_ma=3000.0),
     home_counts=(8327.0, -10926.0, 27140.0),
-    record=_record("hid", "polhem-hid", 0.15, 2000.0, 1.0, 1.25, 5.17e-5, 0.063),
-    gimbal=gimbal.POLHEM_HID,
+    record=_record("hid", "polhem-hid", 0.15, (2000.0, 1.0), 1.25, (5.17e-5, 0.063)),
 )
 
 _DEFAULT_WOODY = replace(
@@ -150,7 +127,7 @@ _DEFAULT_WOODY = replace(
 _WOODENHAPTICS_2019 = replace(
     _WOODENHAPTICS,
     drive=replace(_WOODEN_DRIVE, motor_nm_per_a=(0.321, RE40_148877_NM_PER_A, RE40_148877_NM_PER_A)),
-    record=_record("hid", "woodenhaptics-v2019", 0.10, 1000.0, 8.0, 5.0, 6.42e-5, 0.048),
+    record=_record("hid", "woodenhaptics-v2019", 0.10, (1000.0, 8.0), 5.0, (6.42e-5, 0.048)),
 )
 
 _ALUHAPTICS = replace(
@@ -158,7 +135,7 @@ _ALUHAPTICS = replace(
     kinematics=ParallelDrive(shoulder_m=0.111, links_m=(0.140, 0.111), origin_m=(0.140, 0.0, 0.0), weights=_LINKS),
     drive=replace(_WOODEN_DRIVE, capstan_m=(0.0138, 0.0098, 0.0098), body_m=(0.116, 0.076, 0.076)),
     home_counts=_alike(0.0),
-    record=_record("hid", "aluhaptics", 0.10, 1000.0, 8.0, 1.83, 5.68e-5, 0.090),
+    record=_record("hid", "aluhaptics", 0.10, (1000.0, 8.0), 1.83, (5.68e-5, 0.090)),
 )
 
 MODELS: dict[str, ArmModel] = {

@@ -24,7 +24,7 @@ class HaplyDevice(ArmDevice):
         if self._calibrating:
             return Greeting(self._draw(CALIBRATED_ID), set_up=True)
         if self._pose_kind == "stored":
-            kept = self._store.find(self._name)
+            kept = self._store.find(self._where)
             known_id = id_of(kept.stamp) if kept is not None else None
         else:  # pose=home was confirmed once, and the arm may be anywhere now
             known_id = self._line.known_id if self._pose_kind == "home" else 0

@@ -12,7 +12,7 @@ from cogrip.devices.haply.line import LAST_RESORT_ID
 from cogrip.devices.haply.models import MODELS, HaplyModel, HaplySettings, model_of
 from cogrip.devices.io.guard import Goodbye
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.settings import Address, Setting, check_axes, read_query
 
 MAX_AXES = 2
 
@@ -59,10 +59,6 @@ def drive(
 
 def _model(address: Address, axes: int) -> tuple[HaplySettings, HaplyModel]:
     where = repr(address.text)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}: it is a planar arm")
-    for key in address.query:
-        if key not in keys_of(HaplySettings):
-            raise unknown("key", key, keys_of(HaplySettings), where)
-    settings = read_settings(HaplySettings, dict(address.query), where)
+    check_axes(axes, where, MAX_AXES, ": it is a planar arm")
+    settings = read_query(HaplySettings, address.query, where)
     return settings, model_of(settings, where)

@@ -11,9 +11,8 @@ from serial.tools import list_ports
 
 from cogrip.devices.device import DeviceError
 from cogrip.devices.haply.models import MODELS as HAPLY_MODELS
-from cogrip.devices.hid.enumeration import Found, choose
+from cogrip.devices.hid.enumeration import VARIANTS, Found, Variant, choose
 from cogrip.devices.hid.family import NAMES as HID_NAMES
-from cogrip.devices.hid.variants import VARIANTS, Variant
 from cogrip.devices.io.hid_port import _found, load_hidapi
 from cogrip.protocol.messages import shown
 

@@ -66,11 +66,9 @@ class BracketCodec:
 
 
 def _reading(found: re.Match[bytes]) -> Reading:
-    model, a, b, c, d, e, f, error = map(int, found.groups())
+    model, a, b, c, *_, error = map(int, found.groups())
     kind = MODELS.get(model, f"number {model}")
-    if not error:
-        return Reading((a, b, c), model=kind, gimbal=(d, e, f))
-    return Reading((a, b, c), error_text(error), not 0 <= error < REJECTED, kind, (d, e, f))
+    return Reading((a, b, c), error_text(error) if error else "", not 0 <= error < REJECTED, kind)
 
 
 def error_text(error: int) -> str:

@@ -8,11 +8,9 @@ import msgspec
 
 from cogrip.devices.device import Capability, Device, DeviceError
 from cogrip.devices.registry import Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.settings import Address, Setting, check_axes, keys_of, read_settings, unknown
 from cogrip.devices.simulated import hands, ideal, phantom, reconstructed_hand, recorded_hand
 from cogrip.devices.simulated.device import Plant, SimulatedDevice
-
-MAX_AXES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +61,7 @@ def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device
     machine = MACHINES.get(address.name)
     if machine is None:
         raise unknown("simulated device", address.name, MACHINES, where)
-    if not 1 <= axes <= MAX_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MAX_AXES}")
+    check_axes(axes, where)
     query: dict[str, Setting] = {**defaults, **address.query}
     kind, argument = _hand_kind(str(query.pop("hand", "hold")), where)
     machine_keys, hand_keys = keys_of(machine.settings), keys_of(kind.settings)

@@ -31,24 +31,19 @@ class Hand(Protocol):
     @property
     def stiffness_npm(self) -> float:
         """K_h [N/m]."""
-        ...
 
     @property
     def damping_nspm(self) -> float:
         """B_h [N s/m]."""
-        ...
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
         """Begin again for ticks of 1/rate_hz around `home_m` (None: 0, or the hand's choice). Gives the start [m]."""
-        ...
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
         """Intended position [m] and velocity [m/s] at `tick`."""
-        ...
 
     def drive(self, tick: int) -> Sequence[float]:
         """K_h x_int + B_h v_int + F_push at `tick` [N], shape (axes,)."""
-        ...
 
 
 class ImpedanceSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -114,13 +109,11 @@ class DirectedHand:
         return self._home
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
-        """See `Hand.intended`."""
         s, w = self._course(tick / self._rate_hz)
         position = tuple(x + d * s for x, d in zip(self._home, self._direction, strict=True))
         return position, tuple(d * w for d in self._direction)
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`."""
         s, w = self._course(tick / self._rate_hz)
         f = self.stiffness_npm * s + self.damping_nspm * w
         return [base + d * f for base, d in self._base]
@@ -140,7 +133,6 @@ class PushHand:
         self._rate_hz = 1
 
     def open(self, rate_hz: int, home_m: Vector | None) -> Vector:
-        """See `Hand.open`."""
         self._rate_hz = rate_hz
         self._home = home_m or self._zero
         return self._home

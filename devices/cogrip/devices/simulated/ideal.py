@@ -55,7 +55,6 @@ class IdealPlant:
         self.velocity_mps = [0.0] * axes
 
     def open(self, rate_hz: int, stiffness_npm: float, damping_nspm: float, start_m: Sequence[float]) -> None:
-        """See `Plant.open`."""
         step = discretise(self._settings.mass_kg, self._settings.damping_nspm + damping_nspm, stiffness_npm, rate_hz)
         self._p, self._q, self._g, self._h, self._k = step.p, step.q, step.g, step.h, step.stiffness_npm
         self.position_m = list(start_m)

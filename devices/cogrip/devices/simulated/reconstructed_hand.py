@@ -52,7 +52,6 @@ class ReconstructedHand:
         return tuple(self._position[row].tolist()), tuple(self._velocity[row].tolist())
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`."""
         drive: list[float] = self._drive[min(tick, self._last)].tolist()
         return drive
 

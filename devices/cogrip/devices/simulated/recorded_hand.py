@@ -100,13 +100,11 @@ class RecordedHand:
         return home_m or tuple(position[0].tolist())
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
-        """See `Hand.intended`."""
         row = self._row(tick)
         velocity = self._velocity[row] if tick >= self._start else np.zeros(self._axes)
         return tuple(self._position[row].tolist()), tuple(velocity.tolist())
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`."""
         drive: list[float] = (self._drive[self._row(tick)] if tick >= self._start else self._rest).tolist()
         return drive
 
