@@ -2,7 +2,6 @@
 
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.models import MODELS
-from cogrip.devices.emulated.device import Notebook
 
 from tests.devices.hid_bench import Bench, Scenarios, fails
 
@@ -52,58 +51,3 @@ def an_arm_is_opened_read_pushed_and_let_go(bench: Bench) -> None:
     device.close()
     assert bench.currents == (0, 0, 0)
     assert not bench["is_open"]
-
-
-@scenario
-def an_unplugged_arm_raises_at_every_verb(bench: Bench) -> None:
-    bench.stand_at(centre())
-    device = bench.device()
-    device.open(1000)
-    step(bench, device, 0)
-    bench.set(unplugged=1)
-    for tick in (1, 2):
-        fails(lambda tick=tick: device.read(tick), "unplugged")
-    device.close()
-    device.close()
-    assert not bench["is_open"]
-
-
-@scenario
-def a_silent_arm_gets_no_current(bench: Bench) -> None:
-    bench.stand_at(centre())
-    device = bench.device()
-    device.open(1000)
-    for tick in range(3):
-        step(bench, device, tick, (1.0, 0.0, 0.0))
-    assert bench.currents != (0, 0, 0)
-    bench.set(silent=1)
-    for tick in range(3, 80):
-        step(bench, device, tick, (1.0, 0.0, 0.0))
-    device.close()
-    assert bench.currents == (0, 0, 0)
-    assert device.counts["reply late"] > 50
-    assert device.counts["reply missed"] > 5
-
-
-@scenario
-def an_arm_is_calibrated_until_it_is_plugged_in_again(bench: Bench) -> None:
-    node = bench.folder / "hidraw5"
-    node.touch()
-    bench.say(path=str(node))
-    bench.set(a=777, b=-20, c=3, info=1)
-    notebook = Notebook()
-    device = bench.device("pose=stored", notebook)
-    fails(lambda: device.open(1000), "its pose is not known")
-    notebook.keep(device.calibrate("today"))
-    assert (bench["a"], bench["b"], bench["c"]) == (0, 0, 6000)
-    assert bench["info"] == 0
-    assert bench.currents == (0, 0, 0)
-    a, b, c = centre()
-    bench.stand_at((a, b, c + 6000))
-    device.open(1000)
-    step(bench, device, 0)
-    device.close()
-    node.unlink()
-    (bench.folder / "other").touch()
-    node.touch()
-    fails(lambda: device.open(1000), "plugged in again")

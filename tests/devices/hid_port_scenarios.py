@@ -109,21 +109,6 @@ def a_longer_report_is_not_cut_to_a_right_one(bench: Bench) -> None:
     port.close()
 
 
-# which device
-
-
-@scenario
-def none_is_there(bench: Bench) -> None:
-    bench.set(devices=0)
-    fails(bench.open, "no device 1234:0006 is there; plug it in", "99-cogrip.rules")
-
-
-@scenario
-def another_product(bench: Bench) -> None:
-    bench.say(product="Balance Toy")
-    fails(bench.open, "'Balance Toy', not 'HID DEVICE'")
-
-
 @scenario
 def two_are_told_apart(bench: Bench) -> None:
     bench.set(devices=2)
@@ -167,9 +152,6 @@ def the_one_interface_of_a_teensy(bench: Bench) -> None:
 def it_cannot_be_opened(bench: Bench) -> None:
     bench.set(open_fails=1)
     fails(bench.open, "/dev/hidraw7 cannot be opened", "close the program that uses it", "99-cogrip.rules")
-
-
-# what goes wrong
 
 
 @scenario

@@ -21,9 +21,6 @@ NAMES = tuple(NUMBERS.values())
 every_model = pytest.mark.parametrize("name", NAMES)
 
 
-# where it is
-
-
 @every_model
 @pytest.mark.parametrize("axes", [1, 2, 3])
 def test_the_position_is_the_true_one_within_a_count(name: str, axes: int) -> None:
@@ -42,10 +39,6 @@ def test_the_position_is_the_true_one_within_a_count(name: str, axes: int) -> No
         assert error <= 3**0.5 * 0.5 * bench.capability.resolution_m * 1.1
     assert len({sample.position_m for sample in seen[1:]}) > 20
     assert bench.counts == {}
-    bench.close()
-
-
-# what it pushes with
 
 
 @every_model
@@ -61,7 +54,6 @@ def test_the_hand_is_loaded_with_what_was_asked_for_within_a_milliampere(name: s
     along = sum((new - old) * part for new, old, part in zip(pushed, at_m, force, strict=True))
     assert along < 0.0  # the arm pushes the hand with -F
     assert "force limited to the motors" not in bench.counts
-    bench.close()
 
 
 @pytest.mark.parametrize("axes", [1, 2])
@@ -72,7 +64,6 @@ def test_axes_that_nobody_uses_get_no_force(axes: int) -> None:
     bench.open(RATE_HZ)
     bench.hold(force, 60)
     assert [-part for part in bench.arm.mechanics.force_n] == pytest.approx([*force, 0.0, 0.0][:3], abs=least + 2e-3)
-    bench.close()
 
 
 def test_the_numbers_on_the_wire_are_the_printed_ones() -> None:
@@ -87,7 +78,6 @@ def test_the_numbers_on_the_wire_are_the_printed_ones() -> None:
     assert bench.driver.reading.raw == (400, -300, 200)
     bench.driver.write((-1.0, 2.0, -0.5))
     assert bench.sent[-1] == b"[1217,-328,-693]\n"
-    bench.close()
 
 
 @given(force=st.tuples(*[st.floats(-60.0, 60.0)] * 3))
@@ -110,7 +100,6 @@ def test_limits_hold_and_keep_the_direction(force) -> None:
         assert acting is not None
     if acting is not None:
         assert acting == pytest.approx(given_n, abs=0.02)
-    bench.close()
 
 
 def test_both_sides_of_the_peak_force() -> None:
@@ -132,7 +121,6 @@ def test_what_acts_is_said_where_it_is_another_force() -> None:
     assert bench.write(held) is None
     held[0] = 0.3
     assert bench.write(held) == (0.1, 0.0, 0.0)  # what was sent, not what the caller made of it
-    bench.close()
 
 
 @pytest.mark.parametrize("wrong", [nan, inf, -inf])
@@ -148,10 +136,6 @@ def test_no_current_for_what_is_no_number(wrong: float) -> None:
     bench.tick += 1
     bench.hold((0.5, 0.0, 0.0), 3)
     assert any(bench.arm.mechanics.force_n)
-    bench.close()
-
-
-# who it is
 
 
 @pytest.mark.parametrize("stated", NAMES)
@@ -177,7 +161,6 @@ def test_a_device_that_is_not_named_is_asked(name: str) -> None:
     assert bench.capability.axes == 3
     assert len(bench.sent) == 1  # once
     bench.open(RATE_HZ)
-    bench.close()
 
 
 def test_a_device_nobody_knows_is_refused() -> None:
@@ -209,7 +192,6 @@ def test_a_device_that_turns_into_another_one_gets_no_force_any_more() -> None:
     assert not any(sizes[60:])
     bench.close()
     bench.open(RATE_HZ)
-    bench.close()
 
 
 def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
@@ -223,9 +205,6 @@ def test_unknown_keys_and_axes_are_refused_and_a_port_must_be_named() -> None:
         make(parse_address("serial:"), 1, {})
     for address in family().examples:
         assert make(parse_address(address), 3, {}).capability.axes == 3
-
-
-# its end
 
 
 def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:
@@ -246,7 +225,6 @@ def test_a_device_that_is_silent_has_no_current_after_50_ms() -> None:
     bench.arm.mend()
     bench.hold((0.5, 0.0, 0.0), 15)
     assert hypot(*bench.arm.mechanics.force_n) == pytest.approx(0.5, abs=0.01)
-    bench.close()
 
 
 @pytest.mark.parametrize("when", ["idle", "reply outstanding", "silent"])
@@ -290,7 +268,6 @@ def test_complaints_of_the_firmware_are_counted_and_old_counts_are_no_sample(err
     samples = bench.hold(NO_FORCE, 10)[1:]
     assert [sample is None for sample in samples] == [error >= 8] * 9
     assert [name for name in bench.counts if name.endswith(f"(error {error})") and name.startswith("device: ")]
-    bench.close()
 
 
 FAULTS = st.lists(st.tuples(st.sampled_from(VERBS), st.integers(1, 120), st.integers(0, 200)), min_size=1, max_size=6)

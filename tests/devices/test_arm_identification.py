@@ -147,8 +147,6 @@ def test_an_arm_without_force_is_refused() -> None:
         force_within(make("hid:woodenhaptics?variant=mbed8", axes=3).model, MOST_MA)  # type: ignore[attr-defined]
 
 
-# --- the line, and the least of all directions ------------------------------------------------------------------------
-
 S = np.repeat([0.05, 0.09, 0.13], 3)
 PATH = np.full(9, 0.04)
 
@@ -201,9 +199,6 @@ def test_losses_in_the_joints_are_bounded_in_every_direction(b: list[float], c: 
     assert (least.friction_n * speeds <= np.abs(rates) @ np.array(c) * (1 + 1e-9)).all()
 
 
-# --- into the record, and from there to the ledger --------------------------------------------------------------------
-
-
 def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() -> None:
     device, found = free_arm("vintage", VINTAGE), watched_vintage()[0]
     assert device.store is not None
@@ -227,11 +222,9 @@ def test_what_was_identified_is_in_the_record_and_credited_by_the_device_port() 
 def test_losses_found_with_other_motors_are_left_out_and_counted() -> None:
     device = free_arm("vintage", "seed=1")
     losses: OwnLosses = device.driver.losses(0.1, 0.02, "today")
-    assert device.store is not None
     device.store.keep_losses(losses)
     assert device.capability.own_friction_n == 0.02
     other = free_arm("vintage", "motor_nm_per_a=0.03,0.03,0.03")
-    assert other.store is not None
     other.store.keep_losses(losses)
     assert other.capability.own_friction_n == 0.0
     assert other.counts["own damping left out: identified with other settings"] == 1

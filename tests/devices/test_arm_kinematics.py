@@ -53,9 +53,6 @@ def difference(function, angles, step=1e-5):
     return np.array(columns).T
 
 
-# ---- laws of every arm
-
-
 @every_model
 @given(data=st.data())
 def test_inverse_undoes_forward(name, data) -> None:
@@ -88,9 +85,6 @@ def test_points_that_are_far_or_not_finite_are_out_of_reach(name) -> None:
     kinematics = MODELS[name].kinematics
     for point in ((10.0, 0.0, 0.0), (0.0, -10.0, 0.0), (0.0, 0.0, 10.0), (nan, 0.0, 0.0), (0.0, 0.0, inf)):
         assert kinematics.inverse(point) is None
-
-
-# ---- the Phantom's mechanism
 
 
 def test_reach_of_the_parallel_drive_ends_where_the_links_are_straight_and_folded() -> None:
@@ -129,9 +123,6 @@ def test_gravity_of_the_parallel_drive_is_the_gradient_of_its_potential_energy(a
     assert b_by_c == pytest.approx(
         9.82 * w.c_kg * (w.b_m + w.c_m) * cos(angles[2]), abs=1e-6
     )  # of a gradient both are equal
-
-
-# ---- the Polhem's linkage
 
 
 def points_of(linkage: Polhem, angles) -> dict[str, np.ndarray]:

@@ -101,7 +101,6 @@ def test_the_force_that_acts_is_the_one_that_is_told_whatever_the_weight_takes(f
     assert [-part for part in felt(bench)] == pytest.approx(acting, abs=tolerance)
     assert hypot(*acting) <= hypot(*force) + 1e-9
     assert sum(a * f for a, f in zip(acting, force, strict=True)) >= (1.0 - 1e-9) * hypot(*acting) * hypot(*force)
-    bench.close()
 
 
 @pytest.mark.parametrize(("gravity", "booked_well"), [("maker", True), ("off", False)])

@@ -48,9 +48,6 @@ def alarms(name: str, readings) -> list[str]:
     return [said for said in (judge.check(reading, 1) for reading in readings) if said]
 
 
-# no false alarms
-
-
 @cache
 def rows(file: str) -> list[dict[str, str]]:
     path = DATA / file
@@ -214,9 +211,6 @@ def test_a_reading_again_says_nothing() -> None:
     assert judge.check((0, 0, 0), 1) == ""
 
 
-# jumps
-
-
 @every_model
 @given(
     joint=st.integers(0, 2),
@@ -299,9 +293,6 @@ def test_recorded_hands_are_believed_where_readings_are_missing(name: str, hand:
         tick += gap
         for reading in readings[tick : tick + 1]:
             assert judge.check(reading, gap) == ""
-
-
-# stuck encoders
 
 
 def sliding(name: str, speed_counts: float, joint: int, ticks: int = 200) -> list[list[float]]:

@@ -79,14 +79,12 @@ def test_positions_are_the_bodys_within_two_counts(name: str, keys: str) -> None
         sample = bench.tick(device)
         if bench.at < 3:
             continue
-        assert sample is not None
         assert sample.age_ticks == 1
         assert sample.velocity_mps is None
         assert sample.position_m == pytest.approx(was[:2], abs=2.0 * device.capability.resolution_m)
         moved, before = moved + abs(sample.position_m[0] - before), sample.position_m[0]
     assert moved > 0.05
     assert device.counts == {}
-    device.close()
 
 
 @given(

@@ -43,9 +43,6 @@ def counts(reply: bytes) -> tuple[int, ...]:
     return tuple(map(int, reply[1:-2].split(b",")))[1:4]
 
 
-# what is said and answered
-
-
 @pytest.mark.parametrize(("number", "name"), NUMBERS.items())
 def test_each_frame_has_one_line_with_the_machine_and_its_counters(number: int, name: str) -> None:
     arm = firmware(name)
@@ -202,9 +199,6 @@ def test_a_motor_that_is_asked_for_too_much_gets_nothing_and_the_others_what_the
     assert arm.mechanics.currents_ma == (0, MOST_MA, -MOST_MA)
 
 
-# what is refused
-
-
 @pytest.mark.parametrize(
     "frame", [b"[1,2]\n", b"[a,b,c]\n", b"]", b"[1,2,3]x", b"[" * 127], ids=["512", "1024", "256", "8", "128"]
 )
@@ -233,9 +227,6 @@ def test_whatever_comes_it_answers_in_its_own_words(parts: list[bytes]) -> None:
         assert all(abs(current) <= MOST_MA for current in arm.mechanics.currents_ma)
     say(arm, b"]" + ZERO)
     assert errors(say(arm, ZERO)) == [0]
-
-
-# the watchdog
 
 
 def test_the_watchdog_lets_go_after_a_tenth_of_a_second_and_any_good_frame_ends_that() -> None:
@@ -272,16 +263,10 @@ def test_it_lets_go_on_time_also_where_nobody_looks() -> None:
     assert not any(arm.enabled for arm in arms)
 
 
-# the arm
-
-
 def test_the_button_sets_the_counters_to_zero() -> None:
     arm = firmware()
     arm.press()
     assert say(arm, ZERO) == [b"[2,0,0,0,0,0,0,0]\n"]
-
-
-# faults
 
 
 @pytest.mark.parametrize(("verb", "currents"), [("silence", (1, 2, 3)), ("deaf", (0, 0, 0))])

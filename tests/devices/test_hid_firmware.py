@@ -47,9 +47,6 @@ def answer(arm: HidFirmware, data: bytes) -> tuple[int, ...]:
     return unpack("<7h", report)
 
 
-# the firmware
-
-
 def test_the_first_report_is_filled_at_power_up_and_there_is_no_second_without_a_request() -> None:
     arm = firmware()
     arm.mechanics.slip(0, 50)  # the arm moves on
@@ -156,9 +153,6 @@ def test_plugged_in_again_it_begins_anew() -> None:
     assert [unpack("<7h", report) for report in arm.due(0)] == [(0,) * 7]
 
 
-# the driver on it
-
-
 def hold(device: EmulatedDevice, force_n, ticks: int, begin: int = 0) -> list:
     samples = []
     for tick in range(begin, begin + ticks):
@@ -178,7 +172,6 @@ def test_the_tip_is_where_it_is_read_and_the_hand_feels_what_was_asked_for(name:
     assert device.force_n == pytest.approx(force, abs=least + 1e-3)  # 1 mN: the sample is a tick old
     assert hypot(*force) > 10 * least
     assert device.counts == {}
-    device.close()
 
 
 def test_the_report_from_power_up_is_not_where_the_arm_is() -> None:
@@ -189,7 +182,6 @@ def test_the_report_from_power_up_is_not_where_the_arm_is() -> None:
     device.open(RATE_HZ)
     assert device.driver.reading.raw == arm.mechanics.counters
     assert [sample and sample.age_ticks for sample in hold(device, (0.0, 0.0, 0.0), 3)] == [None, 1, 1]
-    device.close()
 
 
 def test_a_device_that_was_closed_is_opened_again_where_it_is_now() -> None:
@@ -217,7 +209,6 @@ def test_reports_that_are_none_are_counted_and_take_the_force_off(verb: str, cou
     assert samples[1:] == [None] * 699
     assert device.counts[count] >= 1
     assert arm.mechanics.force_n == (0.0, 0.0, 0.0)
-    device.close()
 
 
 def test_the_firmware_of_2016_is_followed_but_never_pushed() -> None:
@@ -228,7 +219,6 @@ def test_the_firmware_of_2016_is_followed_but_never_pushed() -> None:
     assert samples[-1].position_m == pytest.approx(device.position_m, abs=1e-3)
     assert arm.mechanics.peak_force_n == 0.0
     assert device.counts["force limited to the motors"] >= 99
-    device.close()
 
 
 def test_a_teensy_is_driven_alike() -> None:

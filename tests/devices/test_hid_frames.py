@@ -100,9 +100,6 @@ def test_reports_of_another_length_are_skipped_and_counted(data: bytes) -> None:
         codec.reset()
 
 
-# which device
-
-
 def listed(serial: str = "1", **own) -> Found:
     facts = {"path": f"/dev/hidraw{serial}", "usb_id": (0x1234, 0x0006), "serial": serial, "product": "HID DEVICE"}
     return Found(**{**facts, "usage": USAGE, **own})
@@ -165,9 +162,6 @@ def test_a_long_list_is_cut() -> None:
     with pytest.raises(DeviceError, match=f"100 devices.*and {100 - MOST_LISTED} more; choose") as caught:
         pick(*many)
     assert len(str(caught.value)) < 600
-
-
-# addresses
 
 
 def made(text: str):

@@ -25,16 +25,6 @@ def test_work_is_the_same_in_both_frames(force, step_mm) -> None:
     assert 1e-3 * there == pytest.approx(here, abs=1e-12)
 
 
-def test_force_is_held_for_fifty_frames_and_not_for_one_more() -> None:
-    mailbox = Mailbox(Counter())
-    mailbox.say((1.0, 2.0, 3.0))
-    sent = [mailbox.frame(ZERO) for _ in range(HOLD_FRAMES + 3)]
-    assert sent == [(2.0, 3.0, 1.0)] * HOLD_FRAMES + [ZERO] * 3
-    assert mailbox.counts == {"force not renewed": 1}
-    mailbox.say((1.0, 2.0, 3.0))  # the same force again is a new order
-    assert mailbox.frame(ZERO) == (2.0, 3.0, 1.0)
-
-
 @given(
     st.lists(
         st.one_of(

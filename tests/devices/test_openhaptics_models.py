@@ -41,9 +41,6 @@ def test_a_device_can_only_lower_its_record(peak, continuous, stiffness) -> None
         assert low.stiffness_npm == min(record.stiffness_npm, 1000.0 * stiffness)
 
 
-# -- by address --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("address", "axes", "words"),
     [
@@ -63,9 +60,6 @@ def test_addresses_that_are_wrong(address, axes, words) -> None:
 def test_peak_force_key_lowers_and_never_raises() -> None:
     assert make("openhaptics:x?peak_force_n=0.5").capability.continuous_force_n == 0.5
     assert make("openhaptics:x?peak_force_n=30").capability.peak_force_n == 3.3
-
-
-# -- by what the library says ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """`openhaptics:`: the library is bound, asked in its order, and calibrated before any force."""
 
 import ctypes
-from pathlib import Path
 
 import pytest
 
@@ -10,8 +9,6 @@ from cogrip.devices.io.hd_library import SIGNATURES, ErrorInfo, load
 
 from tests.devices.compiled_stub import compile_stub
 from tests.devices.openhaptics_bench import RATE_HZ, make
-
-# -- the binding -------------------------------------------------------------------------------------------------------
 
 
 def test_types_are_those_of_the_headers(bench) -> None:
@@ -30,19 +27,11 @@ def test_library_that_is_not_there_or_another_one(tmp_path) -> None:
     device = make(f"openhaptics:x?library={tmp_path}/libHD.so")
     with pytest.raises(DeviceError, match=r"cannot be loaded.*library=PATH"):
         device.open(RATE_HZ)
-    other = compile_stub(
-        _write(tmp_path / "other.c", "int hdInitDevice(void) { return 0; }"), tmp_path / "libother.so", "-Werror"
-    )
+    source = tmp_path / "other.c"
+    source.write_text("int hdInitDevice(void) { return 0; }")
+    other = compile_stub(source, tmp_path / "libother.so", "-Werror")
     with pytest.raises(DeviceError, match="has no hdDisableDevice: it is not the OpenHaptics HD library"):
         make(f"openhaptics:x?library={other}").open(RATE_HZ)
-
-
-def _write(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
-# -- opening and closing -----------------------------------------------------------------------------------------------
 
 
 def test_order_of_use(bench) -> None:
@@ -88,9 +77,6 @@ def test_device_that_is_open_already_stays_open(bench) -> None:
     assert first.read(1) is not None
     assert bench.force() == (0.0, 0.0, -1.0)
     first.close()
-
-
-# -- calibration -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("styles", "style"), [(2, 2), (4, 4), (6, 2), (5, 4)])

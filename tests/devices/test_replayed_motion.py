@@ -22,7 +22,6 @@ def test_at_its_own_rate_the_samples_are_the_recorded_ones(run: Path, user: str,
     device.open(RATE_HZ)
     for tick in range(TICKS):
         sample = device.read(tick)
-        assert sample is not None
         assert sample.position_m == tuple(positions[tick])
         assert sample.velocity_mps == (tuple(velocities[tick]) if file == "ben" else None)
         device.write((5.0, -5.0))
@@ -75,7 +74,6 @@ def test_speed_start_stop_and_rate_are_places_in_the_recording(
     largest_step = np.abs(np.diff(positions, axis=0)).max(axis=0) * max(1.0, speed * RATE_HZ / rate_hz)
     for tick in (0, 1, 2, 17, 100, 333, 1000, 3000, 200_000):
         sample = device.read(tick)
-        assert sample is not None
         place = start_s * RATE_HZ + tick * speed * RATE_HZ / rate_hz
         if place <= end - 1e-6:
             expected = [np.interp(place, grid, axis) for axis in positions.T]
@@ -92,7 +90,6 @@ def test_velocity_goes_with_the_speed(run: Path, speed: float) -> None:
     device.open(RATE_HZ)
     for row in range(0, TICKS - 2, 2):
         sample = device.read(round(row / speed))
-        assert sample is not None
         assert sample.velocity_mps == tuple(velocities[row] * speed)
 
 
@@ -115,10 +112,8 @@ def test_two_minutes_take_two_minutes(two_minutes: Path, rate_hz: int, speed: fl
     last_m = (samples - 1) * 1e-6
     tick = round(seconds / speed * rate_hz)
     early = device.read(round(0.999 * tick))
-    assert early is not None
     assert early.position_m[0] == pytest.approx(0.999 * last_m, abs=1.1e-6 * max(1.0, speed * RATE_HZ / rate_hz))
     there = device.read(tick)
-    assert there is not None
     assert there.position_m[0] == pytest.approx(last_m, abs=1e-12)
     assert there.velocity_mps == pytest.approx(((samples - 1) * speed,), rel=1e-9), "its own"
     assert device.read(tick + 1) == device.read(2 * tick) == Sample(there.position_m, (0.0,))
@@ -172,7 +167,6 @@ def test_loop_velocity_rests_at_both_ends_of_the_return(run: Path) -> None:
     device.read(TICKS)
     before = device.read(TICKS + RATE_HZ - 2)
     again = device.read(TICKS + RATE_HZ - 1)
-    assert before is not None
     assert again is not None
     assert before.velocity_mps == pytest.approx((0.0, 0.0), abs=1e-5)
     device.close()

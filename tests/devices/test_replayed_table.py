@@ -41,5 +41,4 @@ def test_the_last_row_of_a_table_is_played(tmp_path_factory: pytest.TempPathFact
     device = make(f"replay:{path}#time=t&x=x")
     device.open(1000)
     end = device.read(rows - 1)
-    assert end is not None
     assert end.position_m[0] == pytest.approx(1.0, abs=1e-9)

@@ -110,7 +110,7 @@ class ForceDimensionDevice(Driver):
         return self._zero if self._lost or self._blind else acting
 
     def close(self) -> None:
-        """What the SDK refuses on the way is counted: nothing more can be done about it."""
+        """Errors on the way are counted: nothing more can be done about it."""
         if not self._open:
             return
         self._open = False
