@@ -13,7 +13,7 @@ from cogrip.devices.arm.check import (
     Measured,
     Row,
     verdict,
-)
+)  # fmt: skip
 from cogrip.devices.arm.exchange import Exchange
 from cogrip.devices.device import DeviceError
 from cogrip.devices.emulated.hfab_firmware import HfabFirmware

@@ -173,24 +173,21 @@ def test_a_device_nobody_knows_is_refused() -> None:
     bench.port.open()
 
 
-def test_another_device_in_its_place_is_refused() -> None:
-    bench = opened()
-    bench.hold(NO_FORCE, 3)
-    bench.close()
-    bench.arm.number = 3
-    with pytest.raises(DeviceError, match="is woodenhaptics-serial now, and was vintage"):
-        bench.open(RATE_HZ)
-
-
-def test_a_device_that_turns_into_another_one_gets_no_force_any_more() -> None:
-    bench = opened()
+@pytest.mark.parametrize("open_", [True, False])
+def test_a_device_that_turns_into_another_one_gets_no_force_any_more(open_: bool) -> None:
+    bench, said = opened(), "is woodenhaptics-serial now, and was vintage"
     bench.hold((0.5, 0.0, 0.0), 10)
     bench.arm.fault("model", 0.08)
-    said, when, sizes = bench.fails((0.5, 0.0, 0.0), 100)
-    assert "is woodenhaptics-serial now, and was vintage" in said
-    assert when <= 2
-    assert not any(sizes[60:])
+    if open_:
+        found, when, sizes = bench.fails((0.5, 0.0, 0.0), 100)
+        assert said in found
+        assert when <= 2
+        assert not any(sizes[60:])
     bench.close()
+    if not open_:
+        with pytest.raises(DeviceError, match=said):
+            bench.open(RATE_HZ)
+        bench.arm.mend()
     bench.open(RATE_HZ)
 
 

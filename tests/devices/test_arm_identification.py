@@ -47,14 +47,10 @@ def identified(device: EmulatedDevice) -> tuple[Bounds, float]:
 @pytest.mark.parametrize(
     ("name", "b", "c"),
     [
-        long("vintage", 0.8, 0.02),
-        long("woodenhaptics", 0.3, 0.04),
-        long("woodenhaptics-serial", 1.0, 0.1),
-        long("aluhaptics", 0.5, 0.05),
-        long("2diy-metal", 0.5, 0.1),
-        long("pantograph", 0.5, 0.15),
+        long("vintage", 0.8, 0.02), long("woodenhaptics", 0.3, 0.04), long("woodenhaptics-serial", 1.0, 0.1),
+        long("aluhaptics", 0.5, 0.05), long("2diy-metal", 0.5, 0.1), long("pantograph", 0.5, 0.15),
     ],
-)
+)  # fmt: skip
 def test_the_bounds_hold_and_are_worth_something(name: str, b: float, c: float) -> None:
     found, _ = identified(free_arm(name, f"damping_nspm={b}&friction_n={c}"))
     assert 0.2 * b < found.damping_nspm <= b
@@ -71,7 +67,9 @@ def test_the_bounds_hold_for_any_mechanism(b: float, c: float, mass_kg: float) -
 
 
 @pytest.mark.parametrize("name", ["vintage", long("woodenhaptics"), long("2diy"), long("pantograph")])
-def test_nothing_is_found_where_there_is_nothing(name: str) -> None:
+def test_nothing_is_found_where_there_is_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slowest of the three frequencies, which takes half of the time, adds nothing to that."""
+    monkeypatch.setattr(identification, "FREQUENCIES_HZ", identification.FREQUENCIES_HZ[1:])
     found, _ = identified(free_arm(name, "damping_nspm=0&friction_n=0"))
     assert found.friction_n == 0.0
     assert found.damping_nspm == 0.0

@@ -205,14 +205,10 @@ def settings(**query) -> ArmSettings:
 @pytest.mark.parametrize(
     ("key", "low", "high"),
     [
-        ("turn", 1.0, 1e6),
-        ("capstan_m", 1e-4, 1.0),
-        ("body_m", 1e-3, 10.0),
-        ("motor_nm_per_a", 1e-4, 10.0),
-        ("limit_ma", 2.0, 3000.0),
-        ("home", -1e6, 1e6),
+        ("turn", 1.0, 1e6), ("capstan_m", 1e-4, 1.0), ("body_m", 1e-3, 10.0), ("motor_nm_per_a", 1e-4, 10.0),
+        ("limit_ma", 2.0, 3000.0), ("home", -1e6, 1e6),
     ],
-)
+)  # fmt: skip
 def test_both_sides_of_the_bounds_of_every_key(key, low, high) -> None:
     for good in (low, high):
         assert VINTAGE.with_settings(settings(**{key: f"{good!r},{good!r},{good!r}"}), "serial:x")

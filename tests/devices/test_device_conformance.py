@@ -22,7 +22,7 @@ from cogrip.devices.conformance import (
     samples_are_metres,
     velocity_agrees_with_position,
     write_tells_what_acts,
-)
+)  # fmt: skip
 from cogrip.devices.registry import axes_of, is_real, schemes, stand_ins
 
 HANDS = ("hold", "push", "reach&direction=1", "sine", "tremor&seed=3")
@@ -30,7 +30,7 @@ ELSEWHERE = {
     "replay",
     "openhaptics",
     "forcedimension",
-}  # on recordings that are made below; on stub libraries, in their own tests
+}  # on recordings made below; on stub libraries, in their own tests
 FOUND = sorted({address for addresses in stand_ins().values() for address in addresses})
 EVERY = [
     (held, axes)

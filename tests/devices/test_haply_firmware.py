@@ -49,15 +49,10 @@ def test_torques_go_to_the_motors_of_their_ports_within_twelve_bits() -> None:
 @pytest.mark.parametrize(
     ("asked_nm", "given_nm"),
     [
-        (0.123, 0.123),
-        (0.2, 0.123),
-        (-50.0, -0.123),
-        (float("inf"), 0.123),
-        (float("-inf"), -0.123),
-        (float("nan"), 0.0),
-        (1e-5, 0.0),
+        (0.123, 0.123), (0.2, 0.123), (-50.0, -0.123), (float("inf"), 0.123), (float("-inf"), -0.123),
+        (float("nan"), 0.0), (1e-5, 0.0),
     ],
-)
+)  # fmt: skip
 def test_torque_is_clamped(asked_nm: float, given_nm: float) -> None:
     firmware = board()
     ask(firmware, SETUP, 1)

@@ -18,6 +18,7 @@ from cogrip.devices.serial.frames import BracketCodec
 from cogrip.devices.settings import parse_address
 
 ZERO = BracketCodec().encode((0, 0, 0))
+MIDDLE = b"[2,0,-534,-36,0,0,0,0]\n"  # a reply from the middle of the workspace
 MS = 1_000_000
 NAMES = tuple(NUMBERS.values())
 
@@ -62,40 +63,22 @@ def test_the_counters_were_zero_where_the_arm_was_powered_up() -> None:
         make_firmware("vintage", {}, powered_at_m=(1.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("frame", "error"),
-    [
-        (b"[1,2,3]\n", 0),
-        (b"[1,2,3]", 0),
-        (b"[1,2,3]\r\n\0\0\n", 0),
-        (b"\n\0 xyz[1,2,3]\n", 0),  # what stands before is skipped
-        (b"[ 1,\t2, +3]\n", 0),  # as "%d" reads
-        (b"[1,2,3x]\n", 0),
-        (b"[-0,007,3]\n", 0),
-        (b"[1,2,3]x", 8),
-        (b"[1,2,3] \n", 8),
-        (b"[1,2,3]\n[", 8),
-        (b"[1,2,3]\n\0x", 8),
-        (b"]\n", 256),
-        (b"1,2,3]\n", 256),
-        (b"[]\n", 512),
-        (b"[1,2]\n", 512),
-        (b"[1,2,3,4]\n", 512),
-        (b"[1,2[1,2,3]\n", 512),  # commas are counted wherever they stand
-        (b",[1,2,3]\n", 512),
-        (b",[1,2]\n", 1024),
-        (b"[1[1,2,3]\n", 0),  # numbers are read from the last bracket on
-        (b"[1,2[3,4]\n", 1024),
-        (b"[1,[2,3]\n", 1024),
-        (b"[,,]\n", 1024),
-        (b"[1,2,]\n", 1024),
-        (b"[1 ,2,3]\n", 1024),
-        (b"[1.5,2,3]\n", 1024),
-        (b"[x1,2,3]\n", 1024),
-        (b"[- 1,2,3]\n", 1024),
-        (b"[0x1,2,3]\n", 1024),
-    ],
-)
+FRAMES = {  # what stands before a frame is skipped; numbers are read from the last bracket on, as "%d" reads
+    0: (
+        b"[1,2,3]\n", b"[1,2,3]", b"[1,2,3]\r\n\0\0\n", b"\n\0 xyz[1,2,3]\n", b"[ 1,\t2, +3]\n", b"[1,2,3x]\n", b"[-0,007,3]\n",
+        b"[1[1,2,3]\n",
+    ),
+    8: (b"[1,2,3]x", b"[1,2,3] \n", b"[1,2,3]\n[", b"[1,2,3]\n\0x"),
+    256: (b"]\n", b"1,2,3]\n"),
+    512: (b"[]\n", b"[1,2]\n", b"[1,2,3,4]\n", b"[1,2[1,2,3]\n", b",[1,2,3]\n"),  # commas are counted wherever they stand
+    1024: (
+        b",[1,2]\n", b"[1,2[3,4]\n", b"[1,[2,3]\n", b"[,,]\n", b"[1,2,]\n", b"[1 ,2,3]\n", b"[1.5,2,3]\n", b"[x1,2,3]\n",
+        b"[- 1,2,3]\n", b"[0x1,2,3]\n",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("frame", "error"), [(frame, error) for error, frames in FRAMES.items() for frame in frames])
 def test_every_rule_from_both_sides(frame: bytes, error: int) -> None:
     assert errors(say(firmware(), frame)) == [error]
 
@@ -279,46 +262,43 @@ def test_silence_does_what_it_is_told_and_deaf_hears_nothing(verb: str, currents
 
 
 def test_garbage_is_as_long_and_the_same_each_time() -> None:
-    said = []
-    for _ in range(2):
-        arm = firmware()
+    arms = [firmware() for _ in range(2)]
+    for arm in arms:
         arm.fault("garbage")
-        said.append(say(arm, ZERO))
-    assert said[0] == said[1]
-    assert len(said[0][0]) == len(b"[2,0,-534,-36,0,0,0,0]\n")
-    assert BracketCodec().feed(said[0][0]) == []
+    first, again = (say(arm, ZERO) for arm in arms)
+    assert first == again
+    assert len(first[0]) == len(MIDDLE)
+    assert BracketCodec().feed(first[0]) == []
 
 
 def test_split_comes_in_two_parts_a_millisecond_apart() -> None:
     arm = firmware()
     arm.fault("split")
-    first = say(arm, ZERO)
-    assert len(first) == 1
+    [first] = say(arm, ZERO)
     assert arm.faults.waiting
     assert arm.due(MS - 1) == []
     [second] = arm.due(MS)
-    assert first[0] + second == b"[2,0,-534,-36,0,0,0,0]\n"
+    assert first + second == MIDDLE
 
 
 def test_merge_lets_every_other_reply_wait() -> None:
     arm = firmware()
     arm.fault("merge")
     assert say(arm, ZERO) == []
-    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n" * 2]
+    assert say(arm, ZERO) == [MIDDLE * 2]
     assert say(arm, ZERO) == []
     arm.mend()
-    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n" * 2]
-    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n"]
+    assert say(arm, ZERO) == [MIDDLE * 2]
+    assert say(arm, ZERO) == [MIDDLE]
 
 
 def test_short_cuts_the_end_off() -> None:
     arm = firmware()
     arm.fault("short")
-    whole = b"[2,0,-534,-36,0,0,0,0]\n"
     for _ in range(30):
         [part] = say(arm, ZERO)
-        assert whole.startswith(part)
-        assert 1 <= len(part) < len(whole)
+        assert MIDDLE.startswith(part)
+        assert 1 <= len(part) < len(MIDDLE)
 
 
 def test_slow_is_30_ms_late_and_nothing_overtakes_it() -> None:
@@ -335,7 +315,7 @@ def test_stale_puts_one_old_reply_before_the_next() -> None:
     say(arm, ZERO)
     arm.press()
     arm.fault("stale")
-    assert say(arm, ZERO) == [b"[2,0,-534,-36,0,0,0,0]\n", b"[2,0,0,0,0,0,0,0]\n"]
+    assert say(arm, ZERO) == [MIDDLE, b"[2,0,0,0,0,0,0,0]\n"]
     assert say(arm, ZERO) == [b"[2,0,0,0,0,0,0,0]\n"]
 
 

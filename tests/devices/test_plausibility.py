@@ -29,7 +29,7 @@ from cogrip.devices.plausibility import (
     ForceReports,
     Plausibility,
     off_course_m,
-)
+)  # fmt: skip
 from cogrip.devices.registry import make
 
 from tests.devices.test_encoder_watch import HANDS

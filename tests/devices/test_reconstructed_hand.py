@@ -15,7 +15,7 @@ from scipy.signal import savgol_coeffs
 
 from cogrip.devices import Device, DeviceError, Sample, make
 from cogrip.devices.simulated.hands import ImpedanceSettings
-from cogrip.devices.simulated.reconstructed_hand import make_reconstructed
+from cogrip.devices.simulated.reconstructed_hand import ReconstructedHand
 from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.records import RunRecords, open_run
@@ -98,7 +98,7 @@ def test_the_drive_is_what_the_hand_must_have_exerted(
     path = tmp_path_factory.mktemp("drive") / "client-anna.mcap"
     write_recording(path, [(tick, (x,), (v,), (f,)) for tick, (x, v, f) in enumerate(samples)])
     settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
-    hand = make_reconstructed(settings, 1, f"{path}#user=anna")
+    hand = ReconstructedHand(settings, 1, f"{path}#user=anna")
     assert (hand.stiffness_npm, hand.damping_nspm) == (stiffness, damping)
     assert hand.open(RATE_HZ, None) == (samples[0][0],)
     for tick, (x, v, f) in enumerate(samples):
@@ -135,7 +135,7 @@ def test_the_drive_moves_the_mass_as_well(
     ]
     write_recording(path, rows, mass_kg=mass_kg)
     settings = ImpedanceSettings(hand_stiffness_npm=stiffness, hand_damping_nspm=damping)
-    hand = make_reconstructed(settings, 1, f"{path}#user=anna")
+    hand = ReconstructedHand(settings, 1, f"{path}#user=anna")
     hand.open(RATE_HZ, None)
     drive = np.array([hand.drive(tick)[0] for tick in range(ticks)])
     expected = mass_kg * acceleration + damping * speed + stiffness * place + force

@@ -15,7 +15,7 @@ from cogrip.devices.simulated.hands import (
     reach_course,
     sine_course,
     tremor_course,
-)
+)  # fmt: skip
 from cogrip.devices.simulated.recorded_hand import RecordedSettings, read_recording
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"

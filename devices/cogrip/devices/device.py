@@ -136,17 +136,10 @@ _FORMERLY_UNBOUNDED = {
 
 
 def encoder_record(
-    family: str,
-    model: str,
-    workspace_m: tuple[tuple[float, float], ...],
-    force_n: tuple[float, float],
-    limits: tuple[float, float],
-    numbers: tuple[float, float],
-    *,
-    rate_hz: int,
-    speed_mps: float = SPEED_MPS,
+    family: str, model: str, workspace_m: tuple[tuple[float, float], ...], force_n: tuple[float, float],
+    limits: tuple[float, float], numbers: tuple[float, float], *, rate_hz: int, speed_mps: float = SPEED_MPS,
     latency_ticks: int = 0,
-) -> Capability:
+) -> Capability:  # fmt: skip
     """The record of a device whose encoders give positions alone; nobody states its slope.
 
     force_n: (peak, continuous); limits: (stiffness [N/m], damping [N s/m]); numbers: (resolution [m], apparent mass [kg])

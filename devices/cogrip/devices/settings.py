@@ -4,6 +4,7 @@ Nothing is percent-decoded: a value may hold any character but `&`, so that a fi
 """
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
@@ -43,9 +44,9 @@ def parse_address(text: str) -> Address:
     scheme, colon, remainder = text.partition(":")
     if not colon or not scheme:
         raise DeviceError(f"device address {text!r} has no scheme: write scheme:name, such as sim:phantom?hand=reach")
-    name, tail = _cut(remainder)
+    name, *tail = re.split("[?#]", remainder, maxsplit=1)
     query: dict[str, str] = {}
-    for item in tail.split("&") if tail else ():
+    for item in tail[0].split("&") if any(tail) else ():
         key, equals, value = item.partition("=")
         if not equals or not key or not value:
             raise DeviceError(f"{text!r}: {item!r} is not key=value")
@@ -53,12 +54,6 @@ def parse_address(text: str) -> Address:
             raise DeviceError(f"{text!r}: key {key!r} is given twice ({query[key]!r} and {value!r}); give it once")
         query[key] = value
     return Address(text, scheme, name, query)
-
-
-def _cut(text: str) -> tuple[str, str]:
-    """Name and query, which begins at whichever mark comes first."""
-    at = min((place for mark in "?#" if (place := text.find(mark)) >= 0), default=len(text))
-    return text[:at], text[at + 1 :]
 
 
 def unknown(what: str, given: str, known: Iterable[str], where: str) -> DeviceError:

@@ -12,7 +12,7 @@ from math import hypot, isfinite
 from cogrip.devices.arm.encoder_watch import EncoderWatch
 from cogrip.devices.arm.exchange import RETRY_S, Exchange, Reading, meet
 from cogrip.devices.arm.kinematics import Vector
-from cogrip.devices.arm.model import ArmModel
+from cogrip.devices.arm.model import ArmModel, Pose
 from cogrip.devices.arm.pose import Calibration, KnownPose, OwnLosses, Store, drive_of
 from cogrip.devices.device import Capability, DeviceError, Sample
 from cogrip.devices.driver import Driver
@@ -55,24 +55,24 @@ class ArmDevice(Driver):
     """
 
     def __init__(
-        self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Callable[[ArmModel], KnownPose],
+        self, name: str, axes: int, exchange: Exchange, known: Callable[[str], ArmModel], pose: Pose,
         model: ArmModel | None, store: Store,
     ) -> None:  # fmt: skip
         super().__init__(name, axes)
         self.exchange = exchange  # its wire, also for whoever makes the arm ready while it is closed
         self._known = known
-        self._make_pose = pose
-        self._model = model
+        self._pose_kind: Pose = pose
         self._store = store
+        self._model: ArmModel | None = None
+        self._pose: KnownPose | None = None
+        if model is not None:
+            self._take(model)
         self._own: tuple[float, float] | None = None  # damping [N s/m] and friction [N], once looked for
-        self._pose = pose(model) if model is not None else None
-        self._broken = ""
-        self._said = ""
-        self._stamp = ""
+        self._broken = self._said = self._stamp = ""
         self._silent_ticks = 0
         self._read_at = 0  # when the newest reading was taken
         self._received_at = 0  # and when it came
-        self._angles: Vector | None = None
+        self.angles: Vector | None = None  # of the joints, at the last reading [rad]
         self._acting: Sequence[float] = ()
         self._offset: Vector = ZERO
         self._weight = WeightCompensation(1, active=False)
@@ -129,11 +129,6 @@ class ArmDevice(Driver):
         """Fraction of the arm's own weight that its motors were last commanded to hold."""
         return self._weight.fraction if self._open else 0.0
 
-    @property
-    def angles(self) -> Vector | None:
-        """Joint angles of the last reading [rad]."""
-        return self._angles
-
     def open(self, rate_hz: int) -> None:
         port = self.exchange.port
         if not self._open:
@@ -174,8 +169,11 @@ class ArmDevice(Driver):
             )
         self._said = reading.model
         if self._model is None:
-            self._model = found
-            self._pose = self._make_pose(found)
+            self._take(found)
+
+    def _take(self, model: ArmModel) -> None:
+        self._model = model
+        self._pose = KnownPose(self._pose_kind, self._where, model.record.model, model.home_counts, self._store)
 
     def calibrate(self, made: str) -> Calibration:
         """The arm stands in its home pose now, and whoever calls this confirms it. Not while it is open. Raises DeviceError."""
@@ -234,7 +232,7 @@ class ArmDevice(Driver):
             raise self._error(
                 f"the tip is at ({where}) m, outside its workspace of {model.reach_m:g} m; move it inside, and arm again"
             )
-        self._angles, self.reading = angles, reading
+        self.angles, self.reading = angles, reading
         return position
 
     def _lost(self, why: str) -> DeviceError:
@@ -294,20 +292,20 @@ class ArmDevice(Driver):
         assert self._pose is not None
         silent = self._tick - self._received_at > self._silent_ticks
         weight = self._weight.step(self._tick, failed=silent or bool(self._broken))
-        if self._pose.kind == "none" or self._angles is None or silent or not (weight or any(force_n)):
+        if self._pose.kind == "none" or self.angles is None or silent or not (weight or any(force_n)):
             return ZERO, 0.0 if any(force_n) else 1.0
         x, y, z = (*force_n, 0.0, 0.0)[:3]
         size, most = hypot(x, y, z), HEADROOM * self.model.record.peak_force_n
         fraction = -1.0 if size <= most else -most / size  # the arm pushes the hand with -F
         push = (fraction * x, fraction * y, fraction * z)
         try:
-            held, too_heavy = self.model.weight_currents(self._angles, weight) if weight else (ZERO, False)
-            currents, limited = self.model.currents(self._angles, push, held)
+            held, too_heavy = self.model.weight_currents(self.angles, weight) if weight else (ZERO, False)
+            currents, limited = self.model.currents(self.angles, push, held)
         except DeviceError as error:
             self._broken = self._broken or str(error)
             return ZERO, 0.0
         if limited:
-            fraction *= self.model.fraction_given(self._angles, push, currents, held)
+            fraction *= self.model.fraction_given(self.angles, push, currents, held)
         if too_heavy:
             self._counts["weight of the arm held in part only"] += 1
         if fraction != -1.0:

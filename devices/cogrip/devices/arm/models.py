@@ -49,14 +49,11 @@ def _record(
 
 
 _WOODEN_DRIVE = CableDrive(
-    counts_per_turn=_alike(2000.0),
-    capstan_m=_alike(0.010),
-    body_m=(0.160, 0.120, 0.120),
-    direction=_alike(1.0),
-    motor_nm_per_a=_alike(RE30_310007_NM_PER_A),
-    limit_ma=_alike(2000.0),
+    counts_per_turn=_alike(2000.0), capstan_m=_alike(0.010), body_m=(0.160, 0.120, 0.120), direction=_alike(1.0),
+    motor_nm_per_a=_alike(RE30_310007_NM_PER_A), limit_ma=_alike(2000.0),
     full_scale_ma=3000.0,  # of the firmware's source build, which clamps nothing; its "6Amps" build: full_scale_ma=6000
-)
+)  # fmt: skip
+
 
 _WOODENHAPTICS = ArmModel(
     kinematics=_WOODEN_ARM,
@@ -77,36 +74,28 @@ _WOODENHAPTICS_SERIAL = ArmModel(
 _VINTAGE = ArmModel(
     kinematics=ParallelDrive(shoulder_m=0.0, links_m=(0.138, 0.112), origin_m=(0.138, 0.0, -0.097), weights=_LINKS),
     drive=CableDrive(
-        counts_per_turn=_alike(4000.0),
-        capstan_m=(0.013, 0.010, 0.010),
-        body_m=(0.117, 0.077, 0.077),
-        direction=(-1.0, 1.0, -1.0),
-        motor_nm_per_a=_alike(RE25_118752_NM_PER_A),
-        limit_ma=_alike(1000.0),
+        counts_per_turn=_alike(4000.0), capstan_m=(0.013, 0.010, 0.010), body_m=(0.117, 0.077, 0.077),
+        direction=(-1.0, 1.0, -1.0), motor_nm_per_a=_alike(RE25_118752_NM_PER_A), limit_ma=_alike(1000.0),
         full_scale_ma=3000.0,  # the table's; the firmware would take 6000
     ),
     home_counts=(0.0, 7700.0, 0.0),
     record=_record("serial", "vintage", 0.10, (800.0, 8.0), 0.88, (2.82e-5, 0.075)),
     reach_m=0.10,
-)
+)  # fmt: skip
 
 _POLHEM = ArmModel(
     kinematics=Polhem((0.034, 0.165, 0.025, 0.190, 0.034, 0.1308), (0.2045, 0.0, 0.0325), Bodies(g_mps2=9.81)),
     drive=CableDrive(
-        counts_per_turn=_alike(4096.0),
-        capstan_m=(0.0288534, 0.0136981, 0.0137281),
-        body_m=(0.175, 0.100, 0.100),
-        direction=(1.0, -1.0, 1.0),
-        motor_nm_per_a=(RE40_148877_NM_PER_A, RE30_310009_NM_PER_A, RE30_310009_NM_PER_A),
-        limit_ma=_alike(2000.0),
-        full_scale_ma=6000.0,
+        counts_per_turn=_alike(4096.0), capstan_m=(0.0288534, 0.0136981, 0.0137281), body_m=(0.175, 0.100, 0.100),
+        direction=(1.0, -1.0, 1.0), motor_nm_per_a=(RE40_148877_NM_PER_A, RE30_310009_NM_PER_A, RE30_310009_NM_PER_A),
+        limit_ma=_alike(2000.0), full_scale_ma=6000.0,
     ),
     home_counts=(8312.0, -10366.0, 19764.0),
     record=_record("serial", "polhem", 0.15, (2000.0, 1.0), 1.16, (5.18e-5, 0.049)),
     reach_m=0.15,
     gimbal_home_counts=(0.0, 30.0, 0.0),
     holds_weight=True,
-)
+)  # fmt: skip
 
 # polhem_v3 of haptikfabrikenapi, with which an interface is made there if nothing else is said: other capstans, counted
 # from another place. The linkage and the weights are those of hfabapi: the older source leaves that file out.

@@ -2,7 +2,8 @@
 
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
-from cogrip.devices.arm.pose import Calibration, KnownPose, Store
+from cogrip.devices.arm.model import Pose
+from cogrip.devices.arm.pose import Calibration, Store
 from cogrip.devices.haply.frames import HaplyCodec
 from cogrip.devices.haply.line import CALIBRATED_ID, IDS, SESSION_ID, Greeting, HaplyLine, id_of
 from cogrip.devices.haply.models import HaplyModel
@@ -12,11 +13,10 @@ class HaplyDevice(ArmDevice):
     """See `Device`. number: any, another one in another process; ids are drawn from it."""
 
     def __init__(
-        self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: KnownPose, store: Store, number: int
+        self, name: str, axes: int, port: Port, codec: HaplyCodec, model: HaplyModel, pose: Pose, store: Store, number: int
     ) -> None:  # fmt: skip
         self._line = HaplyLine(port, codec, self._plan)
-        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, lambda _: pose, model, store)
-        self._pose_kind = pose.kind
+        super().__init__(name, axes, Exchange(self._line, codec), lambda _: model, pose, model, store)
         self._number = number
         self._calibrating = False
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from cogrip.devices.arm.exchange import Port
 from cogrip.devices.arm.motors import NO_CURRENT
-from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.haply.device import HaplyDevice
 from cogrip.devices.haply.frames import HaplyCodec, reset_frame
@@ -53,8 +53,7 @@ def drive(
     """The driver on a port of whatever kind. codec: that of the port's goodbye, where it has one; number: see `HaplyDevice`."""
     settings, model = _model(address, axes)
     codec = codec or HaplyCodec(model.wiring, LAST_RESORT_ID)
-    pose = KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
-    return HaplyDevice(name, axes, port, codec, model, pose, store, number)
+    return HaplyDevice(name, axes, port, codec, model, settings.pose, store, number)
 
 
 def _model(address: Address, axes: int) -> tuple[HaplySettings, HaplyModel]:

@@ -110,52 +110,27 @@ def _model(
     )
     turn = wiring.counts_per_turn
     drive = CableDrive(
-        counts_per_turn=(turn, turn, turn),
-        capstan_m=(1.0, 1.0, 1.0),
-        body_m=(1.0, 1.0, 1.0),
-        direction=(1.0, 1.0, 1.0),
-        motor_nm_per_a=(_STEP_NM_PER_A,) * 3,
-        limit_ma=(MOST_NM / STEP_NM,) * 3,
-        full_scale_ma=MOST_NM / STEP_NM,
-    )
+        counts_per_turn=(turn, turn, turn), capstan_m=(1.0, 1.0, 1.0), body_m=(1.0, 1.0, 1.0), direction=(1.0, 1.0, 1.0),
+        motor_nm_per_a=(_STEP_NM_PER_A,) * 3, limit_ma=(MOST_NM / STEP_NM,) * 3, full_scale_ma=MOST_NM / STEP_NM,
+    )  # fmt: skip
     return HaplyModel(
-        kinematics=five_bar,
-        drive=drive,
-        home_counts=_home_counts(wiring, wiring.home_deg, drive),
-        record=record,
-        reach_m=five_bar.proximal_m + five_bar.distal_m,
-        five_bar=five_bar,
-        wiring=wiring,
-    )
+        kinematics=five_bar, drive=drive, home_counts=_home_counts(wiring, wiring.home_deg, drive), record=record,
+        reach_m=five_bar.proximal_m + five_bar.distal_m, five_bar=five_bar, wiring=wiring,
+    )  # fmt: skip
 
 
 MODELS: dict[str, HaplyModel] = {
     "2diy": _model(
-        "2diy",
-        FiveBar(0.07, 0.09, 0.038, (0.019, 0.08)),
-        Wiring((2, 1), (True, True), 4880.0, (168.0, 12.0)),
-        (0.04, 0.06),
-        (1.65, 0.5),
-        9.3e-5,
-        0.05,
+        "2diy", FiveBar(0.07, 0.09, 0.038, (0.019, 0.08)), Wiring((2, 1), (True, True), 4880.0, (168.0, 12.0)),
+        (0.04, 0.06), (1.65, 0.5), 9.3e-5, 0.05,
     ),
     "2diy-metal": _model(
-        "2diy-metal",
-        FiveBar(0.07, 0.09, 0.0, (0.0, 0.08)),
-        Wiring((2, 1), (True, False), 10752.0, (241.0, -61.0)),
-        (0.04, 0.06),
-        (1.6, 0.5),
-        3.6e-5,
-        0.08,
+        "2diy-metal", FiveBar(0.07, 0.09, 0.0, (0.0, 0.08)), Wiring((2, 1), (True, False), 10752.0, (241.0, -61.0)),
+        (0.04, 0.06), (1.6, 0.5), 3.6e-5, 0.08,
     ),
     "pantograph": _model(
-        "pantograph",
-        FiveBar(0.05, 0.07, 0.02, (0.01, 0.065)),
-        Wiring((1, 2), (False, False), 13824.0, (180.0, 0.0)),
-        (0.03, 0.04),
-        (2.28, 0.7),
-        2.2e-5,
-        0.08,
+        "pantograph", FiveBar(0.05, 0.07, 0.02, (0.01, 0.065)), Wiring((1, 2), (False, False), 13824.0, (180.0, 0.0)),
+        (0.03, 0.04), (2.28, 0.7), 2.2e-5, 0.08,
     ),
-}
+}  # fmt: skip
 """Name -> model with its makers' numbers: 2DIY version 3 (plastic), version 2 (metal), and the old Pantograph."""

@@ -8,7 +8,7 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
-from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device
 from cogrip.devices.hid.enumeration import VARIANTS
 from cogrip.devices.hid.frames import CODECS
@@ -71,11 +71,10 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
     if not VARIANTS[settings.variant].gives_force:
         model = _without_force(model)
 
-    def pose(model: ArmModel) -> KnownPose:
-        return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
-
     # a report does not say what arm it comes from: whatever it is, it is the one of the address
-    return ArmDevice(name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, pose, model, store)
+    return ArmDevice(
+        name, axes, Exchange(port, CODECS[settings.variant]()), lambda _: model, settings.pose, model, store
+    )
 
 
 def _settings(address: Address) -> HidSettings:

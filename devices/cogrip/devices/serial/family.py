@@ -7,7 +7,7 @@ from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.exchange import Exchange, Port
 from cogrip.devices.arm.model import ArmModel, ArmSettings
 from cogrip.devices.arm.models import MODELS
-from cogrip.devices.arm.pose import KnownPose, Store
+from cogrip.devices.arm.pose import Store
 from cogrip.devices.device import Device, DeviceError
 from cogrip.devices.registry import Family
 from cogrip.devices.serial.frames import MODELS as NUMBERS
@@ -57,8 +57,5 @@ def drive(port: Port, name: str, store: Store, address: Address, axes: int) -> A
             )
         return MODELS[said].with_settings(settings, where)
 
-    def pose(model: ArmModel) -> KnownPose:
-        return KnownPose(settings.pose, name, model.record.model, model.home_counts, store)
-
     stated = known(settings.model) if settings.model else None
-    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, pose, stated, store)
+    return ArmDevice(name, axes, Exchange(port, BracketCodec()), known, settings.pose, stated, store)

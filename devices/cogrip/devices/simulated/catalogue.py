@@ -39,11 +39,11 @@ MACHINES: dict[str, Machine] = {
 HANDS: dict[str, HandKind] = {
     "hold": HandKind(hands.ImpedanceSettings, hands.make_hold),
     "push": HandKind(hands.PushSettings, hands.PushHand),
-    "reach": HandKind(hands.ReachSettings, hands.make_reach),
-    "sine": HandKind(hands.SineSettings, hands.make_sine),
-    "tremor": HandKind(hands.TremorSettings, hands.make_tremor),
-    "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.make_recorded, takes="FILE"),
-    "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.make_reconstructed, takes="RUN"),
+    "reach": HandKind(hands.ReachSettings, hands.directed(hands.reach_course)),
+    "sine": HandKind(hands.SineSettings, hands.directed(hands.sine_course)),
+    "tremor": HandKind(hands.TremorSettings, hands.directed(hands.tremor_course)),
+    "csv": HandKind(recorded_hand.RecordedSettings, recorded_hand.RecordedHand, takes="FILE"),
+    "recording": HandKind(hands.ImpedanceSettings, reconstructed_hand.ReconstructedHand, takes="RUN"),
 }
 
 

@@ -13,7 +13,7 @@ axis i are multiplied by direction[i]; missing components are 0.
 from collections.abc import Callable, Sequence
 from math import cos, floor, inf, pi, sin, sqrt
 from random import Random
-from typing import Annotated, Protocol, TypeAlias
+from typing import Annotated, Any, Protocol, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -146,34 +146,24 @@ class PushHand:
         return self.force_n if tick >= self._start_s * self._rate_hz else self._zero
 
 
+def directed(course_of: Callable[[Any], Course]) -> Callable[[Any, int], DirectedHand]:
+    """Return the maker of hands, called (settings, axes), whose motion is `course_of(settings)` along their direction."""
+
+    def make(settings: Any, axes: int) -> DirectedHand:
+        return DirectedHand(settings, course_of(settings), fit_axes(settings.direction, axes, "direction"))
+
+    return make
+
+
 def make_hold(settings: ImpedanceSettings, axes: int) -> Hand:
     """A hand that stays at home."""
     return DirectedHand(settings, _rest, (0.0,) * axes)
 
 
-def make_reach(settings: ReachSettings, axes: int) -> Hand:
-    """A hand that goes to and fro."""
-    return DirectedHand(settings, reach_course(settings), fit_axes(settings.direction, axes, "direction"))
-
-
-def make_tremor(settings: TremorSettings, axes: int) -> Hand:
-    """A hand that goes to and fro, or holds, and trembles along the direction."""
-    return DirectedHand(settings, tremor_course(settings), fit_axes(settings.direction, axes, "direction"))
-
-
-def make_sine(settings: SineSettings, axes: int) -> Hand:
-    """A hand that swings evenly."""
-    return DirectedHand(settings, sine_course(settings), fit_axes(settings.direction, axes, "direction"))
-
-
 def sine_course(settings: SineSettings) -> Course:
     """g(t) (offset_m + amplitude_m sin(2 pi frequency_hz t)) with g a smooth step, 3 z^2 - 2 z^3 over z = t / ramp_s <= 1."""
-    amplitude, omega, ramp, offset = (
-        settings.amplitude_m,
-        2.0 * pi * settings.frequency_hz,
-        settings.ramp_s,
-        settings.offset_m,
-    )
+    amplitude, omega = settings.amplitude_m, 2.0 * pi * settings.frequency_hz
+    ramp, offset = settings.ramp_s, settings.offset_m
 
     def course(time_s: float) -> tuple[float, float]:
         s = offset + amplitude * sin(omega * time_s)

@@ -28,22 +28,11 @@ class IdealSettings(msgspec.Struct, frozen=True, kw_only=True):
 def capability(settings: IdealSettings, axes: int) -> Capability:
     """The record. The workspace is advice only: nothing stops an ideal device."""
     return Capability(
-        family="sim",
-        model="ideal",
-        axes=axes,
-        workspace_m=((-0.5, 0.5),) * axes,
-        peak_force_n=100.0,
-        continuous_force_n=100.0,
-        stiffness_npm=IDEAL_STIFFNESS_NPM,
-        damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ,
-        slew_nps=SLEW_NPS,
-        speed_mps=IDEAL_SPEED_MPS,
-        resolution_m=0.0,
-        apparent_mass_kg=settings.mass_kg,
-        rate_hz=65_536,
-        gives_velocity=True,
+        family="sim", model="ideal", axes=axes, workspace_m=((-0.5, 0.5),) * axes, peak_force_n=100.0, continuous_force_n=100.0,
+        stiffness_npm=IDEAL_STIFFNESS_NPM, damping_nspm=0.5 * settings.mass_kg * ADVISED_AT_HZ, slew_nps=SLEW_NPS,
+        speed_mps=IDEAL_SPEED_MPS, resolution_m=0.0, apparent_mass_kg=settings.mass_kg, rate_hz=65_536, gives_velocity=True,
         own_damping_nspm=settings.damping_nspm,
-    )
+    )  # fmt: skip
 
 
 class IdealPlant:

@@ -65,8 +65,3 @@ def _acceleration(position_m: Array, rate_hz: int) -> Array:
 
     smooth: Array = savgol_filter(position_m, window, 3, deriv=2, delta=1.0 / rate_hz, axis=0)
     return smooth
-
-
-def make_reconstructed(settings: ImpedanceSettings, axes: int, run: str) -> ReconstructedHand:
-    """The hand of a recorded person; the recording is read when the device is opened."""
-    return ReconstructedHand(settings, axes, run)

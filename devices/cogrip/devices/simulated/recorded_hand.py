@@ -69,7 +69,7 @@ class Recording:
 class RecordedHand:
     """An impedance whose intended motion is a recording."""
 
-    def __init__(self, settings: RecordedSettings, path: str, axes: int) -> None:
+    def __init__(self, settings: RecordedSettings, axes: int, path: str) -> None:
         """Raises DeviceError when a column is given for an axis that the device has not."""
         self.stiffness_npm = settings.hand_stiffness_npm
         self.damping_nspm = settings.hand_damping_nspm
@@ -115,11 +115,6 @@ class RecordedHand:
         if k <= self._last:
             return k
         return k % (self._last + 1) if self._settings.loop else self._last
-
-
-def make_recorded(settings: RecordedSettings, axes: int, path: str) -> RecordedHand:
-    """The hand recorded in the CSV file `path`, which is read when the device is opened."""
-    return RecordedHand(settings, path, axes)
 
 
 def read_recording(path: str, settings: RecordedSettings, axes: int) -> Recording:
