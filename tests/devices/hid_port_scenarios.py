@@ -1,11 +1,14 @@
 """Scenarios of a HID port and its reports, by hidapi on its stub."""
 
+from cogrip.devices.arm.driver import ArmDevice
+from cogrip.devices.arm.models import MODELS
 from cogrip.devices.hid.frames import CODECS
 from cogrip.devices.io import hid_port
 
 from tests.devices.hid_bench import LONG_S, NOTHING, WAITED, Bench, Scenarios, fails, fails_at_last
 
 scenario = Scenarios()
+MODEL = MODELS["woodenhaptics"]
 
 
 @scenario
@@ -227,3 +230,44 @@ def the_last_report_goes_before_it_is_closed(bench: Bench) -> None:
         port.close()
         assert bench.currents == (number, 0, 0)
         assert not bench["is_open"]
+
+
+def centre() -> tuple[int, int, int]:
+    angles = MODEL.kinematics.inverse((0.0, 0.0, 0.0))
+    a, b, c = (round(count - home) for count, home in zip(MODEL.drive.counts(angles), MODEL.home_counts, strict=True))
+    return a, b, c
+
+
+def step(bench: Bench, device: ArmDevice, tick: int, force=(0.0, 0.0, 0.0)):
+    """A tick, and then time for the wire."""
+    sample = device.read(tick)
+    device.write(force)
+    while not bench["left_in_queue"]:
+        pass
+    return sample
+
+
+@scenario
+def an_arm_is_opened_read_pushed_and_let_go(bench: Bench) -> None:
+    bench.set(stale=1)
+    bench.stand_at(centre())
+    device = bench.device()
+    device.open(1000)
+    assert bench.currents == (0, 0, 0)
+    samples = [step(bench, device, tick, (1.0, 0.0, 0.0)) for tick in range(5)]
+    assert samples[0] is None
+    position = samples[-1].position_m
+    assert max(map(abs, position)) < MODEL.record.resolution_m, position
+    assert samples[-1].age_ticks == 1
+    expected, _ = MODEL.currents(device.angles, (-1.0, 0.0, 0.0))
+    assert bench.currents == expected
+    assert expected != (0, 0, 0)
+    fails(lambda: (device.read(5), device.write((float("nan"), 0.0, 0.0))), "not finite")
+    while not bench["left_in_queue"]:
+        pass
+    assert bench.currents == (0, 0, 0)
+    step(bench, device, 6, (1.0, 0.0, 0.0))
+    assert bench.currents == expected
+    device.close()
+    assert bench.currents == (0, 0, 0)
+    assert not bench["is_open"]

@@ -68,10 +68,6 @@ class ReportSocket(ServedFirmware):
         self._waiting: bytes | None = None
 
     @property
-    def where(self) -> str:
-        return self.path
-
-    @property
     def plugged(self) -> bool:
         return self._listener is not None
 

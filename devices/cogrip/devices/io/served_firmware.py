@@ -29,9 +29,9 @@ class ServedFirmware(ABC):
         self.path = ""
 
     @property
-    @abstractmethod
     def where(self) -> str:
-        """Return what people are told to open."""
+        """Name that people are told to open."""
+        return self.path
 
     @property
     @abstractmethod
