@@ -29,7 +29,8 @@ class Driver:
 
     def _check_read(self, tick: int) -> None:
         """Enter the tick of a read. Raises DeviceError where it is closed, or where ticks fall."""
-        self._need_open("read")
+        if not self._open:
+            self._need_open("read")
         if tick < self._tick:
             raise self._fallen(tick)
         self._tick = tick
