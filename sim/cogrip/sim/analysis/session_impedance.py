@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from cogrip.client.safety import WARNED
 from cogrip.devices.device import Capability, Sample
-from cogrip.devices.simulated.hands import SineSettings, make_sine
+from cogrip.devices.simulated.hands import SineSettings, directed, sine_course
 from cogrip.protocol.settings import Settings
 from cogrip.sim.session.laboratory import Laboratory
 
@@ -48,7 +48,7 @@ class SwungDevice:
     def __init__(self, capability: Capability, settings: SineSettings) -> None:
         self.capability = capability
         self.counts: dict[str, int] = {}
-        self._hand = make_sine(settings, capability.axes)
+        self._hand = directed(sine_course)(settings, capability.axes)
 
     def open(self, rate_hz: int) -> None:
         self._hand.open(rate_hz, None)
