@@ -13,16 +13,7 @@ from cogrip.protocol.rates import Rates
 from cogrip.protocol.settings import Playout, resolve
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.bench.playout_trial import (
-    Arrivals,
-    arrivals,
-    beaten,
-    best_fixed,
-    fixed_delays,
-    lateness,
-    play,
-    ratio,
-)
+from tests.bench.playout_trial import Arrivals, arrivals, beaten, best_fixed, fixed_delays, lateness, play, ratio
 from tests.extent import every
 
 BOUND = 1.2

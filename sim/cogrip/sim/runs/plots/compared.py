@@ -67,10 +67,7 @@ def compared_plots(runs: Sequence[Run], labels: Sequence[str], names: Sequence[s
     ]
     names = names[:MOST_ROWS]
     window = _detail(sides)
-    motions = {
-        "Positions": (positions, "Each hand and the object"),
-        "Forces": (forces, "The force on each hand"),
-    }
+    motions = {"Positions": (positions, "Each hand and the object"), "Forces": (forces, "The force on each hand")}
     for heading, (of, what) in motions.items():
         caption = f"{what}, in every run: where only the last run's line is seen inside the first's, they are the same."
         yield Plot(heading, caption, partial(of, sides, names))

@@ -120,12 +120,7 @@ class Sheet:
         self.figure = Figure(figsize=(WIDTH_IN, rows * row_in), dpi=DPI, facecolor="white")
         FigureCanvasAgg(self.figure)
         self.panels: NDArray[Any] = self.figure.subplots(
-            rows,
-            columns,
-            squeeze=False,
-            sharex="col",
-            sharey=False if widths else "row",
-            width_ratios=widths or None,
+            rows, columns, squeeze=False, sharex="col", sharey=False if widths else "row", width_ratios=widths or None
         )
         for panel in self.panels.flat:
             for side in ("top", "right"):
