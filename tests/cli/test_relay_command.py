@@ -17,8 +17,8 @@ from cogrip.cli.session.relay import PIPED_WIDTH, flows_table
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.link_profile import Link
-from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.io.relay_loop import LiveRelay
+from cogrip.sim.session.link import configured_link
 from cogrip.sim.session.relay import Relay
 
 from tests.cli.spoiled_runs import Cogrip

@@ -13,6 +13,8 @@ from cogrip.sim.analysis.advice import AMPLE, HEAVY_KG, Advice, advise, advise_s
 from cogrip.sim.analysis.advice_change import Change, ranked_changes
 from cogrip.sim.analysis.linear_session import ModelError, scheme_overrides
 
+from tests.extent import long
+
 
 def settings_of(scheme: Any = "passive", **overrides: Any) -> Settings:
     people = [{"name": name, "device": "sim:ideal", "hand": "hold"} for name in ("a", "b")]
@@ -181,7 +183,7 @@ def test_words_name_the_bound(device: str, b: float, bound: str) -> None:
     [
         {"coupling.kind": "coupling", "link.delay_ms": 20.0},
         {"coupling.decimator": "none", "users.0.device": "sim:ideal"},
-        {"coupling.impedance_nspm": 45.0, "link.profile": "wan"},
+        long({"coupling.impedance_nspm": 45.0, "link.profile": "wan"}),
     ],
 )
 def test_who_looks_at_the_most_hopeful_first_finds_what_who_looks_at_all_finds(overrides: dict[str, Any]) -> None:

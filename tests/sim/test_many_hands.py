@@ -20,6 +20,8 @@ from cogrip.sim.runs.summary import of_laboratory
 from cogrip.sim.runs.traces import MOST_PEOPLE
 from cogrip.sim.session.laboratory import Laboratory
 
+from tests.extent import long
+
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 T = 1.0 / 128.0
 counts = st.integers(2, 16)
@@ -116,8 +118,11 @@ def hands(count: int, kind: str, dimensions: int) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize(
     ("count", "kind", "dimensions", "K"),
-    [(16, "cube", 1, 1e5), (16, "cube", 3, 1e3), (16, "faces", 3, 1e4), (9, "faces", 1, 1e5), (5, "cube", 3, 1e5)],
-)
+    [
+        long(16, "cube", 1, 1e5), long(16, "cube", 3, 1e3), (16, "faces", 3, 1e4), long(9, "faces", 1, 1e5),
+        (5, "cube", 3, 1e5),
+    ],
+)  # fmt: skip
 def test_many_hands_make_no_energy(count: int, kind: str, dimensions: int, K: float) -> None:
     laboratory = Laboratory(resolve({
         "seconds": 0.8, "object": {"kind": kind, "axes": dimensions}, "coupling": {"stiffness_npm": K},

@@ -24,10 +24,10 @@ from cogrip.sim.analysis.figures.paper_regions import paper_settings
 from cogrip.sim.analysis.figures.region import region_page
 from cogrip.sim.analysis.figures.wall_contact import wall_page
 from cogrip.sim.analysis.linear_session import linear_session
-from cogrip.sim.analysis.measures import LIFTED
 from cogrip.sim.analysis.region import regions
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.sweep.grid import Grid, parse_axis
+from cogrip.sim.experiments.sweep.measures import LIFTED
 from cogrip.sim.experiments.sweep.picture import draw_measure
 from cogrip.sim.runs.laboratory_run import run_laboratory
 from cogrip.sim.runs.plots.coherence import correlation

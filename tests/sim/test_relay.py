@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import PROFILES
 from cogrip.protocol.settings import resolve
-from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.laboratory import Laboratory
-from cogrip.sim.session.link import LinkEmulator, fates
+from cogrip.sim.session.link import LinkEmulator, configured_link, fates
 from cogrip.sim.session.relay import KEEPING_BYTES, Relay
 
 MS = 1_000_000

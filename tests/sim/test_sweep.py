@@ -17,12 +17,11 @@ from hypothesis import strategies as st
 
 from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import Settings, resolve
-from cogrip.sim.analysis.measures import LIFTED
 from cogrip.sim.experiments.experiment import Measure, Result, run_case
 from cogrip.sim.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
 from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.sweep.grid import Axis, Grid, GridError, parse_axis
-from cogrip.sim.experiments.sweep.measures import MeasureError, expanded, read
+from cogrip.sim.experiments.sweep.measures import LIFTED, MeasureError, expanded, read
 from cogrip.sim.experiments.sweep.picture import draw_measure
 from cogrip.sim.experiments.sweep.query import MANIFEST, Job, measure_case, prepare
 from cogrip.sim.experiments.worker_pool import LocalWorkers
@@ -289,7 +288,7 @@ main(sys.argv[1:])
 def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     """The whole parent process by SIGKILL at its fifth cell; then the same command: no finished cell is run again."""
     config = tmp_path / "two.toml"
-    config.write_text('name = "two"\nseconds = 2.0\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
+    config.write_text('name = "two"\nseconds = 0.3\n[[users]]\nname = "a"\n[[users]]\nname = "b"\n')
     arguments = [
         "sweep", str(config), "--vary", "seed=1:12:12", "--measure", "passive", "--out", str(tmp_path / "out"), "--jobs", "1",
         "--json", "-",

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 
 from cogrip.sim.runs.plots.coherence import coherence
 from cogrip.sim.runs.plots.energy import energies
-from cogrip.sim.runs.plots.link import link
-from cogrip.sim.runs.plots.loops import loops
 from cogrip.sim.runs.plots.motion import forces, positions, waves
+from cogrip.sim.runs.plots.timing import link, loops
 from cogrip.sim.runs.traces import Run
 
 
