@@ -1,11 +1,13 @@
-"""Fixtures of a finished run."""
+"""Fixtures of a finished run, and of comparisons."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from cogrip.protocol.settings import resolve
+from cogrip.sim.experiments.methods import query
 from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.sim.reported_runs import SETTINGS
@@ -23,3 +25,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(finished: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
     return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
+@pytest.fixture(scope="module")
+def felt_once() -> Iterator[None]:
+    """Probe the felt stiffness with one seed: it takes longer than a session."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(query, "FELT_SEEDS", 1)
+        yield

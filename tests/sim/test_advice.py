@@ -118,8 +118,6 @@ def test_compensation_that_would_not_be_stable_is_not_called_possible() -> None:
     people = {f"users__{number}__device": device for number in (0, 1)}
     near, far = (advise(settings_of(link__delay_ms=20.0, coupling__stiffness_npm=K, **people)) for K in (300.0, 620.0))
     assert "compensation is possible" in words(near, "feel")
-    assert far.users[0].compensated_npm is not None
-    assert far.limit.stiffness_npm is not None
     assert far.users[0].compensated_npm > far.limit.stiffness_npm
     assert "which is not stable" in words(far, "feel")
 
@@ -147,7 +145,6 @@ def test_the_change_that_helps_most_is_one_that_was_tried(scheme: Any, overrides
     settings = settings_of(scheme, **keys)
     before = advise(settings)
     change = best_change(settings, before)
-    assert change is not None
     assert change.key == key
     after = advise(settings_of(scheme, **{**keys, key.replace(".", "__"): change.value}))
     assert change.after.warnings <= change.before.warnings
@@ -160,7 +157,6 @@ def test_slack_against_jitter_is_given_up_last(b: float, key: str) -> None:
     people = [{"name": name, "device": "sim:phantom?hand=hold"} for name in ("a", "b")]
     table = {"coupling": {"impedance_nspm": b}, "link": {"delay_ms": 20.0}, "playout": {"frames": 1}, "users": people}
     change = best_change(resolve(table), advise(resolve(table)))
-    assert change is not None
     assert change.setting == {"coupling.impedance_nspm": "coupling.impedance_nspm=25.6"}.get(key, "playout.frames=0")
 
 

@@ -82,7 +82,6 @@ def test_the_boundary_lies_within_half_a_percent_of_that_of_a_dense_grid(
         if region.delay_frames not in delays:
             continue
         grid = dense_grid(LiftedModel(region.session), box, cells)
-        assert grid is not None
         edges = border_of(grid < 1.0)
         assert distances(edges, region.boundary.points_npm / box).max() < 0.005
         # and the other way round: from every point of the outline to the nearest edge, which is half a cell long each way
@@ -110,7 +109,6 @@ def test_the_diagonal_point_is_the_largest_stable_stiffness() -> None:
         points = region.boundary.points_npm
         middle = points[np.abs(points[:, 0] - points[:, 1]).argmin()]
         limit = largest_stable(LiftedModel(region.session)).stiffness_npm
-        assert limit is not None
         np.testing.assert_allclose(middle, limit, rtol=1e-4)
 
 
@@ -119,7 +117,6 @@ def test_the_passive_scheme_is_stable_to_the_edge_of_the_picture() -> None:
     for region in found:
         assert region.boundary.open.all()
         assert region.boundary.verified
-        assert region.grid is not None
         assert (region.grid < 1.0).all()
         np.testing.assert_allclose(region.boundary.points_npm.max(axis=0), box)
 
@@ -151,7 +148,6 @@ def test_the_grid_has_the_first_person_across_and_the_second_one_up() -> None:
     found, box = regions(settings_of(UNALIKE, "paper"), (1,), to_npm=(3000.0, 1500.0), grid_cells=7, estimated=False)
     k1, k2 = grid_axes(box, 7)
     grid = found[0].grid
-    assert grid is not None
     model = LiftedModel(found[0].session)
     assert grid[5, 2] == pytest.approx(radius(model, np.array([[k1[2], k2[5]]]))[0], abs=1e-12)
 

@@ -12,7 +12,6 @@ from random import Random
 
 import pytest
 
-from cogrip.devices.emulated.device import EmulatedDevice
 from cogrip.devices.emulated.faults import VERBS
 from cogrip.devices.emulated.firmware import JUMP_COUNTS, Firmware
 from cogrip.protocol.settings import resolve
@@ -74,7 +73,6 @@ def session(wire: str, seconds: float, hands: tuple[str, str], pose: str = "home
 
 
 def firmware(person: Person) -> Firmware:
-    assert isinstance(person.device, EmulatedDevice)
     return person.device.firmware
 
 
@@ -212,12 +210,10 @@ def test_re_arming_works_once_the_cause_is_gone(wire: str, verb: str) -> None:
 def calibrate(person: Person) -> None:
     """The person puts the arm into its home pose, runs `cogrip devices calibrate`, and takes it somewhere else."""
     device = person.device
-    assert isinstance(device, EmulatedDevice)
-    assert device.store is not None
     mechanics = device.firmware.mechanics
     before = mechanics.body.position_m
     mechanics.carry(mechanics.home_m)
-    device.store.keep(device.driver.calibrate("now"))  # type: ignore[attr-defined]
+    device.store.keep(device.driver.calibrate("now"))
     x, y, z = before
     mechanics.carry((x - 0.02, y, z))
 

@@ -37,7 +37,6 @@ def wall(frames: int, decimator: str, step: str, **coupling: object) -> Table:
         users=[{"name": "a", "device": "sim:ideal", "hand": "push"}],
     )
     (user,) = summary["users"]
-    assert isinstance(user, dict)
     return user
 
 
@@ -236,7 +235,7 @@ def aliasing(decimator: str) -> Table:
         tick += 1
         write((force_n[0] + 15.0 * math.sin(2.0 * math.pi * tick / 8.0),))
 
-    person.device.write = shaken  # type: ignore[method-assign,assignment]
+    person.device.write = shaken
     laboratory.run()
     return of_laboratory(laboratory)
 

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from cogrip.protocol.io.stop import Stop
 from cogrip.protocol.settings import resolve
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.folder import CELLS, TABLE, ExperimentFolder, FolderError
-from cogrip.sim.experiments.methods import query as query
 from cogrip.sim.experiments.methods.measures import COLUMNS
 from cogrip.sim.experiments.methods.query import prepare
 from cogrip.sim.experiments.methods.report import LATEX, MARKDOWN, PEOPLE, PLOTS, REPORT, render, write_outcome
@@ -33,13 +31,7 @@ from cogrip.sim.runs.folder import SUMMARY
 
 from tests.sim.compared_methods import InProcess, small
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _felt_once() -> Iterator[None]:
-    """The probe takes longer than a session of these."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(query, "FELT_SEEDS", 1)
-        yield
+pytestmark = pytest.mark.usefixtures("felt_once")
 
 
 # A whole comparison

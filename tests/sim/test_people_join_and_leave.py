@@ -118,7 +118,7 @@ def test_a_third_comes_and_goes_while_two_move(kind: str, axes: int, visits: int
     for _ in range(visits):
         leaver = laboratory.people[2]
         laboratory.leave(2)
-        took_s = felt.until(lambda leaver=leaver: leaver.core.session.state == "closed", 1.0)  # type: ignore[misc]
+        took_s = felt.until(lambda leaver=leaver: leaver.core.session.state == "closed", 1.0)
         assert leaver.core.session.failed == ""
         goodbyes.append((took_s, leaver.core.coupling.down_margin_j))
         assert least_margin(laboratory) >= NOTHING_J, "with what the seat knew when it was left"
@@ -174,7 +174,7 @@ def test_an_address_that_is_lost_again_and_again() -> None:
         felt.run(100)
         laboratory.lose_address(0)
         core = laboratory.people[0].core
-        felt.until(lambda times=times, core=core: core.session.resumed == times, 2.0)  # type: ignore[misc]
+        felt.until(lambda times=times, core=core: core.session.resumed == times, 2.0)
     felt.run(100)
     assert laboratory.people[0].core.session.state == "seated"
     assert laboratory.people[1].core.session.resumed == 0

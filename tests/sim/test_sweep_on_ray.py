@@ -51,8 +51,8 @@ class TasksOfRay(ModuleType):
 
     def remote(self, run: Callable[..., Any]) -> Any:
         task = ModuleType("task")
-        task.options = lambda **_: task  # type: ignore[attr-defined]
-        task.remote = lambda measure, jobs: self.batches.append(len(jobs)) or (lambda: run(measure, jobs))  # type: ignore[attr-defined]
+        task.options = lambda **_: task
+        task.remote = lambda measure, jobs: self.batches.append(len(jobs)) or (lambda: run(measure, jobs))
         return task
 
     def cluster_resources(self) -> dict[str, float]:
