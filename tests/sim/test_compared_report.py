@@ -36,6 +36,7 @@ from cogrip.sim.runs.traces import Run, load_run
 from tests.sim.reported_runs import SETTINGS as TWO_SECONDS
 from tests.sim.reported_runs import Page, assert_self_contained
 
+pytestmark = pytest.mark.usefixtures("coarse")
 SCRIPT = "<script>alert(1)</script>"
 SETTINGS: dict[str, Any] = {**TWO_SECONDS, "seconds": 1.0}
 OTHERS: dict[str, dict[str, Any]] = {

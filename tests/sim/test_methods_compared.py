@@ -29,9 +29,9 @@ from cogrip.sim.experiments.runner import run_experiment
 from cogrip.sim.experiments.worker_pool import LocalWorkers
 from cogrip.sim.runs.folder import SUMMARY
 
-from tests.sim.compared_methods import InProcess, small
+from tests.sim.compared_methods import InProcess, row_of, small
 
-pytestmark = pytest.mark.usefixtures("felt_once")
+pytestmark = pytest.mark.usefixtures("felt_once", "coarse")
 
 
 # A whole comparison
@@ -158,15 +158,6 @@ def test_another_comparison_is_not_touched(whole: Path) -> None:
 
 
 # The table
-
-
-def row_of(**changes: Any) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "network": "wan", "method": "wave", "runs": 20, "failed": 0, "errors": {}, "diverged": 0, "diverged_s": None,
-        "oscillates": 0, "active": 0, "not_passive": 0, "not_felt": 0, "felt": [],
-        **{column.measure: {"median": 1.0, "worst": 2.0, "n": 5, "of": 5} for column in COLUMNS_SHOWN},
-    }  # fmt: skip
-    return {**row, **changes}
 
 
 @pytest.mark.parametrize(

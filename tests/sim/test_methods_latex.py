@@ -10,22 +10,10 @@ from cogrip.sim.experiments.methods.latex import latex
 from cogrip.sim.experiments.methods.query import FELT_SEEDS
 from cogrip.sim.experiments.methods.table import TABLE, note
 
+from tests.sim.compared_methods import row_of as row
+
 TEX = MathTextParser("path")
 MEASURES = [column.measure for column in TABLE]
-
-
-def row(network: str, method: str, **changes: Any) -> dict[str, Any]:
-    numbers = {measure: {"median": 1.0, "q1": 1.0, "q3": 1.0, "worst": 2.0, "n": 5, "of": 5} for measure in MEASURES}
-    counts = {
-        "runs": 20,
-        "failed": 0,
-        "diverged": 0,
-        "diverged_s": None,
-        "oscillates": 0,
-        "active": 0,
-        "not_passive": 0,
-    }
-    return {"network": network, "method": method, **counts, **numbers, **changes}
 
 
 def of(median: float, q1: float | None = None, q3: float | None = None, n: int = 5) -> dict[str, float]:

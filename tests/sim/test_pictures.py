@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ from cogrip.sim.runs.traces import Run, load_run
 
 from tests.sim.reported_runs import Page as Tags
 
+fig5 = cache(wall_page)
 NAMED = re.compile(r"\S.* \[\S.*\]", re.DOTALL)
 CROWDS = (1, 2, 8)
 BESIDE_IN = 0.01
@@ -53,7 +55,7 @@ def crowds(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Run]:
     for people in CROWDS:
         folder = tmp_path_factory.mktemp(f"people-{people}")
         users = [{"name": f"p{number}", "hand": "reach" if number % 2 else "sine"} for number in range(people)]
-        table = {"name": "crowd", "seconds": 1.5, "object": {"axes": 3 if people == 2 else 1}, "users": users}
+        table = {"name": "crowd", "seconds": 1.1, "object": {"axes": 3 if people == 2 else 1}, "users": users}
         run_laboratory(resolve(table), folder)
         found[people] = load_run(folder)
     return found
@@ -133,7 +135,7 @@ def test_people_are_told_apart_in_grey_print() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        wall_page,
+        fig5,
         decimator_page,
         lambda: feel_page(linear_session(paper_settings("paper")), 1),
         lambda: region_page(*regions(paper_settings("paper"), (0.0, 1.0)), "constant delays"),
@@ -146,7 +148,7 @@ def test_every_figure_could_stand_in_a_paper(make: Any) -> None:
 
 
 def test_the_legend_of_the_wall_names_every_line() -> None:
-    texts = [text.get_text() for text in wall_page().figure.legends[0].get_texts()]
+    texts = [text.get_text() for text in fig5().figure.legends[0].get_texts()]
     assert texts == [
         "the paper's scheme", "ours, b = 20 N s/m", "compensated, b = 20 and 30 N s/m (left and right)",
         "hand, and the force on it", "proxy at the wall",

@@ -20,6 +20,7 @@ from tests.extent import long
 from tests.recording_files import rewrite
 from tests.sim.reported_runs import SETTINGS, Page, assert_self_contained, page_of, printed, text_of
 
+pytestmark = pytest.mark.usefixtures("coarse")
 SCRIPT = "<script>alert(1)</script>"
 PLOTS_IN_VIRTUAL_TIME = {"positions", "forces", "waves", "energy", "link", "coherence"}
 

@@ -136,25 +136,9 @@ class LinkEmulator:
     """
 
     __slots__ = (
-        "_busy_ns",
-        "_check_ns",
-        "_delay_ns",
-        "_fates",
-        "_flight",
-        "_highest",
-        "_ns_per_byte",
-        "_origin_ns",
-        "_outages",
-        "_trace",
-        "delivered",
-        "duplicated",
-        "held",
-        "lost",
-        "outage",
-        "queue_dropped",
-        "reordered",
-        "sent",
-    )
+        "_busy_ns", "_check_ns", "_delay_ns", "_fates", "_flight", "_highest", "_ns_per_byte", "_origin_ns", "_outages",
+        "_trace", "delivered", "duplicated", "held", "lost", "outage", "queue_dropped", "reordered", "sent",
+    )  # fmt: skip
 
     def __init__(
         self,
