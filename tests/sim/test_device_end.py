@@ -82,8 +82,7 @@ def assert_calm(one: Felt) -> None:
     assert np.abs(one.forces).max() > 0.1, "a force is felt"
 
 
-@pytest.mark.parametrize("impedance", [50.0, 100.0])
-@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize(("impedance", "axes"), every(3, product((50.0, 100.0), (1, 3))))
 def test_an_impedance_far_beyond_what_the_device_carries_is_calm(impedance: float, axes: int) -> None:
     """Without the port, at 1 axis: +-8.5 N, 140 changes of sign a second, steps of 16 and 17 N."""
     hands = ({"hand": "reach&amplitude_m=0.04"}, {"hand": "reach&amplitude_m=0.03&delay_s=0.25"})
@@ -188,13 +187,14 @@ GOOD: dict[str, Callable[[], Settings]] = {
 }
 
 
+SELDOM = ("five-users", "three-users", "lan", "wifi", "3 axes", "faces of 20000 N/m", "tremor")
+
+
 def replace_seconds(path: Path) -> Settings:
     return resolve({**tomllib.loads(path.read_text()), "seconds": 4.0})
 
 
-@pytest.mark.parametrize(
-    "name", [long(name) if name in ("five-users", "three-users", "lan") else name for name in GOOD]
-)
+@pytest.mark.parametrize("name", [long(name) if name in SELDOM else name for name in GOOD])
 def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
     """The port changes no force by a bit: nothing controlled, nothing deflected, the reserve hardly touched."""
     for one in felt(GOOD[name]()):
@@ -205,7 +205,7 @@ def test_within_what_devices_carry_the_port_is_idle(name: str) -> None:
         assert one.account.device.leak_j < 0.1 * port.reserve_j
 
 
-@pytest.mark.parametrize(("stiffness", "ends"), [(500.0, "fault"), (1000.0, "fault"), (2000.0, "live")])
+@pytest.mark.parametrize(("stiffness", "ends"), [long(500.0, "fault"), (1000.0, "fault"), (2000.0, "live")])
 def test_a_law_that_oscillates_over_the_network_is_let_go_and_ends_in_a_fault_if_it_goes_on(
     stiffness: float, ends: str
 ) -> None:
@@ -255,8 +255,7 @@ def test_a_hand_that_overpowers_the_motors_gives_the_line_no_more_than_it_gave()
     assert people[0].core.safety.counts["force clipped"] > 0
 
 
-@pytest.mark.parametrize("kind", ["cube", "wall"])
-@pytest.mark.parametrize("force_n", [1.0, 1.5, 2.0])
+@pytest.mark.parametrize(("kind", "force_n"), every(5, product(("cube", "wall"), (1.0, 1.5, 2.0))))
 def test_a_hand_that_pushes_from_the_start_is_not_thrown_back(kind: str, force_n: float) -> None:
     """The line takes what the hand gives while its force is ramped in, and 50 mJ; before, 2 N loaded it with 2.8 J."""
     hands = ({"hand": f"push&force_n={force_n}"}, {"hand": "hold"})
