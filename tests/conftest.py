@@ -54,6 +54,7 @@ pytest.register_assert_rewrite(
     "tests.server.fuzzed_channels",
     "tests.server.recorded_rooms",
     "tests.server.encrypted_network",
+    "tests.sim.measured_impedance",
 )
 
 
