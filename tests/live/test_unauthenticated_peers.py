@@ -37,14 +37,6 @@ HOST = "127.0.0.1"
 PULL = ("--device", "sim:phantom?hand=reach&amplitude_m=0.01")
 MOST_STEP_N = 0.5
 MOST_STEP_M = 1e-3  # of the object, in one frame
-STANDBY = """
-import sys
-import cogrip.cli.session.serve, cogrip.server.io.dtls_channel, cogrip.sim.runs.summary
-from cogrip.cli.main import main
-print("standing by", flush=True)
-sys.stdin.readline()
-sys.exit(main(sys.argv[1:]))
-"""
 HOSTILE_OBSERVER = """
 import sys
 from cogrip.client.observer import ObserverCore
@@ -71,24 +63,16 @@ class Server:
         self.state = base / "state"
         self.starts = 0
         self.port = free_port()
-        self.process = self.standby()
-        self.start(self.process)
+        self.start()
 
-    def standby(self) -> Spoken:
-        """Start the next process up to its port: clients wait 10 s for a server, and imports may take as long."""
+    def start(self) -> None:
         self.starts += 1
         self.runs = self.base / f"server{self.starts}"
-        process = Spoken(
+        self.process = Spoken(
             "serve", str(DEMO), "--port", str(self.port), "--state", str(self.state), "--seconds", "900", "--no-report",
-            "--set", "link.delay_ms=0", "--runs", str(self.runs), *self._arguments, code=STANDBY,
+            "--set", "link.delay_ms=0", "--runs", str(self.runs), *self._arguments,
         )  # fmt: skip
-        process.hear("standing by")
-        return process
-
-    def start(self, process: Spoken) -> None:
-        process.tell("begin")
-        process.hear("listening on")
-        self.process = process
+        self.process.hear("listening on")
 
     @property
     def said(self) -> str:
@@ -261,12 +245,9 @@ def test_after_a_kill_under_load_all_resume_and_nothing_jumps(start, encrypted, 
     until(lambda: path.exists() and all(seat.ticket for seat in checkpoint(path).seats), "both seats are kept")
     travel_m = checkpoint(path).travel_m
     until(lambda: checkpoint(path).travel_m > travel_m + 0.005, "the object moves, and is kept")
-    next_process = encrypted.standby()
-    encrypted.process.popen.kill()
-    encrypted.process.popen.wait()
-    kept = checkpoint(path)
     encrypted.process.stop()
-    encrypted.start(next_process)
+    kept = checkpoint(path)
+    encrypted.start()
     assert encrypted.link("player") == link, "a restart prints the same links"
     assert "demo: restored: the object is at" in encrypted.said
     for person in people:
