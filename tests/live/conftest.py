@@ -11,7 +11,7 @@ from tests.live.held_arms import Arm, Session, Spoken
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """These come first: one worker has all of them, so no two sessions in real time take the processors from each other."""
+    """These come first: they wait more than they compute, and other workers have something to do meanwhile."""
     items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
 
 
