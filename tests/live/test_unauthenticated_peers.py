@@ -1,6 +1,6 @@
 """Unauthenticated peers at an encrypted server, and people who lose it and resume: real processes, real sockets, real kills.
 
-Each refusal is read on both sides. Servers are shared by the tests of this file; a test leaves all seats free.
+Each refusal is read on both sides. The encrypted server is shared by the tests of this file; a test leaves all seats free.
 """
 
 import re
@@ -106,9 +106,9 @@ def encrypted(tmp_path_factory) -> Iterator[Server]:
     server.process.stop()
 
 
-@pytest.fixture(scope="module")
-def unencrypted(tmp_path_factory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("unencrypted"))
+@pytest.fixture
+def unencrypted(tmp_path) -> Iterator[Server]:
+    server = Server(tmp_path / "unencrypted")
     yield server
     server.process.stop()
 
@@ -180,11 +180,11 @@ def test_whoever_does_not_belong_is_refused_with_the_reason_on_both_sides(start,
     assert wrong_server.end() == 1
     assert f"fingerprint {link.fingerprint[:16]}…, the link names {fingerprint[:16]}…" in wrong_server.said
     assert "the other end does not trust this certificate" in encrypted.said
-    assert to_unencrypted.end() == 1
-    assert "no encrypted server answered" in to_unencrypted.said
     assert anna.popen.poll() is None, "she holds on through all of it"
     anna.popen.send_signal(signal.SIGINT)
     assert anna.end() == 0, anna.said
+    assert to_unencrypted.end() == 1
+    assert "no encrypted server answered" in to_unencrypted.said
     for secret in (token.token, once.token, revoked.token, expired.token, bound.token, link.token):
         assert secret not in encrypted.said.replace(link.text, "")
 
