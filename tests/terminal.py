@@ -7,21 +7,24 @@ import re
 import select
 import signal
 import struct
-import subprocess
-import sys
 import termios
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tests import forked
+
 LIMIT_S = 60.0
 _CONTROL = re.compile(r"\x1b\[([?0-9;]*)([A-Za-z])")
 _SHELL = """
-import fcntl, signal, subprocess, sys, termios
+import fcntl, os, signal, sys, termios
+from cogrip.cli.main import main
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-command = subprocess.Popen([sys.executable, "-m", "cogrip.cli", *sys.argv[1:]])
+command = os.fork()
+if not command:
+    sys.exit(main())
 signal.signal(signal.SIGINT, signal.SIG_IGN)
-sys.exit(abs(command.wait()))
+sys.exit(abs(os.waitstatus_to_exitcode(os.waitpid(command, 0)[1])))
 """  # it has the terminal, as a shell has: the command's end is not the terminal's
 
 
@@ -95,9 +98,9 @@ class Terminal:
         self._theirs = theirs  # kept, so that one can still ask how the terminal was left
         self.before = termios.tcgetattr(theirs)
         environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES", "NO_COLOR")}
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", self._program, *map(str, arguments)],
-            stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, env={**environment, "TERM": "xterm-256color"},
+        self.process = forked.start(
+            *arguments, code=self._program, stdin=theirs, stdout=theirs, stderr=theirs,
+            env={**environment, "TERM": "xterm-256color"},
         )  # fmt: skip
         self.screen = Screen(columns)
         self.written = ""

@@ -8,7 +8,6 @@ import re
 import select
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,6 +20,8 @@ from cogrip.devices.io.serial_port import SerialPort
 from cogrip.devices.registry import make
 from cogrip.devices.serial.frames import BracketCodec
 from cogrip.protocol.io.pacing import Pacer
+
+from tests import forked
 
 if os.name != "posix":
     pytest.skip("pseudo-terminals are POSIX", allow_module_level=True)
@@ -35,10 +36,9 @@ class Emulator:
     """The process. `ask` writes a verb and waits for the line that answers it."""
 
     def __init__(self, *arguments: str, kind: str = "serial") -> None:
-        self.popen = subprocess.Popen(
-            [sys.executable, "-m", "cogrip.cli", "devices", "emulate", kind, "--no-fast", *arguments],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
+        self.popen = forked.start(
+            "devices", "emulate", kind, "--no-fast", *arguments, stdin=subprocess.PIPE,
+            env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
         )  # fmt: skip
         self.said = b""
         self._read_to = 0
@@ -60,7 +60,7 @@ class Emulator:
 
     def tell(self, verb: str) -> None:
         assert self.popen.stdin is not None
-        self.popen.stdin.write(f"{verb}\n".encode())
+        self.popen.stdin.write(f"{verb}\n")
         self.popen.stdin.flush()
 
     def ask(self, verb: str, pattern: str) -> re.Match[str]:

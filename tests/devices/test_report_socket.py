@@ -1,7 +1,5 @@
 """`cogrip devices emulate hid` as a process of its own, on a real socket: the driver of `hid:` on it, and what may go wrong."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from math import hypot
 from pathlib import Path
@@ -15,6 +13,7 @@ from cogrip.devices.io.hid_port import HidPort
 from cogrip.devices.io.report_socket import OFFERED, is_socket
 from cogrip.devices.registry import make
 
+from tests import forked
 from tests.devices.test_pseudo_terminal import LIMIT_S, Emulator, Loop
 
 pytestmark = pytest.mark.skipif(not OFFERED, reason="needs local sockets that keep messages apart")
@@ -141,9 +140,9 @@ def test_another_variant_is_refused_and_so_is_a_socket_that_nobody_serves(
 def test_it_conforms_over_the_socket_as_a_process(emulate: Callable[..., Emulator], path: str) -> None:
     emulate("--model", "polhem", "--hand", "hold")
     address = f"hid:polhem?path={path}&pose=home"
-    command = [sys.executable, "-m", "cogrip.cli", "devices", "conform", address, "--yes"]
-    done = subprocess.run(command, capture_output=True, timeout=LIMIT_S, check=False)
-    assert done.returncode == 0, done.stdout.decode() + done.stderr.decode()
+    with forked.start("devices", "conform", address, "--yes") as done:
+        said, _ = done.communicate(timeout=LIMIT_S)
+    assert done.returncode == 0, said
 
 
 def test_without_a_link_it_makes_a_place_of_its_own_and_takes_it_away() -> None:

@@ -1,7 +1,6 @@
 """Real processes over real sockets. Nothing sleeps: a test waits for what a process says, or for its end."""
 
 import re
-import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,15 +11,15 @@ from tests.live.held_arms import Arm, Session, Spoken
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """These come first: one worker has all of them, so no two sessions in real time take the processors from each other."""
+    """These come first: they wait more than they compute, and other workers have something to do meanwhile."""
     items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
 
 
 class Process(Spoken):
     """A `cogrip` command whose output is searched from its beginning."""
 
-    def __init__(self, *arguments: str) -> None:
-        super().__init__(*arguments, stdin=subprocess.DEVNULL)
+    def __init__(self, *arguments: str, code: str = "") -> None:
+        super().__init__(*arguments, stdin=subprocess.DEVNULL, code=code)
 
     def hear(self, pattern: str) -> re.Match[str]:
         """Wait until it has printed a match, or nothing more can come."""
@@ -45,15 +44,13 @@ def run() -> Iterator[Callable[..., Process]]:
     """Start `cogrip ARGUMENTS`; whatever still runs at the end of the test is ended."""
     started: list[Process] = []
 
-    def start(*arguments: str | Path) -> Process:
-        process = Process(*[str(argument) for argument in arguments])
+    def start(*arguments: str | Path, code: str = "") -> Process:
+        process = Process(*map(str, arguments), code=code)
         started.append(process)
         return process
 
     yield start
     for process in started:
-        if process.popen.poll() is None:
-            process.signal(signal.SIGKILL)
         process.stop()
 
 
@@ -78,10 +75,12 @@ def start(tmp_path, monkeypatch) -> Iterator[Callable[..., Spoken]]:
 
     def run(*arguments: object, stdin: int = subprocess.DEVNULL, code: str = "") -> Spoken:
         started.append(Spoken(*map(str, arguments), stdin=stdin, code=code))
+        started[-1].company = started
         return started[-1]
 
     def arm(name: str, hand: str, *arguments: str, wire: str = "serial") -> Arm:
         started.append(Arm(tmp_path / name, hand, *arguments, wire=wire))
+        started[-1].company = started
         return started[-1]
 
     run.arm = arm

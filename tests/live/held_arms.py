@@ -7,18 +7,21 @@ import re
 import select
 import signal
 import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import hypot
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from cogrip.protocol.io.realtime import PRIORITY
 from cogrip.protocol.recording.reader import Follower, RecordingError
 from cogrip.protocol.recording.records import Tick
+
+from tests import forked
 
 LIMIT_S = 120.0  # for anything that is waited for
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -31,6 +34,10 @@ FREE = "push&force_n=0"  # nobody holds it
 OWN_TERMINAL = (
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
     "from cogrip.cli.main import main; sys.exit(main(sys.argv[1:]))"
+)
+WITHOUT_PLOTS = (  # its report is a page of tables
+    "import sys; from cogrip.sim.runs.report import page; page.draw_plots = lambda run: []\n"
+    "from cogrip.cli.main import main; sys.exit(main())"
 )
 BROKEN_LAW = """
 import sys
@@ -50,14 +57,12 @@ class Spoken:
     """A `cogrip` command that can be told something, and whose words are read as they come."""
 
     def __init__(self, *arguments: str, stdin: int = subprocess.PIPE, code: str = "") -> None:
-        start = ["-c", code] if code else ["-m", "cogrip.cli"]
-        self.popen = subprocess.Popen(
-            [sys.executable, *start, *arguments],
-            stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "NO_COLOR": "1"},
-        )  # fmt: skip
+        self.popen = forked.start(
+            *arguments, code=code, stdin=stdin, env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
+        )
         self.said = ""
         self.expected_stalls = 0
+        self.company: list[Spoken] = []  # whose stall would make what is waited for here never come
         self._heard = 0
         self._silent = False  # it says no more
         self._news = threading.Condition()
@@ -79,10 +84,21 @@ class Spoken:
         self.popen.stdin.write(f"{line}\n")
         self.popen.stdin.flush()
 
+    @property
+    def stalled(self) -> bool:
+        """Return whether the machine took the processor away from it for too long, as it says itself."""
+        return sum(self.said.count(words) for words in STALLED) > self.expected_stalls
+
     def hear(self, pattern: str) -> re.Match[str]:
         """Wait until it says something that matches, after what was heard before."""
+
+        def said() -> bool:
+            return self._silent or re.search(pattern, self.said[self._heard :]) is not None
+
         with self._news:
-            self._news.wait_for(lambda: re.search(pattern, self.said[self._heard :]) or self._silent, LIMIT_S)
+            for _ in range(round(LIMIT_S)):
+                if self._news.wait_for(said, 1.0) or any(process.stalled for process in self.company):
+                    break
             found = re.search(pattern, self.said[self._heard :])
             assert found, f"never said {pattern!r} any more, but:\n{self.said}"
             self._heard += found.end()
@@ -107,13 +123,8 @@ class Spoken:
 
     def stop(self) -> None:
         """End it, whatever it does."""
-        if self.popen.poll() is None:
-            self.popen.terminate()
-            try:
-                self.popen.wait(LIMIT_S)
-            except subprocess.TimeoutExpired:
-                self.popen.kill()
-                self.popen.wait()
+        self.popen.kill()
+        self.popen.wait()
         self.read_to_the_end()
         for stream in (self.popen.stdin, self.popen.stdout):
             if stream is not None:
@@ -125,6 +136,8 @@ class Arm(Spoken):
 
     def __init__(self, link: Path, hand: str, *arguments: str, wire: str = "serial") -> None:
         super().__init__("devices", "emulate", wire, "--link", str(link), "--hand", hand, *arguments)
+        with suppress(AttributeError, OSError):  # a firmware has a processor of its own
+            os.sched_setscheduler(self.popen.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
         self.link = link
         self.hear(f"behind {wire}:")
         self.port = f"{wire}:{link}"
@@ -141,14 +154,18 @@ class Arm(Spoken):
 
     def pushes(self, wanted: bool) -> None:
         """Wait until it pushes, or until it does not."""
-        until(lambda: (self.force_n() > 0.02) is wanted, f"{self.port} pushes: {wanted}")
+        until(lambda: (self.force_n() > 0.02) is wanted, f"{self.port} pushes: {wanted}", company=self.company)
 
 
-def until(good: Callable[[], bool], what: str, every_s: float = 0.02) -> None:
-    """Look fifty times a second: a process that is asked without a pause has no time for its wire and its loop."""
+def until(good: Callable[[], bool], what: str, every_s: float = 0.02, company: Sequence[Spoken] = ()) -> None:
+    """Look fifty times a second: a process that is asked without a pause has no time for its wire and its loop.
+
+    company: processes of which none may stall meanwhile.
+    """
     deadline = time.monotonic() + LIMIT_S
     while not good():
         assert time.monotonic() < deadline, f"never: {what}"
+        assert not any(process.stalled for process in company), f"stalled before: {what}"
         select.select([], [], [], every_s)
 
 
@@ -161,7 +178,7 @@ def fairly(test: Callable[..., None]) -> Callable[..., None]:
             test(start=start, **fixtures)
         except (AssertionError, pytest.fail.Exception):
             for process in start.all:
-                if sum(process.said.count(words) for words in STALLED) > process.expected_stalls:
+                if process.stalled:
                     pytest.skip(f"this machine took the processor away for too long: {process.said}")
             raise
 

@@ -18,6 +18,12 @@ from tests.live.held_arms import FREE, fairly
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
 
+FASTER_SWINGS = (
+    "import sys; from cogrip.devices.arm import identification; identification.FREQUENCIES_HZ = (1.5, 3.0)\n"
+    "from cogrip.cli.main import main; sys.exit(main())"
+)
+
+
 def signs(said: str) -> list[str]:
     return re.findall(r"([✓✗])  sign, axis ([abc])", said)
 
@@ -105,11 +111,12 @@ def test_the_prompt_of_calibrate(start, number, code):
     assert "Traceback" not in asked.said
 
 
+@pytest.mark.parametrize("code", [FASTER_SWINGS, long("")], ids=["two frequencies", "all"])
 @fairly
-def test_calibrate_identifies_damping_and_friction_of_a_free_arm(start):
+def test_calibrate_identifies_damping_and_friction_of_a_free_arm(start, code):
     """Another program finds them in the record: at least a part of what the mechanism has, and no more."""
     arm = start.arm("arm", FREE + "&damping_nspm=0.5&friction_n=0.05")
-    found = start("devices", "calibrate", arm.address, "--damping", "--yes")
+    found = start("devices", "calibrate", arm.address, "--damping", "--yes", code=code)
     code = found.end()
     if re.search(
         r"encoder \w jumped by|no reply for 50 ms", found.said

@@ -13,7 +13,7 @@ import sys
 import pytest
 
 from tests.extent import long
-from tests.live.held_arms import BROKEN_LAW, OWN_TERMINAL, WITHIN, fairly, until
+from tests.live.held_arms import BROKEN_LAW, OWN_TERMINAL, WITHIN, WITHOUT_PLOTS, fairly, until
 from tests.live.test_live_sessions import FEW_FRAMES, FEW_TICKS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
@@ -26,8 +26,8 @@ def test_a_silent_arm_is_without_force_until_its_person_re_arms_it(start, sessio
     ben = session.join("ben", bens.address, "--rearm")
     annas.pushes(True)
     anna.popen.send_signal(signal.SIGUSR1)  # before there is a fault: it must not leave one later
-    annas.fault("silence 0.3")
     anna.expected_stalls = 1
+    annas.fault("silence 0.3")
     reason = anna.hear(r"fault, force released: (.*)")[1]
     assert reason.startswith("device stall")
     anna.hear(rf"`r` and Enter here, or `kill -USR1 {anna.popen.pid}`, re-arms")
@@ -97,8 +97,8 @@ def test_r_and_enter_at_a_terminal_re_arm(start, session):
     master, slave = pty.openpty()
     try:
         person = session.join("anna", arm.address, stdin=slave, code=OWN_TERMINAL)
-        arm.fault("silence 0.2")
         person.expected_stalls = 1
+        arm.fault("silence 0.2")
         person.hear("`r` and Enter here")
         os.write(master, b"what now?\n")
         os.write(master, b"r\n")
@@ -117,8 +117,8 @@ def test_r_and_enter_at_a_terminal_re_arm(start, session):
 def test_a_session_that_ends_in_a_fault_did_not_end_well(start, session):
     arm = start.arm("arm", "hold")
     person = session.join("anna", arm.address, "--rearm")
-    arm.fault("silence")
     person.expected_stalls = 2  # it is said again at the end
+    arm.fault("silence")
     person.hear("re-arms; Ctrl-C leaves")
     person.popen.send_signal(signal.SIGINT)
     assert person.end() == 1
@@ -181,7 +181,7 @@ def test_the_demo_with_two_arms(start, tmp_path):
     """Counts that are no clocks; the numbers are those of `dev.py bench devices`."""
     arms = [start.arm("a", "reach&amplitude_m=0.03"), start.arm("b", "reach&amplitude_m=0.03&delay_s=0.25")]
     devices = [word for arm in arms for word in ("--device", arm.address)]
-    demo = start("demo", "--seconds", "3.5", "--runs", tmp_path / "runs", *devices, *WITHIN)
+    demo = start("demo", "--seconds", "3", "--runs", tmp_path / "runs", *devices, *WITHIN, code=WITHOUT_PLOTS)
     code = demo.end()
     (folder,) = (tmp_path / "runs").iterdir()
     said = "".join(log.read_text() for log in folder.glob("*.log"))

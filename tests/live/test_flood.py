@@ -27,8 +27,8 @@ from tests.live.held_arms import DEMO, Spoken, fairly
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="loopback has one address elsewhere, and no thousand")
 
 HOST = "127.0.0.1"
-FLOOD_S = 2.5
-MOST_GROWTH_BYTES = 8 * 2**20  # of the server, while some 50,000 datagrams of strangers come
+FLOOD_S = 1.5
+MOST_GROWTH_BYTES = 8 * 2**20  # of the server, while some 30,000 datagrams of strangers come
 OURS = 16  # first contacts of those who belong here
 ANSWERED = {"refused: sealed", "cookie sent"}  # of what was dropped
 

@@ -18,7 +18,7 @@ def test_what_processes_exchange_is_passive_and_every_recording_plays_again(run,
     server, port = serve(DEMO, "--set", TDPA)
     server.hear(r"warning: room demo: no advice: coupling.kind = \"tdpa\": a passivity controller is not linear")
     people = [
-        run("join", f"127.0.0.1:{port}", "--name", name, "--device", "sim:phantom?hand=reach", "--seconds", "2",
+        run("join", f"127.0.0.1:{port}", "--name", name, "--device", "sim:phantom?hand=reach", "--seconds", "1.5",
             *leaving(tmp_path / name))
         for name in ("anna", "ben")
     ]  # fmt: skip

@@ -30,7 +30,7 @@ def test_a_live_session_plays_again_exactly(run, serve, tmp_path, config):
     names = [user["name"] for user in tomllib.loads(config.read_text())["users"]]
     people = [
         run(
-            "join", f"127.0.0.1:{port}", "--config", config, *BAD, "--name", name, "--seconds", "1.5",
+            "join", f"127.0.0.1:{port}", "--config", config, *BAD, "--name", name, "--seconds", "1",
             "--runs", tmp_path / name, "--no-report",
         )
         for name in names

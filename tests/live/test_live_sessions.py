@@ -19,7 +19,7 @@ from cogrip.sim.runs.replay.verify import Verdict, verify
 
 from tests.extent import long
 from tests.free_ports import free_port
-from tests.live.held_arms import until
+from tests.live.held_arms import WITHOUT_PLOTS, until
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
@@ -64,7 +64,9 @@ def accounted(link: dict) -> bool:
 def test_two_people_hold_one_cube(run, serve, tmp_path):
     server, port = serve(DEMO)
     people = [
-        run("join", f"127.0.0.1:{port}", "--config", DEMO, "--name", name, "--seconds", "3", *leaving(tmp_path / name))
+        run(
+            "join", f"127.0.0.1:{port}", "--config", DEMO, "--name", name, "--seconds", "1.5", *leaving(tmp_path / name)
+        )
         for name in ("anna", "ben")
     ]
     assert [person.end() for person in people] == [0, 0], [person.said for person in people]
@@ -111,13 +113,13 @@ def test_a_client_holds_its_device_with_no_more_than_it_carries(run, serve, tmp_
 @pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_lets_go_and_leaves_a_report(run, serve, tmp_path, number):
     server, port = serve(DEMO)
-    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person")
+    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person", code=WITHOUT_PLOTS)
     person.hear("holds cube")
     person.signal(number)
     assert person.end() == 0, person.said
     server.hear("anna left")
     (folder,) = (tmp_path / "person").iterdir()
-    assert (folder / "report.html").stat().st_size > 10_000
+    assert (folder / "report.html").exists()
     assert summary_in(tmp_path / "person")["users"][0]["force_n"] == [0.0]
 
 
@@ -153,18 +155,14 @@ def test_a_replay_that_has_run_out_ends_its_session(run, serve, tmp_path, stop):
 
 def test_a_killed_server_leaves_no_force(run, serve, tmp_path):
     server, port = serve(DEMO)
-    one = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "one")
-    people = [one, run("join", f"127.0.0.1:{port}", *leaving(tmp_path / "two"))]
-    for person in people:
-        person.hear("holds cube")
+    person = run("join", f"127.0.0.1:{port}", "--runs", tmp_path / "person", code=WITHOUT_PLOTS)
+    person.hear("holds cube")
     server.signal(signal.SIGKILL)
-    for person, name in zip(people, ("one", "two"), strict=True):
-        assert person.end() == 1
-        assert "force released" in person.said
-        assert "the session broke off, no force is left: no server for 10 s" in person.said
-        user = summary_in(tmp_path / name)["users"][0]
-        assert user["force_n"] == [0.0]
-    (folder,) = (tmp_path / "one").iterdir()
+    assert person.end() == 1
+    assert "force released" in person.said
+    assert "the session broke off, no force is left: no server for 10 s" in person.said
+    assert summary_in(tmp_path / "person")["users"][0]["force_n"] == [0.0]
+    (folder,) = (tmp_path / "person").iterdir()
     assert (folder / "report.html").exists()
 
 
@@ -332,9 +330,9 @@ def child_of(demo, log):
 )  # fmt: skip
 def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, told):
     seconds = "30" if (log, number) == ("server.log", signal.SIGKILL) else "6"
-    demo = run("demo", "--seconds", seconds, "--runs", tmp_path)
+    demo = run("demo", "--seconds", seconds, "--runs", tmp_path, code=WITHOUT_PLOTS)
     demo.hear("everyone holds on")
-    until(lambda: steps_in(tmp_path) > 2 * 128, "two seconds of steps")  # so that the object has moved
+    until(lambda: steps_in(tmp_path) > 128, "a second of steps")  # so that the object has moved
     os.kill(child_of(demo, log), number)
     assert demo.end() == code, demo.said
     assert re.search(told, demo.said), demo.said
@@ -345,7 +343,7 @@ def test_the_demo_tells_how_a_process_ended(run, tmp_path, log, number, code, to
 
 
 def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
-    demo = run("demo", "--seconds", "60", "--runs", tmp_path)
+    demo = run("demo", "--seconds", "60", "--runs", tmp_path, code=WITHOUT_PLOTS)
     demo.hear("everyone holds on")
     demo.signal(signal.SIGINT)
     assert demo.end() == 130, demo.said
@@ -357,7 +355,7 @@ def test_ctrl_c_in_the_demo_still_leaves_a_report(run, tmp_path):
 
 @pytest.mark.parametrize("number", [long(signal.SIGINT), signal.SIGTERM])
 def test_a_signal_in_the_laboratory_keeps_what_was_run(run, tmp_path, number):
-    lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path)
+    lab = run("lab", DEMO, "--set", "seconds=100000", "--runs", tmp_path, code=WITHOUT_PLOTS)
     until(lambda: lab.popen.poll() is not None or steps_in(tmp_path) >= 10, "ten steps on the disk")
     lab.signal(number)
     assert lab.end() == 130, lab.said

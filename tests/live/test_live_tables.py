@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.extent import long
 from tests.live.held_arms import DEMO, fairly
 from tests.terminal import JobShell, Terminal
 
-SIZES = [(80, 24), (120, 40)]
+SIZES = [(80, 24), long(120, 40)]
 
 
 @pytest.fixture
@@ -184,7 +185,7 @@ def test_a_stopped_job_gives_the_terminal_back_and_takes_it_again(shell, tmp_pat
     assert shell.modes == shell.before
 
 
-@pytest.mark.parametrize("key", ["\x03", "\x1a"])
+@pytest.mark.parametrize("key", ["\x03", long("\x1a")])
 def test_a_drawing_that_was_killed_leaves_no_silent_terminal(shell, tmp_path, key):
     shell.type(f"{command(tmp_path)}\n")
     shell.see(r"ben +free")

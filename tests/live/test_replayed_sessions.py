@@ -17,7 +17,7 @@ from tests.live.test_live_sessions import FEW_FRAMES, FEW_TICKS
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 HAND = DATA / "tue_1dof_PP_kp8.csv"
-SECONDS = 2
+SECONDS = 1.5
 RESOLUTION_M = 3e-5  # of the phantom's encoders
 MS = 1_000_000
 FRAME_NS = 1_000_000_000 // 128  # by which a tick may have been held up, and the next is not late
@@ -52,7 +52,7 @@ def hand_trace(run: Path) -> tuple[Numbers, Numbers]:
 def session(
     run: Callable[..., Any], serve: Callable[..., Any], config: Path, runs: Path, anna: str, ben: str
 ) -> dict[str, Path]:
-    """Two seconds of two people, each with a device; their run folders and the server's."""
+    """A moment of two people, each with a device; their run folders and the server's."""
     before = set((runs.parent / "server").glob("*"))
     server, port = serve(config)
     people = {
