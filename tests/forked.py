@@ -22,6 +22,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
+from cogrip.protocol.io.realtime import PRIORITY
+
 PRELOADED = (
     "numpy", "encodings.idna", "cryptography.x509", "OpenSSL.SSL", "serial", "prometheus_client", "cogrip.cli.main",
     *(f"cogrip.cli.session.{each}" for each in ("demo", "join", "lab", "relay", "serve")),
@@ -124,6 +126,12 @@ def start(
         [sys.executable, *begin, *words], stdin=stdin, stdout=stdout, stderr=stderr, text=True, start_new_session=True,
         env={**environment, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
+
+
+def never_late(process: Any) -> None:
+    """Run a process before all others, where that is allowed: an emulated firmware, which has a processor of its own."""
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
 
 
 class _Parent:

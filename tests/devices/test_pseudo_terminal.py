@@ -40,6 +40,7 @@ class Emulator:
             "devices", "emulate", kind, "--no-fast", *arguments, stdin=subprocess.PIPE,
             env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
         )  # fmt: skip
+        forked.never_late(self.popen)
         self.said = b""
         self._read_to = 0
 

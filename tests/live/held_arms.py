@@ -10,14 +10,12 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from math import hypot
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from cogrip.protocol.io.realtime import PRIORITY
 from cogrip.protocol.recording.reader import Follower, RecordingError
 from cogrip.protocol.recording.records import Tick
 
@@ -27,6 +25,9 @@ LIMIT_S = 120.0  # for anything that is waited for
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 DEMO = CONFIGS / "demo.toml"
 WITHIN = ("--set", "coupling.impedance_nspm=2")  # what every arm here carries: the 2DIY the least
+AWAY = (
+    r"encoder \w jumped by|no reply for 50 ms"  # says a driver whose arm's process, or itself, was away for 10, 50 ms
+)
 STALLED = ("the loop was away", "device stall", "its guard process did not start within")
 FREE = "push&force_n=0"  # nobody holds it
 
@@ -136,8 +137,7 @@ class Arm(Spoken):
 
     def __init__(self, link: Path, hand: str, *arguments: str, wire: str = "serial") -> None:
         super().__init__("devices", "emulate", wire, "--link", str(link), "--hand", hand, *arguments)
-        with suppress(AttributeError, OSError):  # a firmware has a processor of its own
-            os.sched_setscheduler(self.popen.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+        forked.never_late(self.popen)
         self.link = link
         self.hear(f"behind {wire}:")
         self.port = f"{wire}:{link}"
