@@ -175,6 +175,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.10 Farewell", "Room's account:", RoomAccount, "farewell", [4]),
     ("3.11 View", "", messages.View, "view", []),
     ("3.12 Power", "", messages.Power, "power", []),
+    ("3.13 Person", "", messages.Person, "person", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),

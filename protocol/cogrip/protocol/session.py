@@ -30,6 +30,7 @@ from cogrip.protocol.messages import (
     Heartbeat,
     Hello,
     Leave,
+    Person,
     Power,
     Refuse,
     Role,
@@ -53,7 +54,8 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
-FOR_CLIENTS = (Waves, State, Power, View)  # a tuple: a union would be made anew for every datagram
+FOR_OBSERVERS = (View, Person)
+FOR_CLIENTS = (Waves, State, Power, *FOR_OBSERVERS)  # a tuple: a union would be made anew for every datagram
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
 ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received"]
@@ -160,7 +162,7 @@ class ClientSession:
             return False
         return isinstance(message, Welcome) and message.nonce == self._asked.nonce
 
-    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | None:
+    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Person | None:
         """Take in a datagram; return a message for the coupling or the observer. What does not fit is dropped and counted."""
         try:
             message = messages.decode(datagram)
@@ -177,7 +179,7 @@ class ClientSession:
         if message.session != welcome.session:
             self.drop("other session")
             return None
-        if isinstance(message, FOR_CLIENTS) and isinstance(message, View) is (welcome.role == "player"):
+        if isinstance(message, FOR_CLIENTS) and isinstance(message, FOR_OBSERVERS) is (welcome.role == "player"):
             self.drop("unexpected")
             return None
         if self._step("received"):

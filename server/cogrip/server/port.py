@@ -16,6 +16,7 @@ class Port(Protocol):
     origin, hand   hand before its first frame and after its newest [m]; None before the first
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
+    behind         frames sent down that the client had not applied when it sent the frame popped last; None before that
     loops          delays of the loop over the last second; None where no stiffness adapts to them
     """
 
@@ -23,6 +24,7 @@ class Port(Protocol):
     hand: Row | None
     up_margin_j: float | None
     up_reserve: EnergyReserve
+    behind: int | None
     loops: LoopMeter | None
 
     def receive(self, message: Any) -> bool:
@@ -67,6 +69,10 @@ class Port(Protocol):
     @property
     def lost(self) -> int:
         """Frames that were sent and never came."""
+
+    @property
+    def playout_frames(self) -> int | None:
+        """Depth of the jitter buffer now; None without one."""
 
     def playout_account(self) -> PlayoutAccount | None:
         """Return the account of the jitter buffer; None without one."""

@@ -19,6 +19,7 @@ class LatestStatePort(Generic[M]):
     """Takes in states that a hand can have, and keeps the newest."""
 
     loops: LoopMeter | None = None  # no stiffness adapts
+    playout_frames: int | None = None  # there is no jitter buffer
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
         self._axes = seat.object.axes
@@ -29,6 +30,7 @@ class LatestStatePort(Generic[M]):
         self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
         self.origin: Row | None = None
         self.hand: Row | None = None
+        self.behind: int | None = None
 
     def _origin(self, message: M) -> Row:
         """Return the hand before this first message."""
@@ -52,7 +54,10 @@ class LatestStatePort(Generic[M]):
         """Return the newest message; `frames` as in `pop`."""
         self._states.step(frames)
         self._fresh = self._receiver.pop()
-        return self._receiver.latest
+        latest = self._receiver.latest
+        if self._fresh and latest is not None and latest.acknowledged:
+            self.behind = max(0, self._number + 1 - latest.acknowledged)
+        return latest
 
     def port_in_j(self) -> float | None:
         """Return the energy that had gone in at the client's port, less what came out, where a new message reports it."""

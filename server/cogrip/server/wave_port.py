@@ -31,6 +31,7 @@ class WavePort:
         self.origin: Row | None = None
         self.hand: Row | None = None
         self.up_margin_j: float | None = 0.0
+        self.behind: int | None = None
         self.up_reserve = EnergyReserve(seat.rates.network_hz)
         self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None
 
@@ -63,8 +64,10 @@ class WavePort:
             self.up_reserve.update(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
-            if acknowledged and self.loops is not None:  # from a returning frame to the step that learns it was felt
-                self.loops.add(self._sender.next_number + frames - acknowledged)
+            if acknowledged:  # from a returning frame to the step that learns it was felt
+                self.behind = self._sender.next_number + frames - acknowledged
+                if self.loops is not None:
+                    self.loops.add(self.behind)
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
@@ -113,6 +116,10 @@ class WavePort:
     @property
     def lost(self) -> int:
         return self._receiver.lost
+
+    @property
+    def playout_frames(self) -> int:
+        return self._receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount | None:
         return self._receiver.playout_account()
