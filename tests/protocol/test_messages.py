@@ -118,22 +118,7 @@ LARGEST: dict[str, AnyMessage] = {
     ),
     "power": Power(BIG, 2**53, ROW, ROW, ROW, ROW, ROW, 0.1, 2**53, STAMP),
     "person": Person(
-        BIG,
-        2**53,
-        255,
-        WORDS,
-        "joining",
-        ROW,
-        ROW,
-        1e5 + 0.1,
-        1e5 + 0.1,
-        1e5 + 0.1,
-        2**53,
-        2**53,
-        2**53,
-        2**53,
-        0.1,
-        0.1,
+        BIG, 2**53, 255, WORDS, "joining", ROW, ROW, 1e5 + 0.1, 1e5 + 0.1, 1e5 + 0.1, *(2**53,) * 4, *(0.1,) * 4
     ),
 }
 
@@ -189,7 +174,7 @@ anything = st.one_of(
     st.builds(
         Person, sessions, counters, st.integers(0, 255), short_texts, st.sampled_from(["joining", "live", "silent"]),
         tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays, counts, counts,
-        counters, counters, st.none() | totals, st.none() | totals,
+        counters, counters, *[st.none() | totals] * 4,
     ),
 )  # fmt: skip
 
@@ -336,7 +321,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1178,
-        "farewell": 685, "view": 1008, "person": 331,
+        "farewell": 685, "view": 1008, "person": 349,
     }  # fmt: skip
 
 

@@ -88,7 +88,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 11))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 12))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -234,6 +234,8 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
     if kind == "int, or text":
         range_, _, names = bound.partition(", or ")
         return [*cases("int", range_, old), *cases("text", names, old), (1.0, False), (True, False), (None, False)]
+    if kind.endswith(" or nil"):
+        return [*cases(kind.removesuffix(" or nil"), bound, old), (None, True)]
     if kind in ("int", "real"):
         low, _, high = (f"-{bound[2:]} to {bound[2:]}" if bound.startswith("+-") else bound).partition("to ")
         bottom, top = number(low.strip(" ,>")), number(high)

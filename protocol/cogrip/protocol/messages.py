@@ -209,6 +209,8 @@ class Person(Message, frozen=True, tag=11):
     sent: Counter
     up_margin_j: Total | None  # least so far
     line_margin_j: Total | None
+    up_reserve_j: Total | None  # balance now
+    line_reserve_j: Total | None
 
 
 Frame = Waves | State | Power  # what couplings send, one a frame

@@ -91,15 +91,15 @@ def _person(step: int, world: World, seat: Seat, now_ns: int) -> Person:
     """Return the message about one seated person; its session is the observer's, to be put in."""
     port, clock = seat.port, seat.clock
     assert port is not None
-    state: Presence = "live" if seat.on_object else "joining"
-    if now_ns - seat.last_received_ns >= QUIET_NS:
-        state = "silent"
+    quiet = now_ns - seat.last_received_ns >= QUIET_NS
+    state: Presence = "joining" if not seat.on_object else "silent" if quiet else "live"
     count = port.count()
     return Person(
         1, step, seat.number, seat.name[:SHORT], state, _within(MOST_M, port.hand or ()),
         _within(MOST_M, world.offset[seat.number].tolist()) if seat.on_object else (),
         _ms(seat.rtt_ns), _ms(clock.return_ns), _ms(clock.forward_ns), port.playout_frames, port.behind, count.lost, count.sent,
         _joules(port.up_margin_j), _joules(seat.line_margin_j),
+        _joules(port.up_reserve.now_j), _joules(seat.line_reserve.now_j),
     )  # fmt: skip
 
 

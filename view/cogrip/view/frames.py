@@ -33,7 +33,7 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class PersonFrame:
-    """One person at one moment: lengths [m], force on the object [N], delays [ms], margins [mJ]; NaN: not known."""
+    """One person at one moment: lengths [m], force on the object [N], delays [ms], energy balances now [mJ]; NaN: not known."""
 
     seat: int
     state: State = "free"
@@ -48,8 +48,8 @@ class PersonFrame:
     down_ms: float = nan
     buffer_up_ms: float = nan
     buffer_down_ms: float = nan
-    line_margin_mj: float = nan
-    port_margin_mj: float = nan
+    up_balance_mj: float = nan
+    line_balance_mj: float = nan
     loss: float = nan
 
 
@@ -107,7 +107,7 @@ def _encode_person(person: PersonFrame) -> bytes:
         person.seat, STATES.index(person.state), person.flags, 0, person.lost % 2**32,
         *person.hand_m, *person.proxy_m, *person.force_n, *person.seen_m,
         person.rtt_ms, person.up_ms, person.down_ms, person.buffer_up_ms, person.buffer_down_ms,
-        person.line_margin_mj, person.port_margin_mj, person.loss,
+        person.up_balance_mj, person.line_balance_mj, person.loss,
     )  # fmt: skip
 
 
