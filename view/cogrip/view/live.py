@@ -4,11 +4,12 @@ from collections import deque
 from math import nan
 
 from cogrip.client.observer import ObserverCore
+from cogrip.devices.web.messages import ZERO, State, Vector, vector
 from cogrip.protocol.messages import Person, View
 from cogrip.protocol.settings import SeatSettings
 from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
-from cogrip.view.frames import Frame, PersonFrame, Vector, vector
+from cogrip.view.frames import Frame, PersonFrame
 from cogrip.view.scene import Geometry, Scene, SceneEvent, SceneObject, ScenePerson, colour
 
 SIZE_M = 0.04  # of the object as it is drawn: the settings give a mass, not a size
@@ -51,7 +52,7 @@ class LiveScene:
         self._first: int | None = None
         self._path: deque[tuple[int, Vector]] = deque(maxlen=KEPT_STEPS)
         self._counts: dict[int, deque[tuple[float, int, int]]] = {}
-        self._states: dict[int, frames.State] = {}
+        self._states: dict[int, State] = {}
         self._unnamed = 0  # views with hands, and no message about whose they are
         self.people: dict[int, Person] = {}
         self.events: deque[SceneEvent] = deque(maxlen=256)
@@ -104,7 +105,7 @@ class LiveScene:
         self.events.append(SceneEvent(time_s, kind, who, f"{who} {text}"))  # type: ignore[arg-type]
 
     def _person(self, seat: int, view: View, axes: int, time_s: float) -> PersonFrame:
-        proxy = force = frames.ZERO
+        proxy = force = ZERO
         flags = 0
         if seat in view.seats:
             at = view.seats.index(seat)

@@ -5,7 +5,7 @@ from typing import Literal
 
 import msgspec
 
-from cogrip.view.frames import Vector
+from cogrip.devices.web.messages import Vector
 
 Mode = Literal["live", "recording"]
 EventKind = Literal["joined", "left", "lost", "kicked", "fault", "marker", "other"]

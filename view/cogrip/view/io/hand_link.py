@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 
-from cogrip.view import frames
-from cogrip.view.frames import FrameError, Pointer
+from cogrip.devices.web.messages import ZERO, FrameError, Pointer, decode_own_hand, encode_pointer
 from cogrip.view.tab import Tab
 
 MOST_BYTES = 4096
@@ -59,10 +58,10 @@ class HandLink:
             self.counts["late pointer message"] += 1
             return
         self._number = pointer.number
-        self._put(frames.encode_pointer(pointer))
+        self._put(encode_pointer(pointer))
 
     def _let_go(self) -> None:
-        self._put(frames.encode_pointer(Pointer(min(self._number + 1, 2**32 - 1), False, frames.ZERO)))
+        self._put(encode_pointer(Pointer(min(self._number + 1, 2**32 - 1), False, ZERO)))
 
     def _put(self, message: bytes) -> None:
         try:
@@ -86,7 +85,7 @@ class HandLink:
                     self._seated(int(json.loads(message)["seat"]))
                 continue
             try:
-                frames.decode_own_hand(message)
+                decode_own_hand(message)
             except FrameError:
                 self.counts["malformed own hand"] += 1
                 continue

@@ -15,9 +15,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from cogrip.devices.web.messages import FrameError, Pointer, decode_pointer
 from cogrip.view import access, frames
 from cogrip.view.access import Access
-from cogrip.view.frames import FrameError, Pointer
 from cogrip.view.hello import ChunkRequest, PageError, PageHello, read_text
 from cogrip.view.io.feed import ChunkError, Feed, scene_text
 from cogrip.view.io.hand_link import HandLink
@@ -207,7 +207,7 @@ class PageServer:
         if hand is None:
             return access.NO_RIGHT, "no hand to move"
         try:
-            pointer: Pointer = frames.decode_pointer(message)
+            pointer: Pointer = decode_pointer(message)
         except FrameError as error:
             self._count("pointer message refused")
             return access.MALFORMED, str(error)
