@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, settings
 
 QUICK_FOLDERS = ("protocol", "devices", "client", "server")
 NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
-    "test_altered_client_recording", "test_altered_server_recording", "test_arm_check", "test_arm_driver",
+    "test_altered_client_recording", "test_altered_recordings", "test_altered_server_recording", "test_arm_check",
+    "test_arm_driver",
     "test_arm_identification", "test_arm_kinematics", "test_arm_records", "test_arm_weight", "test_certificate",
     "test_checkpoint_file", "test_device_conformance", "test_forcedimension", "test_haply_guard", "test_haply_hapi",
     "test_hid_port", "test_hostile_server", "test_lying_devices", "test_old_samples", "test_openhaptics_servo",

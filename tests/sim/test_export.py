@@ -17,9 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.recorder import client_topics
-from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
+from cogrip.protocol.recording.schema import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics

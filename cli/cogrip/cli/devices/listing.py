@@ -9,9 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.devices.registry import (
@@ -54,8 +53,7 @@ def device_list(
     axes
         Count of axes to make them with, 1 to 3.
     """
-    if not 1 <= axes <= MOST_AXES:
-        raise BadInput(f"--axes {axes} is outside 1 to {MOST_AXES}")
+    within("--axes", axes, 1, MOST_AXES)
     with BadInput.of(DeviceError):
         listings, summaries = describe(axes=axes), families()
         listings = _named(name, listings, axes) if name else listings

@@ -7,9 +7,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from cogrip.cli.session.join_target import target_of, typed
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.flag_errors import above_zero
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import Problem, above_zero, within
 from cogrip.client.io.paths import JoinError
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import ClientSession
@@ -55,8 +54,7 @@ def view(
         File descriptor of the link to a `web:` device.
     """
     above_zero("--seconds", seconds)
-    if not 0 <= port <= 65535:
-        raise BadInput(f"--port {port} is outside 0 to 65535")
+    within("--port", port, 0, 65535)
     console = make_console(soft_wrap=True)
     joined = target_of(typed(target, more), room, insecure, "", "")
     stop = Stop()

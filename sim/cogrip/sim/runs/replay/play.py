@@ -18,7 +18,7 @@ from cogrip.protocol.messages import Hello
 from cogrip.protocol.recording.reader import Message
 from cogrip.protocol.recording.records import Answer, Datagram, Input, Step, Tick
 from cogrip.protocol.recording.sink import Sink
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.checkpoint import CheckpointError
 from cogrip.server.inputs import Idle
 from cogrip.server.inputs import decode as decode_server_input
@@ -105,13 +105,12 @@ class ServerPlay:
         if "command" in replay_input.kinds:
             raise ValueError(EARLIER)
         rooms, software = server_start(replay_input.recording.header.start)
-        self.core = RecordedServer(
-            rooms,
-            software,
+        outside = Outside(
             lambda: _session(replay_input.answer()),
             ReplayedAuthenticator(replay_input),
             lambda: _ticket(replay_input.answer()),
         )
+        self.core = RecordedServer(rooms, software, outside)
         for room in self.core.rooms:
             self.core.count_ticks(room, lambda: _tick_count(replay_input.answer()))
         self.core.record(sink)
