@@ -1,4 +1,4 @@
-"""Published schemas of `foxglove.SceneUpdate` and `foxglove.FrameTransforms`: the fields that values must have, and a checker."""
+"""Published schemas of `foxglove.SceneUpdate` and `foxglove.FrameTransforms`: fields that values must have, and a checker."""
 
 from collections.abc import Mapping
 from typing import Any

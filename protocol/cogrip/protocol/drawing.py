@@ -32,7 +32,12 @@ def object_size_m(kind: str) -> Vector:
 
 
 def anchors_m(kind: str, sides: Sequence[str]) -> list[Vector]:
-    """Return the point on the object at which each person holds it, in the order of the seats; sides: `left` or `right`."""
+    """Return the point on the object at which each person holds it, in the order of the seats; sides: `left` or `right`.
+
+    A cube is gripped from anywhere: where all are said to be on one side they take turns.
+    """
+    if kind == "cube" and len(set(sides)) == 1:
+        sides = [("left", "right")[seat % 2] for seat in range(len(sides))]
     depth, width, _ = object_size_m(kind)
     found: list[Vector] = []
     for seat, side in enumerate(sides):
