@@ -7,6 +7,7 @@ Vector = tuple[float, float, float]
 FORCE_M_PER_N = 0.01  # length of a force's arrow
 LEAST_DRAWN_N = 0.02  # a smaller force is neither an arrow nor a contact
 HAND_SIZE_M = 0.008  # diameter of a hand's or proxy's sphere
+OBJECT_COLOUR = "#8A8F98"
 _CUBE_M: Vector = (0.04, 0.04, 0.04)
 _WALL_M: Vector = (0.004, 0.12, 0.12)
 _APART_M = 0.02  # between people on one side, as long as they fit on it

@@ -63,7 +63,10 @@ class _Ticks:
 
 
 class RecordedView:
-    """Scene and chunks of a run. Make it with `open_view`."""
+    """Scene and chunks of a run. Make it with `open_view`.
+
+    began_ns  UTC of the view's time 0, by the recording machine's clock; of a run in virtual time, that time
+    """
 
     def __init__(self, path: Path) -> None:
         run = open_run(path)
@@ -82,6 +85,10 @@ class RecordedView:
         self._start_s = min(first_s for first_s, _ in spans)
         self._end_s = max(last_s for _, last_s in spans)
         self._rate_hz = next((index.end.rate_hz for index, _ in self._motions()), 0)
+        shift = next(
+            index.end.recording.header.epoch_ns - round(index.end.offset_s * 1e9) for index, _ in self._motions()
+        )
+        self.began_ns = round(self._start_s * 1e9) + shift
         self._every = -(-self._rate_hz // MOST_HZ)
         self.scene = self._make_scene(self._settings or Settings(), next(iter(self._clients.values()), None))
         self.frames = lru_cache(maxsize=3)(self._frames)

@@ -10,13 +10,14 @@ from math import isfinite
 
 import msgspec
 
-from cogrip.protocol.drawing import HAND_SIZE_M, Vector, anchors_m, colour, object_size_m
+from cogrip.protocol.drawing import HAND_SIZE_M, OBJECT_COLOUR, Vector, anchors_m, colour, object_size_m
 from cogrip.protocol.recording.header import Header
 from cogrip.protocol.recording.records import Row, SeatStep, Step, kind_of
 from cogrip.protocol.recording.scene_messages import (
     FRAME_TRANSFORMS,
     SCENE_UPDATE,
     Body,
+    Place,
     Push,
     forces_update,
     frame_transforms,
@@ -28,7 +29,6 @@ DERIVED = {"scene": SCENE_UPDATE, "tf": FRAME_TRANSFORMS, "forces": SCENE_UPDATE
 """Last part of a topic -> name of its schema."""
 MOST_HZ = 32
 _SCENE_EVERY = MOST_HZ  # so that a viewer that begins anywhere has it within a second
-OBJECT_COLOUR = "#8A8F98"
 _step = msgspec.json.Decoder(Step).decode
 
 
@@ -67,8 +67,8 @@ class RoomPictures:
             self._seated = seated
             yield "scene", scene_update(time_ns, self._bodies(step.seats))
         self._pictures += 1
-        places = [(f"{self._room}/object", object_m)]
-        places += [(self._frame(person), push.at_m) for _, person, push in pushes if push]
+        places = [Place(f"{self._room}/object", object_m)]
+        places += [Place(self._frame(person), push.at_m) for _, person, push in pushes if push]
         yield "tf", frame_transforms(time_ns, self._room, places)
         yield "forces", forces_update(time_ns, self._room, [push for *_, push in pushes if push])
 

@@ -165,6 +165,14 @@ class Body(NamedTuple):
     alpha: float = 1.0
 
 
+class Place(NamedTuple):
+    """A frame's place in the root frame."""
+
+    frame: str
+    at_m: Vector
+    turned: Quaternion = Quaternion()
+
+
 class Push(NamedTuple):
     """A person's force on the object, drawn at `at_m`; the coupling is drawn from there to `hand_m` where that is known."""
 
@@ -202,10 +210,14 @@ def forces_update(time_ns: int, root: str, pushes: Sequence[Push]) -> bytes:
     return _encode(SceneUpdate((), (SceneEntity(now, root, "forces", arrows=arrows, lines=lines),)))
 
 
-def frame_transforms(time_ns: int, root: str, places: Sequence[tuple[str, Vector]]) -> bytes:
-    """Return where each frame of `places` is in the frame `root`."""
+def frame_transforms(time_ns: int, root: str, places: Sequence[Place]) -> bytes:
+    """Return where frames are in the frame `root`."""
     now = _time(time_ns)
-    return _encode(FrameTransforms(tuple([FrameTransform(now, root, name, _vector(at_m)) for name, at_m in places])))
+    return _encode(
+        FrameTransforms(
+            tuple([FrameTransform(now, root, each.frame, _vector(each.at_m), each.turned) for each in places])
+        )
+    )
 
 
 def turned_to(direction: Vector) -> Quaternion:
@@ -259,14 +271,21 @@ def _schema(kind: inspect.Type) -> dict[str, Any]:
         return {"type": "array", "items": _schema(kind.item_type)}
     if isinstance(kind, inspect.StructType):
         name = kind.cls.__name__
-        title = name.lower() if kind.cls in (Time, Duration) else f"foxglove.{name}"
+        title = f"foxglove.{name}" if kind.cls.__module__ == __name__ else f"cogrip.{name}"
+        if kind.cls in (Time, Duration):
+            title = name.lower()
         properties = {field.encode_name: _schema(field.type) for field in kind.fields}
         return {"title": title, "type": "object", "properties": properties, "required": list(properties)}
     return {"type": _TYPES[type(kind)]}
 
 
+def json_schema(message: type[Message]) -> bytes:
+    """Return the JSON schema of a message, as text."""
+    return _encode(_schema(inspect.type_info(message)))
+
+
 SCHEMAS: dict[str, bytes] = {
-    SCENE_UPDATE: _encode(_schema(inspect.type_info(SceneUpdate))),
-    FRAME_TRANSFORMS: _encode(_schema(inspect.type_info(FrameTransforms))),
+    SCENE_UPDATE: json_schema(SceneUpdate),
+    FRAME_TRANSFORMS: json_schema(FrameTransforms),
 }
 """Name of a schema -> JSON schema, as text, of the part that is used."""
