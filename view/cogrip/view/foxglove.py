@@ -1,6 +1,6 @@
 """One client of the Foxglove WebSocket protocol, as Foxglove and Lichtblick are: messages in, messages out, no socket.
 
-Specification: docs/spec.md of github.com/foxglove/ws-protocol; playback control as in github.com/foxglove/foxglove-sdk.
+Specification: github.com/foxglove/ws-protocol, before its last commits; playback control: github.com/foxglove/foxglove-sdk.
 Messages are JSON, in channels `/scene`, `/tf`, `/forces` (pictures), `/object` and `/<person>/state` (the frame's numbers).
 
     message data: 1 u8, subscription u32, log time u64 [ns], payload       time: 2 u8, time u64 [ns]
