@@ -79,6 +79,16 @@ def test_a_range_is_played_again_and_again(playback: Playback) -> None:
     assert playback.place_s(3.0) == pytest.approx(10.5)
 
 
+def test_chunks_are_asked_for_before_they_are_needed(playback: Playback) -> None:
+    assert playback.wanted(0.0) == (0, 1)
+    playback.seek(24.0, 0.0)
+    assert playback.wanted(0.0) == (2,)
+    playback.loop((5.0, 15.0), 0.0)
+    assert playback.wanted(0.0) == (0, 1)
+    playback.seek(14.0, 0.0)
+    assert playback.wanted(0.0) == (1, 0)
+
+
 @pytest.mark.parametrize("range_s", [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (5.0, 26.0), (float("nan"), 5.0)])
 def test_what_cannot_be_played_is_refused(playback: Playback, range_s: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="is no range within 0 to 25 s"):

@@ -199,6 +199,28 @@ def test_what_cannot_be_shown_is_told_in_one_line(run: Path, tmp_path: Path) -> 
         open_view(damaged)
 
 
+def test_a_damaged_part_is_left_out_and_the_rest_is_shown(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    path = tmp_path / "run" / "server.mcap"
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 20] = bytes(20)  # within a chunk
+    path.write_bytes(data)
+    whole = {frame.number: frame for frame in decoded(run)}
+    frames = decoded(tmp_path / "run")
+    assert 0 < len(whole) - len(frames) < 100
+    for frame in frames:
+        assert frame.position_m == whole[frame.number].position_m
+
+
+def test_a_minute_of_three_leaves_room_for_the_page(run: Path) -> None:
+    """All of it is to be under 5 MB: base64 makes four bytes of three, and the page itself takes 0.75 MB."""
+    view = open_view(run)
+    packed = sum(len(view.chunk(number)) for number in range(view.scene.chunks))
+    a_minute = packed * 60.0 / (view.scene.duration_s or 1.0) * 3 / len(view.scene.people)
+    assert a_minute * 4 / 3 < 4_250_000
+
+
 def test_a_recording_that_is_cut_off_is_shown_as_far_as_it_goes(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, tmp_path / "run")
     for path in (tmp_path / "run").glob("*.mcap"):

@@ -106,6 +106,12 @@ class Playback:
                 return before[-1:]
         return list(self._frames_of(0)[:1])
 
+    def wanted(self, now_s: float) -> tuple[int, ...]:
+        """Return the chunks that are needed now and soon, so that another thread may read them before they are."""
+        now = min(int(self.place_s(now_s) // CHUNK_S), self._chunks - 1)
+        after = int(self.range_s[0] // CHUNK_S) if self.range_s and (now + 1) * CHUNK_S > self.range_s[1] else now + 1
+        return (now, after) if after < self._chunks and after != now else (now,)
+
     def show_again(self) -> None:
         """Give the frame that is shown now once more: somebody began to look."""
         self._shown_s = None
