@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, settings
 
 QUICK_FOLDERS = ("protocol", "devices", "client", "server")
 NOT_QUICK = {  # modules in these folders that start processes, simulate whole sessions or play recordings again
-    "test_altered_client_recording", "test_altered_server_recording", "test_arm_check", "test_arm_driver",
+    "test_altered_client_recording", "test_altered_recordings", "test_altered_server_recording", "test_arm_check",
+    "test_arm_driver",
     "test_arm_identification", "test_arm_kinematics", "test_arm_records", "test_arm_weight", "test_certificate",
     "test_checkpoint_file", "test_device_conformance", "test_forcedimension", "test_haply_guard", "test_haply_hapi",
     "test_hid_port", "test_hostile_server", "test_lying_devices", "test_old_samples", "test_openhaptics_servo",
     "test_pseudo_terminal", "test_recorded_client_plays_again", "test_recorded_server_plays_again", "test_recorder",
     "test_recording_file", "test_recording_process", "test_recover", "test_relived_hand", "test_replayed_motion",
-    "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file",
+    "test_report_socket", "test_ring", "test_state_folder", "test_stop", "test_token_file", "test_vendor_devices",
 }  # fmt: skip
 EXAMPLES = {"quick": 10, "default": 25, "all": 1000}
 """Examples of a law that names no number itself."""
@@ -53,6 +54,7 @@ pytest.register_assert_rewrite(
     "tests.server.fuzzed_channels",
     "tests.server.recorded_rooms",
     "tests.server.encrypted_network",
+    "tests.sim.measured_impedance",
 )
 
 

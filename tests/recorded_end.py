@@ -1,6 +1,5 @@
 """A recorded core under test, client or server: what was noted is written to a file and played again."""
 
-import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from cogrip.protocol import messages
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.messages import Heartbeat, Power, Stamp, State, Waves
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.reader import RecordingError, open_recording
+from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
 from cogrip.protocol.recording.sink import Held, encode
 from cogrip.server.recorder import RecordedServer
@@ -67,6 +66,14 @@ class RecordedEnd:
         new = (topic, now_ns if time_ns is None else time_ns, payload)
         return self.verdict([*self.noted[:at], new, *self.noted[at + 1 :]])
 
+    def misses(self, at: int) -> None:
+        """Leave a message out: that is found, and not before it would have come."""
+        time_ns = self.noted[at][1]
+        verdict = self.verdict([*self.noted[:at], *self.noted[at + 1 :]])
+        assert verdict.difference is not None
+        assert verdict.difference.time_ns >= time_ns
+        assert verdict.messages >= sum(each < time_ns for _, each, _ in self.noted), "all before it is the same"
+
     def exact(self) -> None:
         verdict = self.verdict()
         assert verdict.exact, verdict.difference
@@ -99,48 +106,6 @@ def nothing_is_judged_after_a_gap(end: RecordedEnd, at: int) -> Verdict:
     assert not verdict.exact
     assert not verdict.cut, "the file was closed"
     return verdict
-
-
-def another_time_is_found(end: RecordedEnd, at: int, later_ns: int) -> None:
-    topic, time_ns, payload = end.noted[at]
-    found = end.altered(at, payload, time_ns + later_ns).difference
-    assert found is not None
-    assert (found.field, found.recorded, found.replayed) == ("time_ns", str(time_ns + later_ns), str(time_ns))
-    assert found.topic == end.topics[topic]
-
-
-def another_text_is_found(end: RecordedEnd, at: int, field: str) -> None:
-    topic, time_ns, payload = end.noted[at]
-    before = json.loads(payload)[field]
-    found = end.altered(at, encode({field: before + " "})).difference
-    assert found is not None
-    assert (found.time_ns, found.topic, found.field) == (time_ns, end.topics[topic], field)
-    assert (json.loads(found.recorded), json.loads(found.replayed)) == (before + " ", before)
-
-
-def a_missing_message_is_found(end: RecordedEnd, at: int) -> None:
-    time_ns = end.noted[at][1]
-    verdict = end.verdict([*end.noted[:at], *end.noted[at + 1 :]])
-    assert verdict.difference is not None
-    assert verdict.difference.time_ns >= time_ns
-    assert verdict.messages >= sum(each < time_ns for _, each, _ in end.noted), "all before it is the same"
-
-
-def changed_places_are_found(end: RecordedEnd, at: int) -> None:
-    """This message and the next."""
-    one, other = end.noted[at : at + 2]
-    verdict = end.verdict([*end.noted[:at], other, one, *end.noted[at + 2 :]])
-    assert verdict.difference is not None
-    assert verdict.difference.time_ns >= one[1]
-
-
-def any_payload_is_judged_or_refused(end: RecordedEnd, at: int, payload: bytes) -> None:
-    refused, verdict = "", None
-    try:
-        verdict = end.altered(at, payload)
-    except RecordingError as error:
-        refused = str(error)
-    assert f"{end.file} cannot be replayed" in refused if verdict is None else not verdict.exact
 
 
 # Words that arrive ----------------------------------------------------------------------------------------------------

@@ -33,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one benchmark, of the command line if no arguments are given. Exit codes are those of `cogrip`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and words[0] in RENAMED:
+        print(f"dev.py bench: {words[0]} is called {RENAMED[words[0]]} now", file=sys.stderr)
         words[0] = RENAMED[words[0]]
     try:
         code = bench(words, exit_on_error=False, print_error=False, result_action="return_value")

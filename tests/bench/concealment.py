@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from cogrip.cli.session.settings_file import override
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import resolve
@@ -15,7 +15,7 @@ from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.experiments.worker_pool import LocalWorkers, processors
 
 from tests.bench.concealment_trial import CLEAN, ROWS, Job, Setup, Trial, drifts_mm, measure_row, table
-from tests.bench.own_settings import refuse_own
+from tests.bench.targets import refuse_own
 
 BEST = "elastic"
 MOST_PEAK = 0.75  # of zero-fill's
@@ -81,17 +81,9 @@ def bench_concealment(
     title = ", ".join([*said, f"seed {seed}", *overrides])
     shown = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     columns = (
-        "",
-        "peak\nN",
-        "of\nzero",
-        "step\nN",
-        "law:\npeak N",
-        "law:\nstep N",
-        "drift\nmm",
-        "deficit\nmm",
-        "margin\nJ",
+        "", "peak\nN", "of\nzero", "step\nN", "law:\npeak N", "law:\nstep N", "drift\nmm", "deficit\nmm", "margin\nJ",
         "leak\nJ",
-    )
+    )  # fmt: skip
     for column in columns:
         shown.add_column(column, justify="right", no_wrap=True)
     clean, zero = trials[CLEAN], trials["zero"]

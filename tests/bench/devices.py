@@ -15,13 +15,14 @@ from rich.table import Table
 
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import Problem, within
+from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SUMMARY, write_settings
 
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line
+from tests.bench.targets import judge, reached
 
 LEAST_RUN, MOST_MISSED, MOST_APART = 0.99, 0.001, 0.05
 CARRIED = "coupling.impedance_nspm=7.9"  # what the vintage Phantom carries
@@ -77,8 +78,7 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
     seconds
         How long they pull, with either device; the walls take 14 s each.
     """
-    if not 3.0 <= seconds <= 3600.0:
-        raise BadInput(f"--seconds {seconds:g} is outside 3 to 3600")
+    within("--seconds", seconds, 3, 3600)
     console = make_console(stderr=json == "-")
     console.width = max(console.width, WIDTH)
     cube = load(shipped("demo"), [CARRIED])
@@ -94,10 +94,10 @@ def bench_devices(*, seconds: float = 60.0, json: Json = None) -> int:
     busy = os.getloadavg()[0]
     if busy > _PROCESSES:
         console.print(f"the machine is busy (load {busy:.1f}): measure again when it is quiet")
-    reached = _judge(found, console)
+    well = _judge(found, console)
     if json is not None:
-        write_json({"people": msgspec.to_builtins(found), "reached": reached}, json)
-    return 0 if all(reached.values()) else 1
+        write_json({"people": msgspec.to_builtins(found), "reached": well}, json)
+    return 0 if all(well.values()) else 1
 
 
 def _session(
@@ -172,25 +172,22 @@ def _server(file: str, runs: Path) -> Iterator[tuple[subprocess.Popen[str], str]
 
 
 def _table(found: Sequence[Person]) -> Table:
-    table = Table(title="live sessions", title_justify="left")
     headings = (
-        "session", "person", "ticks run", "replies missed,\nlate", "late p50/99/99.9\nµs", "work p50/99\nµs",
-        "felt/calc.\nN/m", "least margin\nJ", "state",
+        "session", "person", "state", "ticks run", "replies missed,\nlate", "late p50/99/99.9\nµs", "work p50/99\nµs",
+        "felt/calc.\nN/m", "least margin\nJ",
     )  # fmt: skip
-    for heading in headings:
-        table.add_column(
-            heading, justify="left" if heading in ("session", "person", "state") else "right", no_wrap=True
-        )
-    for person in found:
-        stiffness = "/".join(_number(value) for value in (person.felt_npm, person.predicted_npm))
-        table.add_row(
-            f"{person.session}, {person.device}", person.name, f"{100 * person.run:.2f} %",
+    rows = [
+        [
+            f"{person.session}, {person.device}", person.name, person.state, f"{100 * person.run:.2f} %",
             f"{100 * person.missed:.3f} %\n{100 * person.late:.3f} %" if person.device == "serial" else "-",
             "/".join(_number(person.late_us[key]) for key in ("p50", "p99", "p999")),
             "/".join(_number(person.work_us[key]) for key in ("p50", "p99")),
-            stiffness if person.session == "wall" else "-", f"{person.least_margin_j:.3g}", person.state,
-        )  # fmt: skip
-    return table
+            "/".join(map(_number, (person.felt_npm, person.predicted_npm))) if person.session == "wall" else "-",
+            f"{person.least_margin_j:.3g}",
+        ]
+        for person in found
+    ]  # fmt: skip
+    return plain_table(headings, rows, left=3, gap=2, title="live sessions")
 
 
 def _number(value: float | None) -> str:
@@ -208,18 +205,14 @@ def _judge(found: Sequence[Person], console: Console) -> dict[str, bool]:
     for person in arms:
         counts = ", ".join(f"{name} {count}" for name, count in sorted(person.counts.items()) if count)
         console.print(f"{person.session}, {person.name}: {counts or 'nothing went wrong'}", markup=False)
-    rows = {
+    asked = {
         "ticks run": (min(person.run for person in arms), LEAST_RUN, False),
         "replies missed (none in 5 ms)": (max(person.missed for person in arms), MOST_MISSED, True),
         "felt stiffness from predicted": (max(apart), MOST_APART, True),
     }
-    reached = {}
-    for what, (value, asked, most) in rows.items():
-        reached[what] = value <= asked if most else value >= asked
-        bound = f"at {'most' if most else 'least'} {100 * asked:g} % is asked for"
-        console.print(
-            f"{what}: {100 * value:.3f} %; {bound}: {'reached' if reached[what] else 'NOT reached'}", markup=False
-        )
-    reached["passive"] = all(person.passive and person.state == "idle" for person in arms)
-    console.print(f"passive, and without a fault: {'reached' if reached['passive'] else 'NOT reached'}")
-    return reached
+    well = {
+        what: judge(console, what, value, bound, most=most, form=".3%") for what, (value, bound, most) in asked.items()
+    }
+    well["passive"] = all(person.passive and person.state == "idle" for person in arms)
+    console.print(f"passive, and without a fault: {reached(well['passive'])}")
+    return well

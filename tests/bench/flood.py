@@ -9,14 +9,16 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.tables import plain_table
 
 from tests.bench.loads.flood import Done, Flood, samples_of
 from tests.bench.loads.flood import Job as FloodJob
 from tests.bench.loads.people import Load, LoadError
 from tests.bench.loads.server import ASK_S, HOST, SETTLE_S, Job, Process, Reading, make_load
 from tests.bench.processors import two_processors
+from tests.bench.targets import reached
 
 MOST_RATIO = 2.0  # of the p99 lateness, over that of the part without a flood
 SHORT_US = 100.0  # less than this is the machine's own noise: what a flood makes of it is not judged as a ratio
@@ -59,10 +61,10 @@ def bench_flood(seconds: float, console: Console, json: Json) -> int:
             load.close()
             server.end()
     console.print(_table(spans))
-    reached = judge(spans, console)
+    well = judge(spans, console)
     if json is not None:
-        write_json({"spans": msgspec.to_builtins(spans), "reached": reached}, json)
-    return 0 if all(reached.values()) else 1
+        write_json({"spans": msgspec.to_builtins(spans), "reached": well}, json)
+    return 0 if all(well.values()) else 1
 
 
 def _spans(load: Load, server: Process, seconds: float, console: Console) -> Sequence[Span]:
@@ -102,21 +104,22 @@ def _span(kind: str, first: Reading, last: Reading, done: Done | None) -> Span:
 
 
 def _table(spans: Sequence[Span]) -> Table:
-    table = Table(title="encrypted, two people, one room", title_justify="left", box=None, padding=(0, 2, 0, 0))
     headings = (
-        "flood", "datagrams\n/s", "late p50/p99\nµs", "over\nquiet", "work p50/p99\nµs", "frames\nlost/late", "memory\nMB",
-        "dropped, by reason",
+        "flood", "dropped, by reason", "datagrams\n/s", "late p50/p99\nµs", "over\nquiet", "work p50/p99\nµs",
+        "frames\nlost/late", "memory\nMB",
     )  # fmt: skip
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading[0] == "f" or "," in heading else "right")
     quiet = spans[0].late_us["p99"]
-    for span in spans:
-        table.add_row(
-            span.kind, f"{span.sent_per_s:.0f}", f"{span.late_us['p50']:.0f}/{span.late_us['p99']:.0f}",
+    rows = [
+        [
+            span.kind, ", ".join(f"{reason} {count}" for reason, count in span.drops.items()) or "nothing",
+            f"{span.sent_per_s:.0f}", f"{span.late_us['p50']:.0f}/{span.late_us['p99']:.0f}",
             f"{span.late_us['p99'] / quiet:.2f}", f"{span.work_us['p50']:.0f}/{span.work_us['p99']:.0f}",
             f"{span.frames_lost}/{span.frames_late}", f"{span.memory_kb / 1024:.1f}",
-            ", ".join(f"{reason} {count}" for reason, count in span.drops.items()) or "nothing",
-        )  # fmt: skip
+        ]
+        for span in spans
+    ]  # fmt: skip
+    table = plain_table(headings, rows, left=2, gap=2, title="encrypted, two people, one room")
+    table.columns[1].no_wrap = False
     return table
 
 
@@ -128,20 +131,18 @@ def judge(spans: Sequence[Span], console: Console) -> Mapping[str, bool]:
     ratio = worst.late_us["p99"] / quiet_us
     growth_kb = spans[-1].memory_kb - spans[0].memory_kb
     seated = min(span.seated for span in spans)
-    reached = {
+    well = {
         "seats": seated == PEOPLE,
         "lateness": ratio <= MOST_RATIO,
         "memory": growth_kb <= MOST_GROWTH_KB,
         "counted": all(span.drops for span in floods),
     }
-    words = {True: "reached", False: "NOT reached"}
-    console.print(f"seats kept: {seated} of {PEOPLE}: {words[reached['seats']]}")
+    console.print(f"seats kept: {seated} of {PEOPLE}: {reached(well['seats'])}")
     console.print(
         f"p99 lateness, at worst ({worst.kind}) over that without a flood (or {SHORT_US:g} µs, if that is more): {ratio:.2f}; "
-        f"at most {MOST_RATIO:g} is asked for: {words[reached['lateness']]}"
+        f"at most {MOST_RATIO:g} is asked for: {reached(well['lateness'])}"
     )
-    console.print(
-        f"memory grew by {growth_kb / 1024:.1f} MB; at most {MOST_GROWTH_KB / 1024:g}: {words[reached['memory']]}"
-    )
-    console.print(f"what was dropped is counted: {words[reached['counted']]}")
-    return reached
+    grown = f"memory grew by {growth_kb / 1024:.1f} MB; at most {MOST_GROWTH_KB / 1024:g}"
+    console.print(f"{grown}: {reached(well['memory'])}")
+    console.print(f"what was dropped is counted: {reached(well['counted'])}")
+    return well

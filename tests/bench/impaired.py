@@ -11,10 +11,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cogrip.cli.session.settings_file import override
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.parameters import Overrides
-from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.parameters import Overrides, Workers
+from cogrip.cli.terminal.problem import BadInput, at_least_one
+from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings_table import SettingsError
 from cogrip.sim.experiments.experiment import Result
@@ -37,7 +37,7 @@ from tests.bench.impaired_network.matrix import (
     wrong,
 )
 from tests.bench.impaired_network.room import NETWORKS
-from tests.bench.own_settings import refuse_own
+from tests.bench.targets import refuse_own
 
 MOST_EVENTS = 10
 LEAST_WIDTH = 132
@@ -68,7 +68,7 @@ def bench_impaired(
     seconds: float = 8.0,
     loose_seeds: int = 5,
     overrides: Overrides = (),
-    workers: int | None = None,
+    workers: Workers = None,
     json: Json = None,
 ) -> int:
     """Run whole sessions on every network: every one must be passive and must not diverge.
@@ -93,11 +93,8 @@ def bench_impaired(
         Virtual time of each session; in its last 3 s, or second half, hands come to rest where they began.
     loose_seeds
         How many loose cubes for each network, number of people, scheme and stiffness; 0 for none.
-    workers
-        Worker processes; else one for each processor.
     """
-    if workers is not None and workers < 1:
-        raise BadInput(f"--workers {workers} must be at least 1")
+    at_least_one("--workers", workers)
     matrix = _matrix(profiles, people, stiffness, seeds, seconds, loose_seeds, overrides)
     jobs = matrix.jobs()
     console, stop, results = make_console(soft_wrap=True, stderr=json == "-"), Stop(), dict[int, Result]()
@@ -177,37 +174,33 @@ def _tell(pairs: Sequence[tuple[Job, Result]], asked: int, stop: Stop, json: str
 
 
 def _session_table(sessions: Sequence[Row], rest_s: float) -> Table:
-    table = Table(
-        title=f"the worst of each case; drift after {rest_s:g} s of rest, beyond that of a clean link",
-        title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
-    )  # fmt: skip
-    for heading in (
+    headings = (
         "\nnetwork", "\npeople", "K\nN/m", "\nruns", "\nwrong", "margin\nmJ", "views\nrms mm", "apart\nmax mm",
         "drift\nmed mm", "\nmax mm", "force\nN", "step\nN",
-    ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading == "\nnetwork" else "right", no_wrap=True)
-    for row in sessions:
-        table.add_row(
+    )  # fmt: skip
+    rows = [
+        [
             row.network, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.wrong}", f"{row.margin_mj:.0e}",
             f"{row.coherence_rms_mm:.2f}", f"{row.coherence_max_mm:.1f}", f"{row.median_drift_mm:.3f}",
             f"{row.drift_mm:.2f}", f"{row.peak_force_n:.1f}", f"{row.force_step_n:.1f}",
-        )  # fmt: skip
-    return table
+        ]
+        for row in sessions
+    ]  # fmt: skip
+    title = f"the worst of each case; drift after {rest_s:g} s of rest, beyond that of a clean link"
+    return plain_table(headings, rows, title=title)
 
 
 def _loose_table(cubes: Sequence[LooseRow]) -> Table:
-    table = Table(
-        title="loose cubes: largest eigenvalue of a frame, and what a session makes of it",
-        title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False,
-    )  # fmt: skip
-    for heading in (
-        "\nnetwork", "\npeople", "\nscheme", "K\nN/m", "\nruns", "\nrestless", "\ndiverged", "eigen-\nvalue",
+    headings = (
+        "\nnetwork", "\nscheme", "\npeople", "K\nN/m", "\nruns", "\nrestless", "\ndiverged", "eigen-\nvalue",
         "powers\nof ten", "\nwrong",
-    ):  # fmt: skip
-        table.add_column(heading, justify="left" if heading in ("\nnetwork", "\nscheme") else "right", no_wrap=True)
-    for row in cubes:
-        table.add_row(
-            row.network, f"{row.people}", row.scheme, f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.restless}",
+    )  # fmt: skip
+    rows = [
+        [
+            row.network, row.scheme, f"{row.people}", f"{row.stiffness_npm:g}", f"{row.sessions}", f"{row.restless}",
             f"{row.diverged}", f"{row.radius:.4f}", f"{row.growth:.1f}", f"{row.wrong}",
-        )  # fmt: skip
-    return table
+        ]
+        for row in cubes
+    ]  # fmt: skip
+    title = "loose cubes: largest eigenvalue of a frame, and what a session makes of it"
+    return plain_table(headings, rows, left=2, title=title)

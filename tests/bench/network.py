@@ -11,14 +11,15 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import BadInput, Problem, within
+from cogrip.cli.terminal.tables import plain_table
 
 from tests.bench.flood import bench_flood
 from tests.bench.loads.people import Load, LoadError
 from tests.bench.loads.server import ASK_S, SETTLE_S, Job, Kind, Process, Reading, make_load
 from tests.bench.processors import two_processors
+from tests.bench.targets import reached
 
 MOST_LATE_US = 2000.0  # p99
 LEAST_ENCRYPTED = 100
@@ -89,8 +90,7 @@ def bench_network(
         Measure an encrypted server with two people under a flood of unauthenticated peers instead.
     """
     counts = _counts(users)
-    if not 1.0 <= seconds <= 600.0:
-        raise BadInput(f"--seconds {seconds:g} is outside 1 to 600")
+    within("--seconds", seconds, 1, 600)
     if not 1 <= per_room <= 256 or not 1 <= axes <= 3:
         raise BadInput("bench network needs 1 to 256 people a room, and 1 to 3 axes")
     console = make_console(stderr=json == "-")
@@ -107,11 +107,11 @@ def bench_network(
                 found.append(measure(kind, recorded, people, per_room, axes, seconds, cores[1]))
                 console.print(_said(found[-1]))
     console.print(_table(found, per_room, axes))
-    reached = _judge(found, console)
+    well = _judge(found, console)
     if json is not None:
         answer = {"measured": msgspec.to_builtins(found), "people": _served(found), "load_before": before}
-        write_json({**answer, "reached": reached}, json)
-    return 0 if reached else 1
+        write_json({**answer, "reached": well}, json)
+    return 0 if well else 1
 
 
 def _counts(users: str) -> list[int]:
@@ -182,27 +182,23 @@ def _said(each: Measured) -> str:
 
 
 def _table(found: Sequence[Measured], per_room: int, axes: int) -> Table:
-    table = Table(
-        title=f"rooms of {per_room}, {axes} axes, 128 Hz", title_justify="left", box=None, padding=(0, 2, 0, 0)
-    )
     headings = (
-        "people", "server", "cpu a\nperson, s\nµs", "over\necho", "late\np50/p99\nµs", "work\np50/p99\nµs",
+        "server", "people", "cpu a\nperson, s\nµs", "over\necho", "late\np50/p99\nµs", "work\np50/p99\nµs",
         "ticks\nskipped", "datagrams\nlost\nup/down", "frames\nlost/late", "not\nrecorded", "memory\nMB",
         "people\nlate p99\nµs",
     )  # fmt: skip
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading == "server" else "right", no_wrap=True)
     bare = {each.people: each.cpu_us for each in found if each.kind == "echo"}
-    for each in found:
-        served = each.kind != "echo"
-        table.add_row(
-            f"{each.people}", each.name, f"{each.cpu_us:.0f}", f"{each.cpu_us / bare[each.people]:.1f}",
+    rows = [
+        [
+            each.name, f"{each.people}", f"{each.cpu_us:.0f}", f"{each.cpu_us / bare[each.people]:.1f}",
             f"{each.late_us['p50']:.0f}/{each.late_us['p99']:.0f}", f"{each.work_us['p50']:.0f}/{each.work_us['p99']:.0f}",
             f"{each.skipped}", f"{each.lost_up}/{each.lost_down}",
-            f"{each.frames_lost}/{each.frames_late}" if served else "-", f"{each.not_recorded}" if each.recorded else "-",
-            f"{each.memory_kb / 1024:.0f}", f"{each.load_late_us:.0f}",
-        )  # fmt: skip
-    return table
+            f"{each.frames_lost}/{each.frames_late}" if each.kind != "echo" else "-",
+            f"{each.not_recorded}" if each.recorded else "-", f"{each.memory_kb / 1024:.0f}", f"{each.load_late_us:.0f}",
+        ]
+        for each in found
+    ]  # fmt: skip
+    return plain_table(headings, rows, title=f"rooms of {per_room}, {axes} axes, 128 Hz")
 
 
 def _served(found: Sequence[Measured]) -> dict[str, int]:
@@ -225,8 +221,6 @@ def _judge(found: Sequence[Measured], console: Console) -> bool:
     late = max(each.load_late_us for each in found)
     if late > MOST_LATE_US:
         console.print(f"the people themselves were late (p99 {late / 1e3:.1f} ms): this machine is too small, or busy")
-    reached = served["encrypted, recorded"] >= LEAST_ENCRYPTED
-    console.print(
-        f"at least {LEAST_ENCRYPTED} encrypted and recorded are asked for: {'reached' if reached else 'NOT reached'}"
-    )
-    return reached
+    well = served["encrypted, recorded"] >= LEAST_ENCRYPTED
+    console.print(f"at least {LEAST_ENCRYPTED} encrypted and recorded are asked for: {reached(well)}")
+    return well

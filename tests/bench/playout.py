@@ -4,11 +4,10 @@ from typing import Annotated, Any, get_args
 
 from cyclopts import Parameter
 from rich.console import Group
-from rich.table import Table
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.line.jitter_buffer import cost, weight_frames
 from cogrip.protocol.link_profile import Link
@@ -137,28 +136,26 @@ def _mean_cost(runs: list[Played], network_hz: int) -> float:
 
 def _table(rows: list[dict[str, Any]], network_hz: int) -> Group:
     """Two tables of at most 80 columns: beside the best depth with hindsight, and the best of the numbers one may set."""
-    beside = _empty(f"auto beside the best fixed depth, {network_hz} frames a second", (
-        "auto\nms", "\nheld", "late\n%", "moves\n/ min", "best\nms", "\nheld", "late\n%", "delay\nx", "late\nx", "\nbeaten",
-    ))  # fmt: skip
-    numbers = _empty("the best number for playout.frames", ("frames", "ms", "late %", "expected of auto"))
+    headings = (
+        "\ndirection", "auto\nms", "\nheld", "late\n%", "moves\n/ min", "best\nms", "\nheld", "late\n%", "delay\nx", "late\nx",
+        "\nbeaten",
+    )  # fmt: skip
+    beside, numbers = [], []
     for row in rows:
         direction = f"{row['profile']} {row['direction']}"
-        beside.add_row(
+        beside.append([
             direction, f"{row['delay_ms']:.2f}", f"{row['held_frames']:.2f}", f"{100 * row['late_share']:.3f}",
             f"{row['moves_a_minute']:.1f}", f"{row['best_delay_ms']:.2f}", str(row["best_frames"]),
             f"{100 * row['best_late_share']:.3f}", f"{row['delay_ratio']:.3f}", f"{row['late_ratio']:.3f}",
             "yes" if row["beaten"] else "no",
-        )  # fmt: skip
-        numbers.add_row(
-            direction, str(row["number"]), f"{row['number_delay_ms']:.2f}", f"{100 * row['number_late_share']:.3f}",
-            str(row["expected_frames"]),
-        )  # fmt: skip
-    return Group(beside, "", numbers)
-
-
-def _empty(title: str, headings: tuple[str, ...]) -> Table:
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("\ndirection" if any("\n" in heading for heading in headings) else "direction", no_wrap=True)
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
-    return table
+        ])  # fmt: skip
+        share = f"{100 * row['number_late_share']:.3f}"
+        numbers.append(
+            [direction, str(row["number"]), f"{row['number_delay_ms']:.2f}", share, str(row["expected_frames"])]
+        )
+    title = f"auto beside the best fixed depth, {network_hz} frames a second"
+    second = ("direction", "frames", "ms", "late %", "expected of auto")
+    return Group(
+        plain_table(headings, beside, title=title), "",
+        plain_table(second, numbers, title="the best number for playout.frames"),
+    )  # fmt: skip

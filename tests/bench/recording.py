@@ -18,7 +18,7 @@ from rich.console import Console
 
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.recording.reader import open_recording
@@ -30,6 +30,7 @@ from cogrip.sim.runs.replay.verify import verify
 
 from tests.bench.children import output_at_end, start_cogrip, wait_for_line, with_tests_on_path
 from tests.bench.loads.hours_written import HoursWritten, write_hours
+from tests.bench.targets import judge
 
 LONG_S = 1800.0
 WRITTEN_S = 2 * 3600.0
@@ -124,7 +125,7 @@ def _lateness(
     error = math.sqrt(sum(statistics.variance(found) / len(found) for found in logs.values()))
     console.print(f"their ratio is uncertain by a factor of {math.exp(error):.2f}, as the blocks scatter")
     ratio = math.exp(statistics.mean(logs[True]) - statistics.mean(logs[False]))
-    return _judge(console, "lateness, on over off", ratio, _MOST_RATIO, most=True)
+    return judge(console, "lateness, on over off", ratio, _MOST_RATIO, most=True)
 
 
 def _session(folder: Path, names: Sequence[str], seconds: float, recorded: bool) -> None:
@@ -160,10 +161,10 @@ def _files(base: Path, names: Sequence[str], console: Console) -> list[bool]:
         kind: [_in_child("verify", path) for path in paths] for kind, paths in (("client", own), ("server", servers))
     }
     return [
-        _judge(console, "bytes on disk a sample", size / samples, _MOST_BYTES, most=True),
-        _judge(console, "samples a second into numpy", samples / sum(each.took_s for each in columns), _LEAST_SAMPLES_PER_S),
+        judge(console, "bytes on disk a sample", size / samples, _MOST_BYTES, most=True),
+        judge(console, "samples a second into numpy", samples / sum(each.took_s for each in columns), _LEAST_SAMPLES_PER_S),
         *(
-            _judge(console, f"verifying a {kind}, over real time", min(each.speed for each in found), _LEAST_SPEED)
+            judge(console, f"verifying a {kind}, over real time", min(each.speed for each in found), _LEAST_SPEED)
             for kind, found in verdicts.items()
         ),
     ]  # fmt: skip
@@ -178,7 +179,7 @@ def _hours(base: Path, name: str, console: Console) -> bool:
         f"{found.end_s:.3f} s and {max(0.0, found.end_mb - found.last_mb):.1f} MB"
     )
     grown = (found.last_mb - found.settled_mb) / (WRITTEN_S / 3600)
-    return _judge(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
+    return judge(console, "growth of a writer [MB/h]", grown, _MOST_MB_PER_H, most=True)
 
 
 def _long(base: Path, console: Console) -> list[bool]:
@@ -188,25 +189,16 @@ def _long(base: Path, console: Console) -> list[bool]:
     made = _in_child("record", folder)
     paths = sorted(folder.glob("*.mcap"))
     size = sum(path.stat().st_size for path in paths)
-    console.print(
-        f"half an hour, three people, made at {made.speed:.1f} times real time with {made.peak_mb:.0f} MB: {size / 1e6:.0f} MB"
-    )
+    made_at = f"half an hour, three people, made at {made.speed:.1f} times real time with {made.peak_mb:.0f} MB"
+    console.print(f"{made_at}: {size / 1e6:.0f} MB")
     peaks = []
     for path in paths:
         for task in ("records", "verify"):
             done = _in_child(task, path)
             peaks.append(done.peak_mb)
-            console.print(
-                f"{path.name}: {task} of {done.count} at {done.speed:.0f} times real time, peak {done.peak_mb:.0f} MB"
-            )
-    return [_judge(console, "peak memory [MB]", max(peaks), _MOST_MB, most=True)]
-
-
-def _judge(console: Console, what: str, value: float, asked: float, *, most: bool = False) -> bool:
-    reached = value <= asked if most else value >= asked
-    bound = f"at {'most' if most else 'least'} {asked:g} is asked for"
-    console.print(f"{what}: {value:.2f}; {bound}: {'reached' if reached else 'NOT reached'}")
-    return reached
+            times = f"{done.speed:.0f} times real time"
+            console.print(f"{path.name}: {task} of {done.count} at {times}, peak {done.peak_mb:.0f} MB")
+    return [judge(console, "peak memory [MB]", max(peaks), _MOST_MB, most=True)]
 
 
 def _in_child(task: str, path: Path) -> Measured:
@@ -215,13 +207,8 @@ def _in_child(task: str, path: Path) -> Measured:
 
 def _child(code: str, *arguments: str) -> str:
     """Return what a process of its own prints. Raises Problem where it fails."""
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", code, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=with_tests_on_path(),
-    )
+    command, path = [sys.executable, "-P", "-c", code, *arguments], with_tests_on_path()
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=path)
     if done.returncode:
         raise Problem(f"{' '.join(arguments)}: failed:\n{done.stderr.strip()}")
     return done.stdout
@@ -250,14 +237,10 @@ def _records(path: Path) -> tuple[int, float]:
     """Typed, one by one."""
     end = End(open_recording(path))
     count, last_s, first_s = 0, 0.0, None
-    for time_s, _ in end.records(_kind(end)):
+    for time_s, _ in end.records("tick" if end.recording.header.role == "client" else "step"):
         first_s = time_s if first_s is None else first_s
         count, last_s = count + 1, time_s
     return count, last_s - (first_s or 0.0)
-
-
-def _kind(end: End) -> str:
-    return "tick" if end.recording.header.role == "client" else "step"
 
 
 def _verify(path: Path) -> tuple[int, float]:
@@ -273,9 +256,5 @@ def _record(folder: Path) -> tuple[int, float]:
     return 0, settings.seconds
 
 
-TASKS: dict[str, Callable[[Path], tuple[int, float]]] = {
-    "columns": _columns,
-    "records": _records,
-    "verify": _verify,
-    "record": _record,
-}
+Task = Callable[[Path], tuple[int, float]]
+TASKS: dict[str, Task] = {"columns": _columns, "records": _records, "verify": _verify, "record": _record}

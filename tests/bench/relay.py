@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import Problem, within
+from cogrip.cli.terminal.tables import plain_table
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.network_profiles import PROFILES, ProfileName
 from cogrip.protocol.settings import resolve
@@ -29,6 +29,7 @@ from cogrip.sim.session.link import fates
 from tests.bench.children import start_cogrip, start_python, wait_for_line
 from tests.bench.loads.echo import HOST, NETWORK_HZ, STAMP, receive, stamped
 from tests.bench.processors import two_processors
+from tests.bench.targets import reached
 
 MOST_ADDED_US = 200.0  # p99
 BYTES = 300  # a datagram of waves on three axes with R = 8 has about as many
@@ -85,10 +86,8 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
         Emulate this network up to the far end; `added` is then what the uplink took beyond the delay that was drawn for
         it, datagram by datagram.
     """
-    if not 1 <= users <= 64:
-        raise BadInput(f"--users {users} is outside 1 to 64")
-    if not 1.0 <= seconds <= 600.0:
-        raise BadInput(f"--seconds {seconds:g} is outside 1 to 600")
+    within("--users", users, 1, 64)
+    within("--seconds", seconds, 1, 600)
     if not sys.platform.startswith("linux"):
         raise Problem("bench relay reads the kernel's own times of receipt, which only Linux gives")
     console = make_console(stderr=json == "-")
@@ -112,17 +111,17 @@ def bench_relay(*, users: int = 5, seconds: float = 5.0, profile: ProfileName | 
     }  # fmt: skip
     if profile is not None:
         answer["up"]["added_us"] = _beyond_drawn(people, profile, first)
-    reached = all(answer[direction]["added_us"]["p99"] < MOST_ADDED_US for direction in ("up", "down"))
+    well = all(answer[direction]["added_us"]["p99"] < MOST_ADDED_US for direction in ("up", "down"))
     what = f"through {profile} on the uplink" if profile else "without impairment"
     console.print(
         f"{users} users, {NETWORK_HZ} Hz, {BYTES} bytes, {seconds:g} s, {what}; us from sending to the kernel"
     )
     console.print(_table(answer))
     console.print(f"load {before:.1f} before, {after:.1f} after; other work makes every number larger")
-    console.print(f"less than {MOST_ADDED_US / 1e3:g} ms (p99) is asked for: {'reached' if reached else 'NOT reached'}")
+    console.print(f"less than {MOST_ADDED_US / 1e3:g} ms (p99) is asked for: {reached(well)}")
     if json is not None:
-        write_json({**answer, "reached": reached}, json)
-    return 0 if reached else 1
+        write_json({**answer, "reached": well}, json)
+    return 0 if well else 1
 
 
 @contextmanager
@@ -233,24 +232,17 @@ def _compared(found: Sequence[dict[str, dict[int, int]]], first: int) -> dict[st
     if not len(pairs):
         raise Problem("nothing came back through the relay")
     direct, relayed = pairs[:, 0] * 1e-3, pairs[:, 1] * 1e-3
-
-    return {
-        "datagrams": len(pairs),
-        "direct_us": _percentiles(direct),
-        "relayed_us": _percentiles(relayed),
-        "added_us": _percentiles(relayed - direct),
-    }
+    times = {"direct_us": direct, "relayed_us": relayed, "added_us": relayed - direct}
+    return {"datagrams": len(pairs), **{name: _percentiles(us) for name, us in times.items()}}
 
 
 def _table(answer: dict[str, Any]) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("direction", "", "datagrams", *PERCENTILES):
-        table.add_column(heading, justify="left" if heading in ("direction", "") else "right")
+    rows = []
     for direction in ("up", "down"):
         each = answer[direction]
         for kind in ("direct", "relayed", "added"):
             values = each[f"{kind}_us"]
-            table.add_row(direction, kind, f"{each['datagrams']}", *(f"{values[name]:.1f}" for name in PERCENTILES))
+            rows.append([direction, kind, f"{each['datagrams']}", *(f"{values[name]:.1f}" for name in PERCENTILES)])
         ratios = [each["relayed_us"][name] / each["direct_us"][name] for name in PERCENTILES]
-        table.add_row(direction, "relayed / direct", "", *(f"{ratio:.1f}" for ratio in ratios))
-    return table
+        rows.append([direction, "relayed / direct", "", *(f"{ratio:.1f}" for ratio in ratios)])
+    return plain_table(("direction", "", "datagrams", *PERCENTILES), rows, left=2, gap=2)

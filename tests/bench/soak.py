@@ -21,8 +21,7 @@ from cogrip.cli.runs.summary_table import terminal_summary
 from cogrip.cli.session.children import end_all, how_ended, listening_port, start_child
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.link_profile import Link

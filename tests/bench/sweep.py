@@ -6,7 +6,7 @@ import msgspec
 
 from cogrip.cli.session.settings_file import load
 from cogrip.cli.session.shipped_settings import shipped
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.sim.experiments.sweep.query import Job, measure_case
 from cogrip.sim.experiments.worker_pool import LocalWorkers

@@ -9,8 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 from rich.table import Table
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.client.velocity import AlphaBeta, impedance_bounds, largest_impedance, memory_for
 from cogrip.devices.device import Capability
@@ -104,17 +103,13 @@ def _record(record: Capability, found: Sequence[Found]) -> dict[str, Any]:
         "chosen": chosen(found).estimator,
         "estimators": {
             one.estimator: {
-                "error_mps": one.error_mps,
-                "delay_s": one.delay_s,
-                "slow_noise_mps": one.slow_mps,
-                "noise_mps": one.noise_mps,
-                "force_noise_n": one.force_n(one.noise_mps),
-                "force_peak_n": one.force_n(one.peak_mps),
-                "largest_quiet_nspm": one.largest_nspm,
+                "error_mps": one.error_mps, "delay_s": one.delay_s, "slow_noise_mps": one.slow_mps,
+                "noise_mps": one.noise_mps, "force_noise_n": one.force_n(one.noise_mps),
+                "force_peak_n": one.force_n(one.peak_mps), "largest_quiet_nspm": one.largest_nspm,
             }
             for one in found
         },
-    }
+    }  # fmt: skip
 
 
 def _spent(motions: Sequence[Motion]) -> dict[str, float]:

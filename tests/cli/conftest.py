@@ -1,7 +1,6 @@
 """Shared fixtures: a recorded run to spoil, an empty folder, the command as its users type it."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from cogrip.protocol.settings import resolve
 from cogrip.sim.runs.laboratory_run import run_laboratory
 
 from tests.bench.__main__ import main as run_bench
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 TABLE: dict[str, Any] = {
     "name": "pair",
@@ -46,24 +45,19 @@ def run(recorded: Path, empty_folder: Path) -> Path:
 
 
 @pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write no reports, which take longer than short sessions."""
+    monkeypatch.setattr("cogrip.sim.runs.report.page.write_report", lambda folder: folder / "report.html")
+    monkeypatch.setattr("cogrip.sim.runs.report.compared.write_comparison", lambda page, *_: (page, []))
+
+
+@pytest.fixture
 def cogrip(capsys: pytest.CaptureFixture[str]) -> Cogrip:
     """See `Cogrip`."""
-
-    return _command(main, capsys)
+    return Cogrip(main, capsys)
 
 
 @pytest.fixture
 def bench(capsys: pytest.CaptureFixture[str]) -> Cogrip:
     """Run a benchmark as `cogrip` runs a command."""
-    return _command(run_bench, capsys)
-
-
-def _command(main: Callable[[list[str]], int], capsys: pytest.CaptureFixture[str]) -> Cogrip:
-    def command(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        code = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return code, captured.out, captured.err
-
-    return command
+    return Cogrip(run_bench, capsys)

@@ -16,8 +16,6 @@ from tests.recording_files import Alter, rewrite
 SERVER, ANNA, BEN = "server.mcap", "client-anna.mcap", "client-ben.mcap"
 FILES = (ANNA, BEN, SERVER)
 TORN = b"\x06\x00\x10\x00\x00\x00\x00\x00\x00 the writer came no further"  # a chunk of 4096 bytes begins
-Cogrip = Callable[..., tuple[int, str, str]]
-"""Run one command, and return exit code, standard output and standard error."""
 
 
 def until(last_ns: int) -> Alter:

@@ -2,30 +2,16 @@
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from cogrip.cli.session.shipped_settings import shipped
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
+from tests.extent import long
 
 DEMO, PAPER = str(shipped("demo")), str(shipped("paper"))
-Answer = Callable[..., Any]
-
-
-@pytest.fixture
-def answer(cogrip: Cogrip) -> Answer:
-    """Run a command, and return its answer as JSON."""
-
-    def asked(*arguments: object) -> Any:
-        code, out, _ = cogrip(*arguments, "--json", "-")
-        assert code == 0
-        return json.loads(out)
-
-    return asked
 
 
 @pytest.mark.parametrize(
@@ -33,9 +19,9 @@ def answer(cogrip: Cogrip) -> Answer:
     [("paper", 2, 1000, 1.0406, 4, 22), ("coupling", 1, 2000, 1.3257, 1, 14), ("passive", 4, 20000, 1.0, 4, 26)],
 )
 def test_radius_is_the_contract_to_the_letter(
-    answer: Answer, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int
+    cogrip: Cogrip, scheme: str, delay: int, stiffness: int, radius: float, structural: int, states: int
 ) -> None:
-    found = answer(
+    found = cogrip.answer(
         "stability", "radius", DEMO, "--exact-velocity", "--scheme", scheme, "--delay-frames", str(delay),
         "--set", f"coupling.stiffness_npm={stiffness}",
     )  # fmt: skip
@@ -46,23 +32,21 @@ def test_radius_is_the_contract_to_the_letter(
     assert found["stable"] == (radius == 1.0)
 
 
-def test_limit_is_the_contract_to_the_letter(answer: Answer) -> None:
+def test_limit_is_the_contract_to_the_letter(cogrip: Cogrip) -> None:
     paper = "stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "0"
-    found = answer(*paper, "--exact-velocity")
+    found = cogrip.answer(*paper, "--exact-velocity")
     assert found == {"largest_stable_stiffness_npm": pytest.approx(1977.675, rel=1e-4), "searched_to_npm": 1e7}
-    found = answer(*paper)
+    found = cogrip.answer(*paper)
     assert found["largest_stable_stiffness_npm"] < 1900.0
-    found = answer("stability", "limit", DEMO, "--exact-velocity")
+    found = cogrip.answer("stability", "limit", DEMO, "--exact-velocity")
     assert found == {"largest_stable_stiffness_npm": None, "searched_to_npm": 1e7}
 
 
 @pytest.mark.parametrize("more", [[], ["--set", "link.delay_ms=60"], ["--set", "coupling.kind=coupling"]])
-def test_advice_and_limit_and_sweep_name_one_stiffness(
-    answer: Answer, cogrip: Cogrip, tmp_path: Path, more: list[str]
-) -> None:
+def test_advice_and_limit_and_sweep_name_one_stiffness(cogrip: Cogrip, tmp_path: Path, more: list[str]) -> None:
     """All three tell the same K up to which a session is stable, and that it is of the estimated velocity."""
-    advised = answer("advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
-    limit = answer("stability", "limit", DEMO, *more)["largest_stable_stiffness_npm"]
+    advised = cogrip.answer("advise", DEMO, "--no-laboratory", *more)["largest_stable_stiffness_npm"]
+    limit = cogrip.answer("stability", "limit", DEMO, *more)["largest_stable_stiffness_npm"]
     assert 0.0 < limit < 1e4
     assert advised == pytest.approx(limit, rel=2e-4)
     measure = "lifted.largest_stable_stiffness_npm"
@@ -70,55 +54,48 @@ def test_advice_and_limit_and_sweep_name_one_stiffness(
     with next(tmp_path.rglob("table.csv")).open() as file:
         [row] = csv.DictReader(file)
     assert float(row[measure]) == pytest.approx(limit, rel=1e-9)
-    _, out, _ = cogrip("stability", "limit", DEMO, *more)
-    assert "velocities as clients estimate them" in out
-    _, out, _ = cogrip("stability", "limit", DEMO, "--exact-velocity", *more)
-    assert "idealised: exact velocities" in out
+    assert "velocities as clients estimate them" in cogrip.out("stability", "limit", DEMO, *more)
+    assert "idealised: exact velocities" in cogrip.out("stability", "limit", DEMO, "--exact-velocity", *more)
 
 
-def test_a_users_own_stiffness_counts(answer: Answer) -> None:
+def test_a_users_own_stiffness_counts(cogrip: Cogrip) -> None:
     both, uneven = (
-        answer("stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "1", *more)
+        cogrip.answer("stability", "limit", DEMO, "--scheme", "paper", "--delay-frames", "1", *more)
         for more in ((), ("--set", "users.0.stiffness_npm=100"))
     )
     assert uneven["largest_stable_stiffness_npm"] > 1.1 * both["largest_stable_stiffness_npm"]
 
 
-def test_the_papers_scheme_brings_its_filter_but_a_set_stands_above_it(answer: Answer) -> None:
+def test_the_papers_scheme_brings_its_filter_but_a_set_stands_above_it(cogrip: Cogrip) -> None:
     paper = "stability", "radius", DEMO, "--exact-velocity", "--scheme", "paper", "--delay-frames", "4"
     filters = (), ("--set", "coupling.decimator=lowpass"), ("--set", "coupling.decimator=boxcar")
-    radii = [answer(*paper, *more)["spectral_radius"] for more in filters]
+    radii = [cogrip.answer(*paper, *more)["spectral_radius"] for more in filters]
     assert radii[0] == radii[1] == pytest.approx(1.0817, abs=5e-5)
     assert radii[2] != radii[0]
 
 
 def test_words_for_people(cogrip: Cogrip) -> None:
-    _, out, _ = cogrip("stability", "radius", DEMO, "--scheme", "coupling")
+    out = cogrip.out("stability", "radius", DEMO, "--scheme", "coupling")
     assert "virtual coupling: NOT stable" in out
     assert "structural eigenvalues at 1: joint position" in out
-    _, out, _ = cogrip("stability", "limit", DEMO, "--exact-velocity")
-    assert "stable at any stiffness up to 1e+07 N/m" in out
-    _, out, _ = cogrip("stability", "limit", DEMO, "--set", "coupling.impedance_nspm=300")
-    assert "stable at no stiffness" in out
+    limit = cogrip.within("stability", "limit", DEMO)
+    assert "stable at any stiffness up to 1e+07 N/m" in limit.out("--exact-velocity")
+    assert "stable at no stiffness" in limit.out("--set", "coupling.impedance_nspm=300")
 
 
 def test_a_delay_that_is_no_whole_number_of_ticks_says_what_was_done(cogrip: Cogrip) -> None:
     command = "stability", "radius", DEMO, "--exact-velocity", "--delay-frames"
-    code, out, err = cogrip(*command, "1.3", "--json", "-")
-    assert code == 0
+    out, err = cogrip.texts(*command, "1.3", "--json", "-")
     assert json.loads(out)["states"] == 18  # two frames each direction
     assert "10.4 device ticks, no whole number: taken as 11" in err
     assert "after 16 ticks or 2 frames" in err
-    _, _, err = cogrip(*command, "2", "--json", "-")
-    assert err == ""
+    assert cogrip.err(*command, "2", "--json", "-", code=0) == ""
 
 
 def test_region_leaves_picture_numbers_and_record(cogrip: Cogrip, tmp_path: Path) -> None:
     command = ["stability", "region", DEMO, "--scheme", "paper", "--delays-frames", "0,1,2,4", "--out", str(tmp_path)]
     command.append("--exact-velocity")
-    code, out, _ = cogrip(*command, "--grid", "8")
-    assert code == 0
-    assert "0 frames each direction: to 1978 N/m if both are alike" in out
+    assert "0 frames each direction: to 1978 N/m if both are alike" in cogrip.out(*command, "--grid", "8")
     assert {path.name for path in tmp_path.iterdir()} == {"region.png", "region.svg", "region.csv", "region.json"}
     assert (tmp_path / "region.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "region.svg").read_text().startswith("<?xml")
@@ -133,17 +110,13 @@ def test_region_leaves_picture_numbers_and_record(cogrip: Cogrip, tmp_path: Path
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert cogrip(*command, "--grid", "8")[0] == 0  # the same query may be repeated
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-    code, _, err = cogrip(*command)
-    assert code == 2
-    assert "answers another question (other grid)" in err
+    assert "answers another question (other grid)" in cogrip.err(*command)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_region_overwrites_no_other_files(cogrip: Cogrip, tmp_path: Path) -> None:
     (tmp_path / "region.png").write_text("my holiday")
-    code, _, err = cogrip("stability", "region", DEMO, "--scheme", "paper", "--out", str(tmp_path))
-    assert code == 2
-    assert "in the way" in err
+    assert "in the way" in cogrip.err("stability", "region", DEMO, "--scheme", "paper", "--out", str(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["region.png"]
 
 
@@ -168,25 +141,19 @@ def test_region_overwrites_no_other_files(cogrip: Cogrip, tmp_path: Path) -> Non
         (["sweep", DEMO, "--vary", "coupling.stifness_npm=1,2"], "did you mean coupling.stiffness_npm"),
         (["sweep", DEMO, "--vary", "coupling.stiffness_npm"], "write it as key=first:last:count"),
         (["sweep", DEMO, "--vary", "seed=1,2", "--measure", "lifted.radius"], "did you mean lifted.spectral_radius"),
-        (["sweep", DEMO, "--vary", "seed=1,2", "--jobs", "0"], "--jobs 0 must be at least 1"),
+        (["sweep", DEMO, "--vary", "seed=1,2", "--workers", "0"], "--workers 0 must be at least 1"),
+        (["sweep", DEMO, "--vary", "seed=1,2", "--jobs", "0"], "--workers 0 must be at least 1"),
         (["sweep", DEMO, "--vary", "seed=1,2", "--address", "x:1"], "give --cluster ray"),
     ],
 )  # fmt: skip
-def test_bad_input_is_named_and_leaves_nothing(
-    cogrip: Cogrip, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, out, err = cogrip(*arguments)
-    assert code == 2
-    assert out == ""
-    assert words in err
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.usefixtures("empty_folder")
+def test_bad_input_is_named_and_leaves_nothing(cogrip: Cogrip, arguments: list[str], words: str) -> None:
+    cogrip.refuses(words, *arguments)
 
 
-def test_advice_in_words_and_in_numbers(answer: Answer, cogrip: Cogrip) -> None:
-    code, out, err = cogrip("advise", DEMO)
+def test_advice_in_words_and_in_numbers(cogrip: Cogrip) -> None:
+    out, err = cogrip.texts("advise", DEMO)
     out = " ".join(out.split())
-    assert code == 0
     for words in (
         "note feel anna, ben: 1000 N/m will feel like 362.6 N/m at rest; compensation is out of reach at b = 20 N s/m",
         "note free motion anna, ben: will feel like 0.72 kg, 0.1 kg of it the device",
@@ -199,7 +166,7 @@ def test_advice_in_words_and_in_numbers(answer: Answer, cogrip: Cogrip) -> None:
     ):
         assert words in out
     assert "20.48 device ticks" in err
-    found = answer("advise", DEMO, "--set", "coupling.kind=coupling")
+    found = cogrip.answer("advise", DEMO, "--set", "coupling.kind=coupling", "--no-laboratory")
     assert not found["stable"]
     assert found["warnings"][0].startswith("NOT stable: spectral radius 1.13")
     assert found["change"]["set"] == 'coupling.kind="wave"'
@@ -208,78 +175,62 @@ def test_advice_in_words_and_in_numbers(answer: Answer, cogrip: Cogrip) -> None:
     assert found["users"][0]["impedance_bound"] == "lag"
 
 
-def test_advice_the_other_way_round(answer: Answer, cogrip: Cogrip) -> None:
+def test_advice_the_other_way_round(cogrip: Cogrip) -> None:
     """`advise` says the same of the settings that it names, and a session in virtual time feels it."""
-    found = answer("advise", DEMO, "--for-stiffness")["stiffest"]
+    found = cogrip.answer("advise", DEMO, "--for-stiffness")["stiffest"]
     sets = [word for setting in found["set"] for word in ("--set", setting)]
-    there = answer("advise", DEMO, "--no-laboratory", *sets)
+    there = cogrip.answer("advise", DEMO, "--no-laboratory", *sets)
     assert there["stable"]
     assert found["felt_stiffness_npm"] == min(user["felt_stiffness_npm"] for user in there["users"])
     for user in found["users"]:
         assert user["laboratory_felt_npm"] == pytest.approx([found["felt_stiffness_npm"]], rel=0.01)
-    code, out, _ = cogrip("advise", DEMO, "--for-stiffness")
-    assert code == 0
+    out = cogrip.out("advise", DEMO, "--for-stiffness", "--no-laboratory")
     assert f"stiffest {found['felt_stiffness_npm']:.4g} N/m" in " ".join(out.split())
     assert "--set coupling.impedance_nspm=25.6" in out
 
 
-def test_serve_warns_in_the_words_of_advise(answer: Answer, cogrip: Cogrip, tmp_path: Path) -> None:
+def test_serve_warns_in_the_words_of_advise(cogrip: Cogrip, tmp_path: Path) -> None:
     outside = ["--set", "coupling.impedance_nspm=60"]
-    warnings = answer("advise", DEMO, "--no-laboratory", *outside)["warnings"]
+    warnings = cogrip.answer("advise", DEMO, "--no-laboratory", *outside)["warnings"]
     assert warnings
-    code, out, _ = cogrip(
-        "serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report", *outside
-    )
-    assert code == 0
-    for text in warnings:
-        assert text.partition(": ")[2] in out
-    _, out, _ = cogrip("serve", DEMO, "--port", "0", "--seconds", "0.05", "--runs", str(tmp_path), "--no-report")
-    assert "warning" not in out
+    serve = cogrip.within("serve", DEMO, "--port", 0, "--seconds", 0.05, "--runs", tmp_path, "--no-report")
+    out = serve.out(*outside)
+    assert [text for text in warnings if text.partition(": ")[2] not in out] == []
+    assert "warning" not in serve.out()
 
 
-def test_feel_in_words_numbers_and_a_picture(answer: Answer, cogrip: Cogrip, tmp_path: Path) -> None:
-    found = answer("feel", DEMO, "--delay-frames", "1", "--out", str(tmp_path))
+def test_feel_in_words_numbers_and_a_picture(cogrip: Cogrip, tmp_path: Path) -> None:
+    found = cogrip.answer("feel", DEMO, "--delay-frames", "1", "--out", str(tmp_path))
     assert found["conditions"]["on a wall"]["stiffness_npm"] == pytest.approx(630.5, abs=0.05)
     assert set(found["conditions"]) == {"no contact", "alone with the object", "on a wall", "others hold on"}
     assert found["delay_total_ms"] == pytest.approx(3 * 7.8125)
     assert {path.name for path in tmp_path.iterdir()} == {"feel.png", "feel.svg", "feel.csv"}
-    code, out, _ = cogrip("feel", DEMO, "--delay-frames", "1")
-    assert code == 0
-    assert "630.5" in out
+    assert "630.5" in cogrip.out("feel", DEMO, "--delay-frames", "1")
 
 
-def test_figures_by_name(cogrip: Cogrip, tmp_path: Path) -> None:
-    code, out, _ = cogrip("figures", "fig4", "fig5", "decimators", "--out", str(tmp_path))
-    assert code == 0
-    names = {f"{name}.{suffix}" for name in ("fig4", "fig5", "decimators") for suffix in ("png", "svg", "csv")}
-    assert {path.name for path in tmp_path.iterdir()} == names
-    assert "the paper's scheme at 10 ms: 501 N/m measured, 501 predicted" in out
-    assert "compensated, b = 20 N s/m at 10 ms: 1000 N/m measured, 1000 predicted" in out
-    assert "devices of 0.045 kg: 567, 567, 567, 567 N/m; devices of 0.1 kg: 1978, 1299, 716, 325 N/m" in out
-
-
-def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(
-    answer: Answer, cogrip: Cogrip, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    command = [
-        "sweep",
-        DEMO,
-        "--vary",
-        "coupling.stiffness_npm=100:10000:3log",
-        "--vary",
-        "coupling.kind=wave,coupling",
-    ]
-    command += ["--measure", "lifted.spectral_radius", "--jobs", "1", "--out", str(out)]
-    found = answer(*command)
-    assert (found["cells"], found["computed"], found["kept"], found["failed"]) == (6, 6, 0, 0)
-    assert {"sweep.json", "cells.jsonl", "table.csv", "heatmap-lifted.spectral_radius.png"} <= {
-        path.name for path in out.iterdir()
+@pytest.mark.parametrize("names", [("fig4", "decimators"), long(("fig5",))])
+def test_figures_by_name(cogrip: Cogrip, tmp_path: Path, names: tuple[str, ...]) -> None:
+    out = cogrip.out("figures", *names, "--out", tmp_path)
+    files = {f"{name}.{suffix}" for name in names for suffix in ("png", "svg", "csv")}
+    assert {path.name for path in tmp_path.iterdir()} == files
+    captions = {
+        "fig4": "devices of 0.045 kg: 567, 567, 567, 567 N/m; devices of 0.1 kg: 1978, 1299, 716, 325 N/m",
+        "fig5": "the paper's scheme at 10 ms: 501 N/m measured, 501 predicted",
     }
-    found = answer(*command)
+    assert [captions[name] for name in names if captions.get(name, "") not in out] == []
+    assert "fig5" not in names or "compensated, b = 20 N s/m at 10 ms: 1000 N/m measured, 1000 predicted" in out
+
+
+def test_a_sweep_from_the_command_line_goes_on_and_refuses_another(cogrip: Cogrip, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    axes = ["--vary", "coupling.stiffness_npm=100:10000:3log", "--vary", "coupling.kind=wave,coupling"]
+    command = ["sweep", DEMO, *axes, "--measure", "lifted.spectral_radius", "--workers", "1", "--out", str(out)]
+    found = cogrip.answer(*command)
+    assert (found["cells"], found["computed"], found["kept"], found["failed"]) == (6, 6, 0, 0)
+    left = {path.name for path in out.iterdir()}
+    assert {"sweep.json", "cells.jsonl", "table.csv", "heatmap-lifted.spectral_radius.png"} <= left
+    found = cogrip.answer(*command)
     assert (found["computed"], found["kept"]) == (0, 6)
     table = (out / "table.csv").read_bytes()
-    code, _, err = cogrip(*command, "--measure", "lifted.stable")
-    assert code == 2
-    assert "holds another sweep (other columns)" in err
+    assert "holds another sweep (other columns)" in cogrip.err(*command, "--measure", "lifted.stable")
     assert (out / "table.csv").read_bytes() == table

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 DEMO = str(Path(__file__).resolve().parents[2] / "configs" / "demo.toml")
 STIFF_ARM = ("--set", "coupling.impedance_nspm=50")
@@ -20,18 +20,16 @@ pytestmark = pytest.mark.usefixtures("empty_folder")
 def test_more_than_a_device_carries_is_refused_with_what_would_do(
     cogrip: Cogrip, tmp_path: Path, command: list[str]
 ) -> None:
-    code, out, err = cogrip(*command, *STIFF_ARM)
-    assert (code, out) == (2, "")
+    out, err = cogrip.texts(*command, *STIFF_ARM, code=2)
+    assert out == ""
     [refused] = [line for line in err.splitlines() if "refused: " in line]
-    assert WORDS in refused
-    assert refused.endswith(CURE)
+    assert (WORDS in refused, refused.endswith(CURE)) == (True, True)
     assert "warning: NOT stable at any stiffness" in err
     assert list(tmp_path.iterdir()) == [], "nothing is left behind"
 
 
 def test_what_is_said_to_do_does(cogrip: Cogrip) -> None:
-    code, out, err = cogrip("lab", DEMO, "--set", "coupling.impedance_nspm=25.6", "--set", "seconds=2", "--json", "-")
-    assert code == 0
+    out, err = cogrip.texts("lab", DEMO, "--set", "coupling.impedance_nspm=25.6", "--set", "seconds=2", "--json", "-")
     assert "warning" not in err
     assert json.loads(out)["passive"]
 
@@ -44,26 +42,18 @@ def test_it_is_run_where_that_is_allowed_and_said_all_the_same(cogrip: Cogrip) -
 
 
 def test_a_persons_own_value_is_named(cogrip: Cogrip) -> None:
-    code, _, err = cogrip("lab", DEMO, "--set", "users.1.impedance_nspm=50")
-    assert code == 2
-    assert "set users.1.impedance_nspm to 25.6 or less" in err
+    assert "set users.1.impedance_nspm to 25.6 or less" in cogrip.err("lab", DEMO, "--set", "users.1.impedance_nspm=50")
 
 
 def test_virtual_coupling_that_no_stiffness_holds_is_refused_and_one_that_this_does_not_warns(cogrip: Cogrip) -> None:
     coupling = ("--set", "coupling.kind=coupling", "--set", "seconds=0.5", "--json", "-")
-    code, _, err = cogrip("lab", DEMO, *coupling)
-    assert code == 1, "it diverges, and is run: that is what a baseline is for"
+    err = cogrip.err("lab", DEMO, *coupling, code=1)  # it diverges, and is run: that is what a baseline is for
     assert "warning: NOT stable: spectral radius 1.13" in err
-    code, _, err = cogrip(
-        "lab", DEMO, *coupling, "--set", "coupling.damping_nspm=22", "--set", "link.profile=satellite"
-    )
-    assert code == 2
+    far = ("lab", DEMO, *coupling, "--set", "link.profile=wan", "--set")
+    err = cogrip.err(*far, "coupling.damping_nspm=22")
     assert "refused: NOT stable at any stiffness" in err
     would_do = err.rpartition("damping_nspm to ")[2].split()[0]
-    code, _, err = cogrip(
-        "lab", DEMO, *coupling, "--set", f"coupling.damping_nspm={would_do}", "--set", "link.profile=satellite"
-    )
-    assert "at any stiffness" not in err
+    assert "at any stiffness" not in cogrip(*far, f"coupling.damping_nspm={would_do}")[2]
 
 
 @pytest.mark.parametrize(
@@ -74,13 +64,13 @@ def test_virtual_coupling_that_no_stiffness_holds_is_refused_and_one_that_this_d
     ],
 )
 def test_hardware_is_never_held_with_more_than_it_carries(cogrip: Cogrip, command: list[str], address: str) -> None:
-    code, _, err = cogrip(*command, address, "--allow-unstable")
-    assert code == 2
+    err = cogrip.err(*command, address, "--allow-unstable")
     assert f"--allow-unstable: {address} is hardware" in err, "it is not even opened"
     assert "leave the flag out" in err
 
 
-def test_an_implausible_hand_is_refused_whatever_is_allowed(cogrip: Cogrip, tmp_path: Path) -> None:
+def test_an_implausible_hand_is_refused_whatever_is_allowed(cogrip: Cogrip) -> None:
+    words = "refused: anna: the hand means to move by 30 m along x"
     for command in (
         ["lab", DEMO],
         ["demo", "--config", DEMO],
@@ -88,40 +78,31 @@ def test_an_implausible_hand_is_refused_whatever_is_allowed(cogrip: Cogrip, tmp_
         ["sweep", DEMO, "--vary", "seed=1,2"],
     ):
         allowed = ["--allow-unstable"] if command[0] != "sweep" else []
-        code, _, err = cogrip(*command, "--set", "users.0.hand=reach&amplitude_m=30", *allowed)
-        assert code == 2, command
-        assert "refused: anna: the hand means to move by 30 m along x" in err, command
-    code, _, err = cogrip("join", "127.0.0.1:1", "--device", "sim:phantom?hand=reach&amplitude_m=30")
-    assert code == 2
-    assert "the hand means to move by 30 m" in err
-    assert list(tmp_path.iterdir()) == []
+        cogrip.refuses(words, *command, "--set", "users.0.hand=reach&amplitude_m=30", *allowed)
+    device = ("--device", "sim:phantom?hand=reach&amplitude_m=30")
+    cogrip.refuses("the hand means to move by 30 m", "join", "127.0.0.1:1", *device)
 
 
-def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogrip, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("no_pictures")
+def test_what_if_goes_by_the_recorded_devices_and_says_its_verdict(cogrip: Cogrip) -> None:
     assert cogrip("lab", DEMO, "--set", "seconds=1", "--runs", "runs")[0] == 0
     [run] = Path("runs").iterdir()
-    code, _, err = cogrip("replay", run, "--what-if", *STIFF_ARM, "--runs", "other")
-    assert code == 2
-    assert CURE in err
+    assert CURE in cogrip.err("replay", run, "--what-if", *STIFF_ARM, "--runs", "other")
     assert not Path("other").exists()
-    code, out, _ = cogrip("replay", run, "--what-if", "--set", "coupling.impedance_nspm=25", "--runs", "other")
-    assert code == 0
+    what_if = cogrip.within("replay", run, "--what-if", "--runs", "other")
+    out = what_if.out("--set", "coupling.impedance_nspm=25")
     assert "✓ Passive" in out
     assert "✓ Stable" in out
-    code, out, err = cogrip(
-        "replay", run, "--what-if", "--set", "coupling.kind=coupling", "--set", "link.delay_ms=40", "--runs", "other"
-    )
-    assert code == 1, "the changed session is judged by the same rules"
+    err = what_if.err(
+        "--set", "coupling.kind=coupling", "--set", "link.delay_ms=40", code=1
+    )  # judged by the same rules
     assert "warning: NOT stable: spectral radius" in err
 
 
 def test_methods_are_compared_where_they_are_unstable_but_not_beyond_their_devices(
-    cogrip: Cogrip, tmp_path: Path
+    cogrip: Cogrip,
 ) -> None:
     compare = ["compare", DEMO, "--profiles", "own", "--seeds", 1, "--workers", 1, "--set", "seconds=2", "--out", "out"]
-    code, _, err = cogrip(*compare, "--methods", "coupling")
-    assert code == 0
+    err = cogrip.err(*compare, "--methods", "coupling", code=0)
     assert "warning: coupling on own: NOT stable" in err
-    code, _, err = cogrip(*compare, "--methods", "wave", *STIFF_ARM)
-    assert code == 2
-    assert f"refused: {WORDS}" in err
+    assert f"refused: {WORDS}" in cogrip.err(*compare, "--methods", "wave", *STIFF_ARM)

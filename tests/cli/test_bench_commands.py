@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import re
 import signal
 from dataclasses import replace
 from io import StringIO
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.io.stop import Stop
 from cogrip.sim.experiments.experiment import Result
 from cogrip.sim.experiments.worker_pool import LocalWorkers
@@ -22,7 +24,8 @@ from tests.bench.impaired_network.case import Job
 from tests.bench.impaired_network.matrix import LooseRow, Matrix, rows, wrong
 from tests.bench.impaired_network.matrix import Row as SessionRow
 from tests.bench.playout_trial import Arrivals, NothingCameError, fixed_delays
-from tests.cli.spoiled_runs import Cogrip
+from tests.bench.targets import refuse_own
+from tests.cli.command import Cogrip
 
 TRIAL = Trial("", 10.0, 1.0, 10.0, 1.0, 0.0, 0.0, 0.5, 60, ((0.0,),), 0.0, "")
 REFUSED = {
@@ -30,16 +33,8 @@ REFUSED = {
         ("--set link.loss=0", "--set link.loss=0: bench impaired sets link itself in each session; give --profiles"),
         ("--set link.up.delay_ms=1", "sets link itself"),
         ("--set users.0.device=sim:ideal", "give --people"),
-        ("--set seed=3", "give --seeds"),
-        ("--set seconds=3", "give --seconds"),
-        ("--set name=x", "sets name itself"),
-        ("--set coupling.kind=tdpa", "--set coupling.kind=tdpa: bench impaired sets coupling.kind itself"),
         ('--set coupling={kind="tdpa"}', "sets coupling.kind itself"),
-        ("--set coupling.stiffness_npm=1", "give --stiffness"),
         ("--set coupling.server_step=paper", "`cogrip compare` has the paper's"),
-        ("--set rates.network_hz=64", "sets rates.network_hz itself"),
-        ("--set object.kind=wall", "sets object.kind itself"),
-        ("--set object.axes=2", "sets object.axes itself"),
         ("--set playout.redundancy=0", "--set: playout.redundancy: expects a whole number of at least 1"),
         ("--seeds 1000000000", "--seeds 1000000000: at least one seed and at most 10000"),
         ("--loose-seeds -1", "--loose-seeds -1: from 0"),
@@ -64,12 +59,7 @@ REFUSED = {
         ("--seeds 1 --seconds 2 --network-hz 1 --profile satellite", "satellite up: nothing was played out"),
     ],
     "concealment": [
-        ("--set coupling.kind=tdpa", "concealment is of waves alone"),
         ("--set playout.concealment=zero", "there is a row of each"),
-        ("--set playout.tank_mj=2", "sets playout.tank_mj itself"),
-        ("--set playout.frames=2", "give --frames"),
-        ("--set seconds=10", "give --minutes"),
-        ("--set seed=2", "give --seed"),
         ("--set users.1.hand=hold", "sets users itself"),
         ("--minutes nan", "--minutes nan: from 0.1"),
         ("--minutes 0.09", "--minutes 0.09: from 0.1"),
@@ -85,10 +75,16 @@ def test_what_cannot_be_run_is_refused(
     name: str, arguments: str, words: str, bench: Cogrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    code, _, err = bench(name, *arguments.split(" "))
-    assert code == 2
+    err = bench.err(name, *arguments.split(" "))
     assert words in err
     assert words.startswith("wifi") or err.count("\n") <= 2
+
+
+@pytest.mark.parametrize("own", [impaired.OWN, concealment.OWN])
+def test_settings_that_a_benchmark_sets_itself_are_refused(own: dict[str, str]) -> None:
+    for key, cure in own.items():
+        with pytest.raises(BadInput, match=f"sets {re.escape(key)} itself in each session; {re.escape(cure)}"):
+            refuse_own("bench", {key: 1}, own)
 
 
 def test_values_at_their_bounds_are_taken() -> None:
@@ -121,8 +117,7 @@ def test_a_session_of_which_nothing_is_finite_is_wrong_and_reported(
 
     monkeypatch.setattr(impaired.LocalWorkers, "run", run)
     arguments = "--profiles lan --people 2 --stiffness 1000 --seeds 1 --loose-seeds 1 --json -"
-    code, out, err = bench("impaired", *arguments.split(" "))
-    assert code == 1
+    out, err = bench.texts("impaired", *arguments.split(" "), code=1)
     answer = json.loads(out)
     assert answer["impaired"][0]["margin_mj"] is None
     assert answer["loose"][0]["radius"] is None
@@ -138,8 +133,10 @@ def test_stability_prints_its_ratios(bench: Cogrip) -> None:
 
 def test_every_benchmark_answers_help(bench: Cogrip) -> None:
     for name in (*BENCHES, *RENAMED):
-        code, out, _ = bench(name, "--help")
-        assert (code, name in out or RENAMED.get(name, "-") in out) == (0, True)
+        out, err = bench.texts(name, "--help")
+        now = RENAMED.get(name, name)
+        assert now in out
+        assert err == ("" if now == name else f"dev.py bench: {name} is called {now} now\n")
 
 
 def test_playout_answers_in_json_alone(bench: Cogrip) -> None:
@@ -170,8 +167,8 @@ def test_concealment_ends_on_a_signal_with_one_line_and_no_workers(
     monkeypatch.setattr(concealment, "LocalWorkers", Signalled)
     monkeypatch.setattr(concealment, "processors", lambda: 1)
     before = signal.getsignal(number)
-    code, out, err = bench("concealment")
-    assert (code, out) == (130, "")
+    out, err = bench.texts("concealment", code=130)
+    assert out == ""
     assert err == f"{reason}: nothing is reported without all {len(ROWS)} rows\n"
     assert multiprocessing.active_children() == []
     assert signal.getsignal(number) is before

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 PAIR = """
 name = "pair"
@@ -38,8 +38,7 @@ def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     hand.write_text("t_s,x_m\n" + "".join(f"{0.05 * k},{0.002 * (k % 4)}\n" for k in range(40)))
     command = ["compare", config, "--methods", "wave,coupling", "--profiles", "own", "--seeds", "1", "--workers", "1"]
     command += ["--hands", f"csv:{hand}&time=t_s&x=x_m"]
-    code, out, err = cogrip(*command, "--json", "answer.json")
-    assert code == 0
+    out, err = cogrip.texts(*command, "--json", "answer.json")
     lines = [line.split() for line in out.splitlines()]
     table = [line for line in lines if line[:1] in (["clean"], ["own"], ["wave"], ["coupling"])]
     assert [line[0] for line in table[:6]] == ["clean", "wave", "coupling", "own", "wave", "coupling"]
@@ -53,8 +52,7 @@ def test_one_table_and_a_folder(config: Path, cogrip: Cogrip) -> None:
     found = json.loads(Path("answer.json").read_text())
     assert found["run"] == found["sessions"] == 4
     assert found["asked"]["settings"]["users"][0]["hand"].startswith("csv:")
-    code, _, err = cogrip(*command, "--out", folder, "--set", "seconds=3")
-    assert code == 2
+    err = cogrip.err(*command, "--out", folder, "--set", "seconds=3")
     assert "holds another comparison (other settings, rest_s)" in err
 
 
@@ -63,9 +61,7 @@ def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
     pushes = ["--hands", "push&force_n=8", "--hands", "push&force_n=8"]
     command = ["compare", config, "--methods", "wave", "--profiles", "clean", "--seeds", "1", "--workers", "1", *pushes]
     command += ["--set", "users.0.device=sim:ideal", "--set", "users.1.device=sim:ideal"]
-    code, out, _ = cogrip(*command)
-    assert code == 1
-    assert "diverged 1/1 at" in out
+    assert "diverged 1/1 at" in cogrip.out(*command, code=1)
 
 
 @pytest.mark.parametrize(
@@ -80,11 +76,8 @@ def test_ours_has_to_hold(config: Path, cogrip: Cogrip) -> None:
         (["--set", "users.0.device=emulated:vintage"], "has to be a simulated device"),
         (["--set", "users.0.device=haply:/dev/ttyACM0"], "haply"),
         (["--hands", "csv:none.csv&time=t&x=x"], "none.csv"),
-        (["--out", "pair.toml"], "is no comparison's folder"),
+        (["--out", "pair.toml", "--methods", "wave", "--profiles", "lan"], "is no comparison's folder"),
     ],
 )
 def test_bad_input_is_named_and_leaves_nothing(config: Path, cogrip: Cogrip, arguments: list[str], words: str) -> None:
-    code, _, err = cogrip("compare", config, *arguments)
-    assert code == 2
-    assert words in err
-    assert [path.name for path in config.parent.iterdir()] == ["pair.toml"]
+    cogrip.refuses(words, "compare", config, *arguments)

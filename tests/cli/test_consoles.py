@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 
 CLI = Path(__file__).resolve().parents[2] / "cli" / "cogrip" / "cli"
-PLACE = "console.py"
+PLACE = "output.py"
 
 
 @pytest.mark.parametrize("text", ["[fe80::a:b:100:1]:4000", "serial:/dev/x:o:y", ":smile: 0x1f 12"])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cogrip.cli.session.before_run import together
 from cogrip.protocol.setting_errors import expects, plain, unit_of
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 DEMO = str(Path(__file__).resolve().parents[2] / "configs" / "demo.toml")
 HELP = "--help` shows what it takes"
@@ -53,8 +53,7 @@ def test_a_file_that_cannot_be_read_names_its_line(
     name: str, text: str, where: str, cogrip: Cogrip, tmp_path: Path
 ) -> None:
     (tmp_path / name).write_text(text)
-    code, _, err = cogrip("lab", tmp_path / name, "--json", "-")
-    assert code == 2
+    err = cogrip.err("lab", tmp_path / name, "--json", "-")
     assert f"/{where}" in err
     assert err.count("\n") == 1
 
@@ -85,8 +84,8 @@ def test_a_warning_of_several_people_is_said_once() -> None:
 
 def test_what_is_refused_is_not_warned_of_as_well(cogrip: Cogrip, tmp_path: Path) -> None:
     twice = ("--device", "emulated:vintage", "--device", "emulated:vintage")
-    code, out, err = cogrip("lab", DEMO, *twice, "--runs", tmp_path)
-    assert (code, out) == (2, "")
+    out, err = cogrip.texts("lab", DEMO, *twice, "--runs", tmp_path, code=2)
+    assert out == ""
     (last,) = [line for line in err.splitlines() if "is more than device serial:vintage carries" in line]
     assert last.startswith("cogrip: refused: anna, ben: b = 20 N s/m")
     assert err.splitlines()[-1] == last

@@ -14,7 +14,7 @@ from cogrip.devices import registry
 from cogrip.devices.device import Device
 from cogrip.devices.registry import Family, make
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 DEMO = Path(__file__).resolve().parents[2] / "configs" / "demo.toml"
 Install = Callable[[Callable[[], Any]], None]
@@ -55,25 +55,22 @@ def test_a_driver_of_more_axes_than_the_room_has_is_held_by_its_first(
     cogrip: Cogrip, install: Install, axes: int
 ) -> None:
     install(lambda: make("sim:phantom?hand=reach", axes=2))
-    code, out, _ = cogrip(
+    out = cogrip.out(
         "lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=2", "--set", f"object.axes={axes}"
     )
-    assert code == 0
     assert json.loads(out)["object"]["travel_m"] > 0.005
 
 
 def test_a_driver_of_fewer_axes_is_refused(cogrip: Cogrip, install: Install) -> None:
     install(lambda: make("sim:phantom?hand=reach", axes=2))
-    code, _, err = cogrip("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "object.axes=3")
-    assert code == 2
+    err = cogrip.err("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "object.axes=3")
     assert "anna: sim:phantom has 2 axes, and the room has 3; take another device, or set object.axes=2" in err
 
 
 @pytest.mark.parametrize("verb", ["capability", "open", "close"])
 def test_a_driver_that_fails_before_the_session_is_named(cogrip: Cogrip, install: Install, verb: str) -> None:
     install(lambda: Broken(verb))
-    code, _, err = cogrip("lab", DEMO, "--device", "foreign:x", "--json", "-")
-    assert code == 2
+    err = cogrip.err("lab", DEMO, "--device", "foreign:x", "--json", "-")
     assert f"anna: 'foreign:x': IndexError: list index out of range in {verb}; its driver has a defect" in err
     assert len(err.strip().splitlines()) == 1
 
@@ -84,16 +81,14 @@ def test_a_driver_that_cannot_be_made_is_named(cogrip: Cogrip, install: Install)
 
     install(fails)
     for arguments in (["lab", DEMO, "--device"], ["join", "127.0.0.1:1", "--device"], ["devices", "conform"]):
-        code, _, err = cogrip(*arguments, "foreign:x")
-        assert code == 2
+        err = cogrip.err(*arguments, "foreign:x")
         assert "'foreign:x': OSError: no such library in make; its driver has a defect" in err
 
 
 @pytest.mark.parametrize("verb", ["read", "write"])
 def test_a_driver_that_fails_in_the_session_ends_it_in_a_fault(cogrip: Cogrip, install: Install, verb: str) -> None:
     install(lambda: Broken(verb))
-    code, out, _ = cogrip("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=1")
-    assert code == 1
+    out = cogrip.out("lab", DEMO, "--device", "foreign:x", "--json", "-", "--set", "seconds=1", code=1)
     anna = json.loads(out)["users"][0]
     assert anna["state"] == "fault"
     assert f"device: sim: IndexError: list index out of range in {verb}" in anna["reason"]
@@ -101,8 +96,7 @@ def test_a_driver_that_fails_in_the_session_ends_it_in_a_fault(cogrip: Cogrip, i
 
 def test_conform_reports_a_defect_and_continues(cogrip: Cogrip, install: Install) -> None:
     install(lambda: Broken("write"))
-    code, out, _ = cogrip("devices", "conform", "foreign:x", "--axes", "1")
-    assert code == 1
+    out = cogrip.out("devices", "conform", "foreign:x", "--axes", "1", code=1)
     assert "✗ samples_are_metres: only DeviceError may be raised, not IndexError: list index out of range" in out
     assert "✗ raises_device_errors_alone: a force of" in out
     assert "✓ record_is_complete" in out

@@ -32,7 +32,7 @@ def bare(text: str) -> str:
 def page(path: tuple[str, ...], columns: int) -> str:
     """Return the help page of a command as `main` shows it."""
     out = io.StringIO()
-    show_docstrings(app, path)
+    show_docstrings(app, (*path, "--help"))
     app.help_print(path, console=Console(file=out, width=columns, color_system=None))
     return out.getvalue()
 
@@ -40,7 +40,9 @@ def page(path: tuple[str, ...], columns: int) -> str:
 @pytest.mark.parametrize("columns", [80, 120])
 @pytest.mark.parametrize("path", [path for path in ALL if path], ids=" ".join)
 def test_a_page_shows_the_line_of_the_list_and_the_whole_docstring(path: tuple[str, ...], columns: int) -> None:
-    shown = bare(page(path, columns))
+    whole = page(path, columns)
+    assert "ARGS" not in whole.partition("\n")[0], "arguments have names"
+    shown = bare(whole)
     assert shown.count(bare(LINES[path].partition("\n\n")[0])) == 1
     command = ALL[path].default_command
     text, _, parameters = ((command.__doc__ or "") if command else "").partition("Parameters\n")

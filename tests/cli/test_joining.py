@@ -27,7 +27,7 @@ from cogrip.sim.analysis.advice import Advice
 from cogrip.sim.analysis.linear_session import ModelError
 from cogrip.sim.analysis.stability import Limit, Verdict
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 FINGERPRINT, TOKEN = "0123456789abcdef" * 4, "tokentokentokentoken_-"
 LINK = f"cogrip://127.0.0.1:4711/lab#{FINGERPRINT}.{TOKEN}"
@@ -119,8 +119,7 @@ def test_a_link_is_taken_as_it_was_pasted(cogrip: Cogrip, monkeypatch: pytest.Mo
 
 def test_standard_input_without_a_link_is_said(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
-    code, _, problems = cogrip("join", "-")
-    assert (code, "standard input has no join link in its first line" in problems) == (2, True)
+    assert "standard input has no join link in its first line" in cogrip.err("join", "-")
 
 
 def test_a_hello_claims_its_devices_record(cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,8 +259,8 @@ def test_drawing_keeps_its_pace() -> None:
 
 def test_a_replay_of_nothing_asks_for_no_seat(run: Path, cogrip: Cogrip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LiveClient, "run", lambda _: pytest.fail("the server was asked"))
-    code, out, err = cogrip("join", "127.0.0.1:1", "--device", f"replay:{run}#user=anna&start_s=500")
-    assert (code, out) == (2, "")
+    out, err = cogrip.texts("join", "127.0.0.1:1", "--device", f"replay:{run}#user=anna&start_s=500", code=2)
+    assert out == ""
     assert "from 500 s to 0.5" in err
     assert "there is nothing to play; the recording is 0.5" in err
     assert err.count("\n") == 1

@@ -1,6 +1,5 @@
 """`cogrip recover` as its users type it: exit codes, words, what it leaves."""
 
-import json
 import re
 from pathlib import Path
 
@@ -9,13 +8,14 @@ import pytest
 
 from cogrip.protocol.recording.reader import open_recording
 
-from tests.cli.spoiled_runs import ANNA, BEN, SERVER, TORN, Cogrip, cut, damage
+from tests.cli.command import Cogrip
+from tests.cli.spoiled_runs import ANNA, BEN, SERVER, TORN, cut, damage
 
 
 def test_recover_a_file(run: Path, cogrip: Cogrip) -> None:
     cut(run / ANNA)
-    code, said, problems = cogrip("recover", run / ANNA)
-    assert (code, problems) == (0, "")
+    said, problems = cogrip.texts("recover", run / ANNA)
+    assert problems == ""
     recovered = run / "client-anna.recovered.mcap"
     assert re.fullmatch(
         rf"{ANNA} was not closed: \d+ messages over 0\.\d+ s are saved in {recovered}; {len(TORN)} bytes could not be read\n",
@@ -24,9 +24,8 @@ def test_recover_a_file(run: Path, cogrip: Cogrip) -> None:
     header = open_recording(run / ANNA).header
     assert header.cut is False
     assert open_recording(recovered).header == msgspec.structs.replace(header, cut=True)
-    code, said, _ = cogrip("replay", recovered, "--verify", "--json", "-")
-    (verdict,) = json.loads(said)["files"]
-    assert (code, verdict["exact"], verdict["cut"]) == (0, True, True)
+    (verdict,) = cogrip.answer("replay", recovered, "--verify")["files"]
+    assert (verdict["exact"], verdict["cut"]) == (True, True)
 
 
 def test_recover_a_file_that_is_damaged_in_the_middle_alone(run: Path, cogrip: Cogrip) -> None:
@@ -39,16 +38,11 @@ def test_recover_a_file_that_is_damaged_in_the_middle_alone(run: Path, cogrip: C
 def test_recover_a_run_saves_each_file_that_was_cut(run: Path, cogrip: Cogrip) -> None:
     for file in (ANNA, SERVER):
         cut(run / file)
-    code, said, _ = cogrip("recover", run)
-    assert code == 0
+    said = cogrip.out("recover", run)
     assert [line.partition(" ")[0] for line in said.splitlines()] == [ANNA, SERVER]
-    assert {path.name for path in run.glob("*.recovered.mcap")} == {
-        "client-anna.recovered.mcap",
-        "server.recovered.mcap",
-    }
-    code, said, _ = cogrip("recover", run)
-    assert code == 0
-    assert "every recording was closed; there is nothing to recover" in said
+    saved = {path.name for path in run.glob("*.recovered.mcap")}
+    assert saved == {"client-anna.recovered.mcap", "server.recovered.mcap"}
+    assert "every recording was closed; there is nothing to recover" in cogrip.out("recover", run)
 
 
 def test_files_that_are_recovered_already_or_no_recordings_are_refused(run: Path, cogrip: Cogrip) -> None:
@@ -62,18 +56,14 @@ def test_files_that_are_recovered_already_or_no_recordings_are_refused(run: Path
         (Path("nowhere.mcap"), "nowhere.mcap: there is no such file; name a run folder or a .mcap file"),
         (Path("empty"), "empty holds no recording; name a run folder or a .mcap file"),
     ):
-        code, said, problems = cogrip("recover", file)
-        assert (code, said) == (2, "")
-        assert words in problems
+        cogrip.refuses(words, "recover", file)
     assert (run / "client-anna.recovered.mcap").read_bytes() == kept
 
 
 @pytest.mark.parametrize("size_bytes", [20, 200])
 def test_a_file_that_ends_within_its_header_cannot_be_recovered(run: Path, cogrip: Cogrip, size_bytes: int) -> None:
     (run / ANNA).write_bytes((run / ANNA).read_bytes()[:size_bytes])
-    code, _, problems = cogrip("recover", run / ANNA)
-    assert code == 2
-    assert "ends before it says what it is; nothing of it can be saved" in problems
-    code, said, problems = cogrip("replay", run, "--verify")
+    cogrip.refuses("ends before it says what it is; nothing of it can be saved", "recover", run / ANNA)
+    said, problems = cogrip.texts("replay", run, "--verify", code=1)
     assert "nothing of it can be saved" in said + problems
     assert f"{BEN}: equal, bit by bit" in said

@@ -12,21 +12,21 @@ from cogrip.protocol.recording.header import versions_here
 from cogrip.protocol.recording.reader import Message, open_recording
 from cogrip.protocol.recording.records import Tick
 
-from tests.cli.spoiled_runs import ANNA, BEN, FILES, SERVER, TORN, Cogrip, cut, damage, tick, ticks
+from tests.cli.command import Cogrip
+from tests.cli.spoiled_runs import ANNA, BEN, FILES, SERVER, TORN, cut, damage, tick, ticks
 from tests.recording_files import rewrite
 
 
 def test_a_run_that_plays_again(run: Path, cogrip: Cogrip) -> None:
-    code, said, problems = cogrip("replay", run, "--verify")
-    assert (code, problems) == (0, "")
+    said, problems = cogrip.texts("replay", run, "--verify")
+    assert problems == ""
     for file in FILES:
         what = "steps" if file == SERVER else "ticks"
         assert re.search(
             rf"^{file}: equal, bit by bit: \d+ messages, {ticks(file)} {what}, 0\.4\d\d s$", said, re.MULTILINE
         )
     assert len(said.splitlines()) == 3
-    code, said, _ = cogrip("replay", run / BEN, "--verify")  # one file alone
-    assert code == 0
+    said = cogrip.out("replay", run / BEN, "--verify")
     assert said.startswith(f"{BEN}: equal, bit by bit: ")
     assert len(said.splitlines()) == 1
 
@@ -42,8 +42,7 @@ def test_the_first_difference_is_named_with_time_field_and_both_values(run: Path
         return msgspec.structs.replace(record, force_n=(values[0],))
 
     rewrite(run / ANNA, tick(256, nudged))
-    code, said, _ = cogrip("replay", run, "--verify")
-    assert code == 1
+    said = cogrip.out("replay", run, "--verify", code=1)
     there, here = (json.dumps(value) for value in values)
     assert f"{ANNA}: differs at 0.250000 s in /anna/tick force_n[0]: recorded {there}, replayed {here}" in said
     assert re.search(rf"^{ANNA}: equal until then: \d+ messages, 25\d ticks, 0\.\d+ s$", said, re.MULTILINE)
@@ -53,15 +52,14 @@ def test_the_first_difference_is_named_with_time_field_and_both_values(run: Path
 def test_another_input_makes_another_run(run: Path, cogrip: Cogrip) -> None:
     """A position is an input; what differs is what came of it, in that tick or a later one."""
     rewrite(run / ANNA, tick(201, lambda record: msgspec.structs.replace(record, position_m=(0.001,))))
-    code, said, _ = cogrip("replay", run / ANNA, "--verify")
-    assert code == 1
+    said = cogrip.out("replay", run / ANNA, "--verify", code=1)
     assert "differs at 0.196289 s in /anna/tick velocity_mps[0]: recorded" in said
 
 
 def test_a_closed_file_that_differs_was_closed(run: Path, cogrip: Cogrip) -> None:
     rewrite(run / ANNA, tick(100, lambda record: msgspec.structs.replace(record, lost=7)))
     assert "was not closed" not in cogrip("replay", run, "--verify")[1]
-    (anna,) = json.loads(cogrip("replay", run / ANNA, "--verify", "--json", "-")[1])["files"]
+    (anna,) = cogrip.answer("replay", run / ANNA, "--verify", code=1)["files"]
     assert anna["cut"] is False
 
 
@@ -75,16 +73,12 @@ def test_a_missing_message_is_a_difference(run: Path, cogrip: Cogrip, kind: str)
         return None if this == kind and seen == 20 else message.payload
 
     rewrite(run / ANNA, without_one)
-    code, said, _ = cogrip("replay", run / ANNA, "--verify")
-    assert code == 1
-    assert f"{ANNA}: differs at " in said
+    assert f"{ANNA}: differs at " in cogrip.out("replay", run / ANNA, "--verify", code=1)
 
 
 def test_the_answer_as_json(run: Path, cogrip: Cogrip) -> None:
     rewrite(run / BEN, tick(100, lambda record: msgspec.structs.replace(record, lost=7)))
-    code, said, _ = cogrip("replay", run, "--verify", "--json", "-")
-    assert code == 1
-    answer = json.loads(said)
+    answer = cogrip.answer("replay", run, "--verify", code=1)
     assert (answer["exact"], answer["unreadable"]) == (False, [])
     found = {each["file"]: each for each in answer["files"]}
     assert set(found) == set(FILES)
@@ -100,12 +94,9 @@ def test_the_answer_as_json(run: Path, cogrip: Cogrip) -> None:
 
 
 def test_json_into_a_file(run: Path, cogrip: Cogrip) -> None:
-    code, said, _ = cogrip("replay", run, "--verify", "--json", "answer.json")
-    assert code == 0
-    assert "equal, bit by bit" in said
+    assert "equal, bit by bit" in cogrip.out("replay", run, "--verify", "--json", "answer.json")
     assert json.loads(Path("answer.json").read_text())["exact"] is True
-    code, _, problems = cogrip("replay", run, "--verify", "--json", "none/answer.json")
-    assert code == 1
+    problems = cogrip.err("replay", run, "--verify", "--json", "none/answer.json", code=1)
     assert "--json none/answer.json: cannot be written" in problems
 
 
@@ -114,21 +105,18 @@ def test_other_versions_are_said_before_not_after(run: Path, cogrip: Cogrip) -> 
     older = msgspec.structs.replace(here, numpy="1.0.0", machine="riscv64")
     rewrite(run / ANNA, versions=older)
     rewrite(run / SERVER, tick(0, lambda record: record), versions=older)
-    code, said, _ = cogrip("replay", run, "--verify")
-    assert code == 0
+    said = cogrip.out("replay", run, "--verify")
     lines = said.splitlines()
     words = f"was recorded by other versions: numpy: 1.0.0 -> {here.numpy}; machine: riscv64 -> {here.machine}"
     assert lines[:2] == [f"note: {ANNA} {words}", f"note: {SERVER} {words}"]
     assert all("equal, bit by bit" in line for line in lines[2:])
-    _, said, _ = cogrip("replay", run, "--verify", "--json", "-")
-    (anna,) = [each for each in json.loads(said)["files"] if each["file"] == ANNA]
+    (anna,) = [each for each in cogrip.answer("replay", run, "--verify")["files"] if each["file"] == ANNA]
     assert anna["versions"] == [f"numpy: 1.0.0 -> {here.numpy}", f"machine: riscv64 -> {here.machine}"]
 
 
 def test_a_damaged_chunk_is_a_hole_with_its_times(run: Path, cogrip: Cogrip) -> None:
     damage(run / BEN)
-    code, said, _ = cogrip("replay", run, "--verify")
-    assert code == 1
+    said = cogrip.out("replay", run, "--verify", code=1)
     assert re.search(rf"^{BEN}: equal up to a hole, bit by bit: \d+ messages, \d+ ticks, 0\.\d+ s$", said, re.MULTILINE)
     hole = re.search(
         rf"^{BEN}: damaged chunk \(.*\), from (0\.\d+) s to (0\.\d+) s \(\d+ bytes at \d+\): nothing after can be compared$",
@@ -142,8 +130,7 @@ def test_a_damaged_chunk_is_a_hole_with_its_times(run: Path, cogrip: Cogrip) -> 
 def test_what_was_cut_is_recovered_when_it_is_opened_and_that_is_said(run: Path, cogrip: Cogrip) -> None:
     cut(run / ANNA)
     before = (run / ANNA).read_bytes()
-    code, said, problems = cogrip("replay", run, "--verify")
-    assert code == 0
+    said, problems = cogrip.texts("replay", run, "--verify")
     recovered = run / "client-anna.recovered.mcap"
     said_first = rf"^note: {ANNA} was not closed: (\d+) messages over 0\.\d+ s are saved in {recovered}; "
     note = rf"{said_first}{len(TORN)} bytes could not be read$"
@@ -152,10 +139,10 @@ def test_what_was_cut_is_recovered_when_it_is_opened_and_that_is_said(run: Path,
     assert int(found[1]) == sum(1 for _ in open_recording(recovered).messages())
     assert "client-anna.recovered.mcap: equal, bit by bit" in said
     assert (run / ANNA).read_bytes() == before
-    code, said, problems = cogrip("replay", run, "--verify")  # it is not done twice
-    assert (code, problems) == (0, "")
-    code, said, problems = cogrip("replay", run / ANNA, "--verify")  # the old file can still be named
-    assert (code, problems) == (0, "")
+    said, problems = cogrip.texts("replay", run, "--verify")
+    assert problems == ""
+    said, problems = cogrip.texts("replay", run / ANNA, "--verify")
+    assert problems == ""
     assert f"{ANNA}: was not closed; what is there was compared" in said
 
 
@@ -163,25 +150,20 @@ def test_what_is_still_being_written_is_read_as_it_is(run: Path, cogrip: Cogrip)
     cut(run / ANNA)
     with (run / ANNA).open("rb") as writer:
         lock(writer.fileno())
-        code, said, problems = cogrip("replay", run, "--verify")
-        assert (code, problems) == (0, "")
+        said, problems = cogrip.texts("replay", run, "--verify")
+        assert problems == ""
         assert f"{ANNA}: was not closed; what is there was compared" in said
         assert not list(run.glob("*.recovered.mcap"))
-        code, _, problems = cogrip("recover", run)
-        assert code == 1
-        assert f"{run / ANNA} is still being written; end its session first" in problems
+        assert f"{run / ANNA} is still being written; end its session first" in cogrip.err("recover", run, code=1)
     assert cogrip("recover", run)[0] == 0
 
 
 def test_an_unreadable_part_is_named_and_the_run_is_not_exact(run: Path, cogrip: Cogrip) -> None:
     (run / BEN).write_bytes(b"something else")
-    code, said, _ = cogrip("replay", run, "--verify")
-    assert code == 1
+    said = cogrip.out("replay", run, "--verify", code=1)
     assert f"note: {run / BEN} is not a recording" in said
     assert f"{ANNA}: equal, bit by bit" in said
-    code, said, _ = cogrip("replay", run, "--verify", "--json", "-")
-    assert code == 1
-    answer = json.loads(said)
+    answer = cogrip.answer("replay", run, "--verify", code=1)
     assert answer["exact"] is False
     assert answer["unreadable"] == [str(run / BEN)]
     assert {each["file"]: each["exact"] for each in answer["files"]} == {ANNA: True, SERVER: True}

@@ -69,8 +69,7 @@ def listed(base: Path) -> dict[str, ListedRun]:
 @pytest.mark.parametrize("columns", [80, 150])
 def test_runs_are_listed_newest_first_with_a_line_each(base, cogrip, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
-    code, out, _ = cogrip("runs", base)
-    assert code == 0
+    out = cogrip.out("runs", base)
     heading, *lines = out.splitlines()
     assert [line.split()[0] for line in lines] == [SOFT, FIRST, THREE, APART, SPRING]
     assert heading.split()[:5] == ["run", "age", "kind", "people", "verdict"]
@@ -85,20 +84,19 @@ def test_runs_are_listed_newest_first_with_a_line_each(base, cogrip, monkeypatch
 
 def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
     """A comparison of methods, a sweep, a what-if beside what it is compared with, a replay: none is a session that failed."""
-    compared = runs / "20260103-080000-compare-short"
-    compared.mkdir()
     rows = [{"method": "wave", "diverged": 0, "oscillates": 0, "not_passive": 0, "failed": 0}]
-    asked = {"settings": SETTINGS}
-    (compared / "comparison.json").write_text("{}")
-    (compared / "summary.json").write_text(json.dumps({"sessions": 8, "run": 8, "asked": asked, "rows": rows}))
-    begun = runs / "20260103-080001-compare-begun"
-    begun.mkdir()
-    (begun / "comparison.json").write_text("{}")
-    (begun / "cells.jsonl").write_text("{}\n" * 3)
-    swept = runs / "20260103-080002-sweep"
-    swept.mkdir()
-    (swept / "sweep.json").write_text("{}")
-    (swept / "cells.jsonl").write_text("{}\n" * 5)
+    summary = {"sessions": 8, "run": 8, "asked": {"settings": SETTINGS}, "rows": rows}
+
+    def left(name: str, **files: str) -> Path:
+        folder = runs / name
+        folder.mkdir()
+        for file, text in files.items():
+            (folder / file.replace("_", ".")).write_text(text)
+        return folder
+
+    compared = left("20260103-080000-compare-short", comparison_json="{}", summary_json=json.dumps(summary))
+    begun = left("20260103-080001-compare-begun", comparison_json="{}", cells_jsonl="{}\n" * 3)
+    swept = left("20260103-080002-sweep", sweep_json="{}", cells_jsonl="{}\n" * 5)
     world = runs / "20260103-080003-short-what-if"
     shutil.copytree(runs / FIRST, world)
     shutil.copytree(runs / FIRST, world / "unchanged")
@@ -112,26 +110,21 @@ def test_a_folder_that_is_no_session_is_listed_as_what_it_is(runs, capsys):
     found = listed(runs)
     kinds = {name: (run.kind, run.tone, run.brief) for name, run in found.items() if name.startswith("20260103")}
     assert kinds == {
-        replayed.name: ("replay", "good", "good"),
-        f"{world.name}/unchanged": ("what-if", "good", "good"),
-        world.name: ("what-if", "good", "good"),
-        swept.name: ("comparison", "good", "5 cases"),
-        begun.name: ("comparison", "warn", "3 sessions"),
-        compared.name: ("comparison", "good", "8 sessions"),
-    }
+        replayed.name: ("replay", "good", "good"), f"{world.name}/unchanged": ("what-if", "good", "good"),
+        world.name: ("what-if", "good", "good"), swept.name: ("comparison", "good", "5 cases"),
+        begun.name: ("comparison", "warn", "3 sessions"), compared.name: ("comparison", "good", "8 sessions"),
+    }  # fmt: skip
     assert found[compared.name].people == ("anna", "ben")
     assert found[compared.name].seconds == 1.0
     rows[0]["diverged"] = 1
-    (compared / "summary.json").write_text(json.dumps({"sessions": 8, "run": 8, "asked": asked, "rows": rows}))
-    assert (listed(runs)[compared.name].tone, listed(runs)[compared.name].brief) == ("bad", "wave failed")
-    (compared / "summary.json").write_text("{}")
-    assert listed(runs)[compared.name].brief == "unreadable"
-    (compared / "summary.json").write_text('{"sessions": 1, "run": 1, "rows": 5}')
-    assert listed(runs)[compared.name].brief == "unreadable"
+    strange = {"{}": "unreadable", '{"sessions": 1, "run": 1, "rows": 5}': "unreadable"}
+    for text, brief in {json.dumps(summary): "wave failed", **strange}.items():
+        (compared / "summary.json").write_text(text)
+        assert listed(runs)[compared.name].brief == brief
 
 
 def test_runs_as_json(base, cogrip):
-    answer = json.loads(cogrip("runs", base, "--json", "-")[1])
+    answer = cogrip.answer("runs", base)
     rows = {row["run"]: row for row in answer["runs"]}
     assert list(rows) == [SOFT, FIRST, THREE, APART, SPRING]
     row = rows[FIRST]
@@ -142,7 +135,7 @@ def test_runs_as_json(base, cogrip):
     assert (row["kind"], row["brief"]) == ("lab", "good")
     assert row["verdict"].startswith("passive, stable, felt as intended"), "the whole one"
     assert {name: rows[name]["tone"] for name in (APART, SPRING)} == {APART: "bad", SPRING: "bad"}
-    alone = json.loads(cogrip("runs", base / FIRST, "--json", "-")[1])["runs"]
+    alone = cogrip.answer("runs", base / FIRST)["runs"]
     assert [row["run"] for row in alone] == [FIRST], "a run named by itself"
 
 
@@ -274,16 +267,14 @@ def test_no_runs_is_no_error(tmp_path, cogrip):
 def test_the_report_of_one_run_is_written_anew(runs, cogrip):
     report = runs / FIRST / "report.html"
     report.write_text("old")
-    code, out, _ = cogrip("report", runs / FIRST)
-    assert (code, f"report: {report}" in out) == (0, True)
+    assert f"report: {report}" in cogrip.out("report", runs / FIRST)
     assert "Passive" in report.read_text(encoding="utf-8")
     assert (runs / FIRST / "plots" / "positions.png").exists()
 
 
 def test_several_runs_are_compared_on_one_page(runs, tmp_path, empty_folder, cogrip):
     for _ in range(2):  # an earlier comparison is replaced
-        code, out, _ = cogrip("report", runs / FIRST, runs / SOFT, runs / SPRING)
-        assert code == 0
+        out = cogrip.out("report", runs / FIRST, runs / SOFT, runs / SPRING)
     assert "report: comparison.html" in out
     assert "peak force [N]" in out
     page = (tmp_path / "comparison.html").read_text(encoding="utf-8")
@@ -294,8 +285,8 @@ def test_several_runs_are_compared_on_one_page(runs, tmp_path, empty_folder, cog
 
 def test_export_writes_tables_beside_the_recordings_or_elsewhere(runs, tmp_path, cogrip):
     folder = runs / FIRST
-    code, out, _ = cogrip("export", folder, "--to", "csv", "--datagrams")
-    assert (code, f"{folder / 'client-anna.tick.csv'}: 1024 rows" in out) == (0, True)
+    out = cogrip.out("export", folder, "--to", "csv", "--datagrams")
+    assert f"{folder / 'client-anna.tick.csv'}: 1024 rows" in out
     assert (folder / "server.datagram_in.csv").exists()
     with (folder / "client-anna.tick.csv").open(newline="") as file:
         head, *rows = csv.reader(file)
@@ -313,8 +304,7 @@ def test_export_recovers_a_recording_that_was_cut_short_and_says_so(runs, cogrip
     """The old recording stays; the tables have their usual names."""
     cut = runs / FIRST / "client-ben.mcap"
     os.truncate(cut, 40_000)
-    code, _, err = cogrip("export", runs / FIRST, "--to", "csv")
-    assert (code, "client-ben.mcap was not closed" in err) == (0, True)
+    assert "client-ben.mcap was not closed" in cogrip.err("export", runs / FIRST, "--to", "csv", code=0)
     with (runs / FIRST / "client-ben.tick.csv").open() as file:
         rows = sum(1 for _ in file) - 1
     assert 0 < rows < 1024
@@ -327,8 +317,7 @@ def test_export_warns_of_a_damaged_chunk(runs, cogrip):
     middle = len(content) // 2
     content[middle : middle + 20] = bytes(20)
     path.write_bytes(content)
-    code, _, err = cogrip("export", runs / FIRST, "--to", "csv")
-    assert (code, "warning: client-ben.mcap: damaged chunk" in err) == (0, True)
+    assert "warning: client-ben.mcap: damaged chunk" in cogrip.err("export", runs / FIRST, "--to", "csv", code=0)
     with (runs / FIRST / "client-ben.tick.csv").open(newline="") as file:
         ticks = [int(row["tick"]) for row in csv.DictReader(file)]
     assert ticks[0] == 0
@@ -362,17 +351,14 @@ def test_export_warns_of_a_damaged_chunk(runs, cogrip):
 )
 def test_bad_input_is_named_and_nothing_is_left(arguments, words, base, empty_folder, cogrip):
     before = {path: path.stat().st_mtime_ns for path in base.rglob("*")}
-    code, out, err = cogrip(*(argument.replace("RUNS", str(base)) for argument in arguments))
-    assert (code, words in out + err) == (2, True), out + err
-    assert list(empty_folder.iterdir()) == []
+    cogrip.refuses(words, *(argument.replace("RUNS", str(base)) for argument in arguments))
     assert {path: path.stat().st_mtime_ns for path in base.rglob("*")} == before
 
 
 def test_export_overwrites_nothing(runs, cogrip):
     table = runs / FIRST / "server.step.csv"
     table.write_text("mine")
-    code, _, err = cogrip("export", runs / FIRST, "--to", "csv")
-    assert (code, f"{table} exists, and nothing is overwritten" in err) == (2, True)
+    assert f"{table} exists, and nothing is overwritten" in cogrip.err("export", runs / FIRST, "--to", "csv")
     assert [path.name for path in (runs / FIRST).glob("*.csv")] == [table.name]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from cogrip.server.io.state_folder import make_folder
 
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 UNIT = Path(__file__).resolve().parents[2] / "configs" / "cogrip.service"
 posix = pytest.mark.skipif(os.name != "posix", reason="a state folder needs Linux or macOS")
@@ -21,20 +21,19 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
-def served(cogrip: Cogrip, config: Path, *more: object) -> tuple[int, str]:
-    runs = config.parent / "runs"
-    code, said, problems = cogrip(
-        "serve", config, "--port", 0, "--seconds", 0.05, "--no-record", "--no-report", "--runs", runs, *more
-    )
-    return code, said + problems
+@pytest.fixture
+def serve(cogrip: Cogrip, config: Path) -> Cogrip:
+    """Serve the room for a moment."""
+    more = ("--seconds", 0.05, "--no-record", "--no-report", "--runs", config.parent / "runs")
+    return cogrip.within("serve", config, "--port", 0, *more)
 
 
 @posix
 @pytest.mark.parametrize("spoil", ["key", "mode", "certificate", "lost", "tokens"])
-def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, cogrip: Cogrip, config: Path, spoil: str) -> None:
+def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, serve: Cogrip, spoil: str) -> None:
     state = tmp_path / "state"
     folder = make_folder(state)
-    assert served(cogrip, config, "--seal", "--state", state)[0] == 0
+    serve.out("--seal", "--state", state)
     if spoil == "key":
         folder.key.write_bytes(b"nonsense")
     elif spoil == "mode":
@@ -45,9 +44,7 @@ def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, cogrip: Co
         folder.certificate.unlink()
     else:
         folder.tokens.write_bytes(b"{}")
-    code, said = served(cogrip, config, "--seal", "--state", state)
-    assert code == 2, said
-    assert str(state) in said.replace("\n", "")
+    assert str(state) in serve.err("--seal", "--state", state).replace("\n", "")
     unit = configparser.ConfigParser(strict=False, interpolation=None, delimiters=("=",))
     unit.read_string(UNIT.read_text().replace("\\\n", " "))
     assert unit["Service"]["RestartPreventExitStatus"] == "2"
@@ -63,17 +60,15 @@ def test_a_key_that_cannot_be_used_is_not_tried_again(tmp_path: Path, cogrip: Co
     ],
 )
 def test_a_room_that_is_not_passive_is_warned_of_where_others_can_join(
-    tmp_path: Path, cogrip: Cogrip, config: Path, coupling: str, words: str
+    tmp_path: Path, serve: Cogrip, config: Path, coupling: str, words: str
 ) -> None:
     config.write_text(f"{config.read_text()}[coupling]\n{coupling}\n")
     warning = f"warning: room lab is not passive ({words}): it can make energy"
     for more in (("--seal", "--state", tmp_path / "state"), ("--host", "0.0.0.0", "--insecure")):
-        code, said = served(cogrip, config, *more)
-        assert code == 0
-        assert warning in said
-    assert warning not in served(cogrip, config)[1]  # on this machine alone
+        assert warning in serve.out(*more)
+    assert warning not in serve.out("--insecure")  # on this machine alone
 
 
 @posix
-def test_nothing_is_said_of_a_passive_room(tmp_path: Path, cogrip: Cogrip, config: Path) -> None:
-    assert "is not passive" not in served(cogrip, config, "--seal", "--state", tmp_path / "state")[1]
+def test_nothing_is_said_of_a_passive_room(tmp_path: Path, serve: Cogrip) -> None:
+    assert "is not passive" not in serve.out("--seal", "--state", tmp_path / "state")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
 
@@ -31,8 +32,8 @@ from cogrip.server.tokens import Token
 from cogrip.sim.experiments.methods.table import TABLE
 from cogrip.sim.runs.comparison import differences
 from cogrip.sim.runs.listing import ListedRun
-from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.io.relay_loop import LiveRelay
+from cogrip.sim.session.link import configured_link
 from cogrip.sim.session.relay import Relay
 
 WIDTHS = [80, 120]
@@ -49,12 +50,12 @@ def printed(what: RenderableType, width: int) -> str:
     return printed_text.get()
 
 
-def check(text: str, width: int, *words: str) -> None:
+def check(text: str, width: int, *whole: str, each: str = "") -> None:
     """No line is wider than the terminal, no number or state is cut, and no word that matters is broken."""
     for line in text.splitlines():
         assert cell_len(line.rstrip()) <= width, line
     assert not CUT_NUMBER.search(text), text
-    for word in words:
+    for word in (*whole, *each.split()):
         assert word in text, f"{word!r} is broken, cut or missing in:\n{text}"
 
 
@@ -134,13 +135,7 @@ class Followed(FollowedRun):
 def test_the_live_table_of_a_demo(width: int, axes: int) -> None:
     table = LiveTable(Path("nowhere"), "room", PEOPLE, Followed(axes))
     text = printed(table.table(), width)
-    check(
-        text,
-        width,
-        "trip ms",
-        "up, down",
-        *["person", "state", "hand", "force", "lost", "ticks", "degraded", "joining"],
-    )
+    check(text, width, "trip ms", "up, down", each="person state hand force lost ticks degraded joining")
     assert len(text.splitlines()) <= 23, "it fits a terminal of 24 lines"
 
 
@@ -153,14 +148,7 @@ def test_the_live_table_of_a_join(width: int, axes: int) -> None:
         if name == PEOPLE[7]:
             assert "nothing is recorded yet" in text
             continue
-        check(
-            text,
-            width,
-            "reserve mJ",
-            "trip ms",
-            "up, down",
-            *["state", "hand", "force", "lost", "ticks", "playout", "12345"],
-        )
+        check(text, width, "reserve mJ", "trip ms", "up, down", each="state hand force lost ticks playout 12345")
         signs = re.findall(r"([xyz]) +([+-]\d+\.\d+)", text)
         if name == PEOPLE[0]:  # hand and force of each axis, with its sign
             numbers = {"x": ("-123.4", "-12.34"), "y": ("+222.2", "+22.22"), "z": ("-999.9", "-99.99")}
@@ -175,14 +163,9 @@ def test_the_live_table_of_a_server(width: int, height: int, rooms: int) -> None
     table.roster = [RosterEntry(name, names[0], IPV6, 4e5, seat, rtt_ms=1234.5, lost=123456, holds=seat > 1)
                for seat, name in enumerate(PEOPLE[:3])]  # fmt: skip
     text = printed(table.table(width, height - 1), width)
-    check(
-        text,
-        width,
-        *["name", "state", "since", "rtt", "lost", "proxy", "force", "holds", "comes", "111:06:40", "1234.5"],
-    )
+    check(text, width, each="name state since rtt lost proxy force holds comes 111:06:40 1234.5")
     assert len(text.splitlines()) < height
-    assert ("more seats" in text) is (rooms > 1)
-    assert ("more rooms" in text) is (rooms > 10)
+    assert ("more seats" in text, "more rooms" in text) == (rooms > 1, rooms > 10)
     assert "room-0: -123.4 +222.2 -999.9 mm, step 1234567, 123456 µs late, 12345 skipped" in text.replace("object ", "")
 
 
@@ -208,12 +191,7 @@ def test_a_hundred_runs_are_a_line_each(width: int) -> None:
     found = [listed(number) for number in range(100)]
     lines = runs.lines_of(found, width, NOW)
     assert len(lines) == 101
-    check(
-        "\n".join(line.plain for line in lines),
-        width,
-        "✗ not passive",
-        *["run", "age", "kind", "people", "verdict", "+7"],
-    )
+    check("\n".join(line.plain for line in lines), width, "✗ not passive", each="run age kind people verdict +7")
     for run, line in zip(found, lines[1:], strict=True):
         assert line.plain.startswith(run.name)
         assert run.kind in line.plain
@@ -248,20 +226,8 @@ def relay_of(host: str) -> LiveRelay:
 @pytest.mark.parametrize("host", ["127.0.0.1", "2001:db8:1111:2222:3333:4444:5555:6666"])
 def test_a_relays_table(width: int, host: str) -> None:
     text = printed(flows_table(relay_of(host)), width)
-    headings = [
-        "flow",
-        "client",
-        "direction",
-        "sent",
-        "delivered",
-        "lost",
-        "outage",
-        "dropped",
-        "duplicated",
-        "held",
-        "reordered",
-    ]
-    check(text, width, *headings, *(place_text((host, port)) for port in (65533, 65535)))
+    headings = "flow client direction sent delivered lost outage dropped duplicated held reordered"
+    check(text, width, *(place_text((host, port)) for port in (65533, 65535)), each=headings)
     if width == 300:
         assert len(text.splitlines()) == 10, "one table for a file"
 
@@ -287,36 +253,19 @@ def test_who_is_there(width: int) -> None:
         for number, name in enumerate(PEOPLE)
     ]
     text = printed(people_tables(people), width)
-    check(
-        text,
-        width,
-        "rtt ms",
-        "up ms",
-        IPV6,
-        *["name", "room", "seat", "address", "since", "lost", "device", "34:17:36"],
-    )
+    check(text, width, "rtt ms", "up ms", IPV6, each="name room seat address since lost device 34:17:36")
     assert text.count("d" * 40) >= 1
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_tokens(width: int) -> None:
-    tokens = [
-        Token(
-            id=f"1f0e18a{number}", hash="0" * 64, role="player", room=f"room-{'r' * 30}", user="u" * 40,
-            device=f"sim:phantom?{'d' * 40}", once=bool(number % 2), start=False, expires=None, created=1, used=None,
-            revoked=None,
-            note="a note " * 12,
-        )
-        for number in range(8)
-    ]  # fmt: skip
+    one = Token(
+        id="1f0e18a0", hash="0" * 64, role="player", room=f"room-{'r' * 30}", user="u" * 40, note="a note " * 12,
+        device=f"sim:phantom?{'d' * 40}", once=False, start=False, expires=None, created=1, used=None, revoked=None,
+    )  # fmt: skip
+    tokens = [replace(one, id=f"1f0e18a{number}", once=bool(number % 2)) for number in range(8)]
     text = printed(token_tables(tokens, 0.0), width)
-    check(
-        text,
-        width,
-        "good for",
-        "u" * 40,
-        *["id", "role", "room", "seat", "device", "state", "when", "note", "1f0e18a7"],
-    )
+    check(text, width, "good for", "u" * 40, each="id role room seat device state when note 1f0e18a7")
 
 
 # --- devices ----------------------------------------------------------------------------------------------------------
@@ -327,17 +276,8 @@ def test_devices_are_a_line_each_in_an_order_that_helps(capsys, monkeypatch, wid
     monkeypatch.setenv("COLUMNS", str(width))
     assert device_list() == 0
     text = capsys.readouterr().out
-    check(
-        text,
-        width,
-        "address",
-        "axes",
-        "peak",
-        "stiffness",
-        "damping",
-        "rate",
-        "openhaptics:Default Device?model=premium1.0",
-    )
+    vague = "openhaptics:Default Device?model=premium1.0"
+    check(text, width, vague, each="address axes peak stiffness damping rate")
     assert len(text.splitlines()) <= 62
     heads = [line.partition(":")[0] for line in text.splitlines() if re.match(r"[a-z]+: ", line)]
     assert heads[0] == "sim"
@@ -373,7 +313,7 @@ def test_what_a_check_found(width: int) -> None:
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("many", [2, 3, 12])
+@pytest.mark.parametrize("many", [2, 3, 6])
 def test_runs_side_by_side(width: int, many: int) -> None:
     summaries = [{**SUMMARY, "seconds": 3.0 + number, "diverged": None} for number in range(many)]
     labels = [f"20260101-1200{number:02}-a-name-that-is-long-enough-to-be-cut-somewhere" for number in range(many)]
@@ -383,15 +323,8 @@ def test_runs_side_by_side(width: int, many: int) -> None:
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_methods(width: int) -> None:
-    numbers = {
-        "runs": 20,
-        "failed": 0,
-        "diverged": 3,
-        "diverged_s": {"median": 1.3, "first": 0.2},
-        "oscillates": 2,
-        "active": 1,
-    }
-    more = {"not_passive": 4, "not_felt": 5, "felt": None, "errors": {}, "reasons": {}}
+    numbers = {"runs": 20, "failed": 0, "diverged": 3, "diverged_s": {"median": 1.3, "first": 0.2}, "oscillates": 2}
+    more = {"active": 1, "not_passive": 4, "not_felt": 5, "felt": None, "errors": {}, "reasons": {}}
     spread = {"median": 12345.6, "worst": 1e9, "low": 0.0, "high": 1e9, "n": 20, "of": 20}
     rows = [
         {"network": network, "method": method, **numbers, **more, **{column.measure: spread for column in TABLE}}
@@ -428,8 +361,7 @@ def test_lines_for_a_file_stay_whole(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 def test_stability_says_it_in_lines_that_fit(cogrip, monkeypatch, tmp_path: Path, width: int) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
     (tmp_path / "pair.toml").write_text('[link]\ndelay_ms = 20.0\n[[users]]\nname = "anna"\n[[users]]\nname = "ben"\n')
-    code, out, err = cogrip("stability", "radius", tmp_path / "pair.toml")
-    assert code == 0
+    out, err = cogrip.texts("stability", "radius", tmp_path / "pair.toml")
     check(out + err, width, "structural eigenvalues at 1: device position of anna")
 
 

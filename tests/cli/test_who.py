@@ -11,7 +11,7 @@ from cogrip.server.io.state_folder import ServerRecord, StateFolder, make_folder
 from cogrip.server.roster import RosterEntry
 
 from tests.cli.answering_server import answering
-from tests.cli.spoiled_runs import Cogrip
+from tests.cli.command import Cogrip
 
 PEOPLE = (
     RosterEntry("anna", "lab", "10.0.0.7:5", 3723.4, 0, "sim:phantom\x1b[2J", 41.25, 20.0, 21.25, 7, True),
@@ -35,8 +35,8 @@ def asked(folder: StateFolder) -> Iterator[list[object]]:
 
 
 def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> None:
-    code, out, err = cogrip("who", "--state", folder.path)
-    assert (code, err) == (0, "")
+    out, err = cogrip.texts("who", "--state", folder.path)
+    assert err == ""
     assert [line.rstrip() for line in out.splitlines()] == [
         "name        room  seat       address     since    rtt ms  up ms  down ms  lost  device",
         "anna        lab   0          10.0.0.7:5  1:02:03    41.2   20.0     21.2     7  sim:phantom\\x1b[2J",
@@ -48,16 +48,23 @@ def test_a_line_a_person(cogrip: Cogrip, folder: StateFolder, asked: list[object
 
 
 def test_as_json(cogrip: Cogrip, folder: StateFolder, asked: list[object]) -> None:
-    code, out, _ = cogrip("who", "--room", "lab", "--json", "-", "--state", folder.path)
-    assert code == 0
+    out = cogrip.out("who", "--room", "lab", "--json", "-", "--state", folder.path)
     anna, _, observer = json.loads(out)["people"]
     assert [anna[key] for key in ("up_ms", "down_ms", "lost", "since_s", "holds")] == [20.0, 21.25, 7, 3723.4, True]
     assert (observer["seat"], observer["rtt_ms"], observer["device"]) == (None, None, "")
     assert asked == [Who("lab")]
 
 
-def test_a_room_that_is_not_there_and_a_server_that_does_not_run(cogrip: Cogrip, folder: StateFolder) -> None:
-    code, _, err = cogrip("who", "--room", "lap", "--state", folder.path)
-    assert (code, "did you mean 'lab'?" in err) == (2, True)
-    code, _, err = cogrip("who", "--state", folder.path)
-    assert (code, "no server is running" in err) == (1, True)
+@pytest.mark.parametrize("command", ["who", "kick anna"])
+@pytest.mark.parametrize("state", ["state", "nowhere"])
+def test_without_a_server_it_is_said_in_one_way(
+    cogrip: Cogrip, folder: StateFolder, tmp_path: Path, command: str, state: str
+) -> None:
+    where = tmp_path / state
+    cure = "start it, or name the right one by --state or --port"
+    said = f"cogrip: no server is running with the state in {where}; {cure}\n"
+    assert cogrip(f"{command} --state {where}") == (1, "", said)
+
+
+def test_a_room_that_is_not_there(cogrip: Cogrip, folder: StateFolder) -> None:
+    assert "did you mean 'lab'?" in cogrip.err("who", "--room", "lap", "--state", folder.path)

@@ -49,10 +49,12 @@ class Client:
         frames: int = 0,
         speed_mps: float = 1e6,
         bare: bool = True,
+        thing: str = "cube",
         **coupling: object,
     ) -> None:
+        world = {"axes": axes, "kind": thing}
         settings = resolve(
-            {"object": {"axes": axes}, "coupling": coupling, "playout": {"frames": frames}, "users": [{"name": "anna"}]}
+            {"object": world, "coupling": coupling, "playout": {"frames": frames}, "users": [{"name": "anna"}]}
         )
         hello = make_hello(
             software="test", nonce=1, room="", name="", digest="", device="test", axes=axes, rate_hz=1024.0
@@ -104,7 +106,7 @@ class Client:
 
     def total(self) -> float:
         """Return sum u T_c of all ticks so far, as it went into frames; one axis, boxcar."""
-        sender, unsent = self.waves._sender, sum(self.waves._decimator._sum)  # type: ignore[attr-defined]
+        sender, unsent = self.waves.up.sender, sum(self.waves.up.decimator._sum)  # type: ignore[attr-defined]
         _, waves, before, _ = sender.contents()
         return (sum(before) + sum(waves)) * T_N + unsent * T_C
 

@@ -13,21 +13,11 @@ from cogrip.client.recorder import ACCOUNT, DATAGRAM_OUT, EVENT, INPUT, TICK, cl
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.messages import Waves
-from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Datagram, Input, Tick
 from cogrip.protocol.recording.sink import encode
 
-from tests.client.recorded_person import SCRIPT, M, Person
-from tests.recorded_end import (
-    a_missing_message_is_found,
-    another_text_is_found,
-    another_time_is_found,
-    any_payload_is_judged_or_refused,
-    changed_places_are_found,
-    flipped,
-)
+from tests.client.recorded_person import SCRIPT, M
 
-OUTPUTS = SCRIPT.places("datagram_out", "event", "account")
 TICKS = SCRIPT.places("tick")
 
 
@@ -81,30 +71,6 @@ def test_the_sign_of_a_zero_is_a_difference() -> None:
     found = SCRIPT.altered(at, encode(msgspec.structs.replace(tick, wave_up=(0.0, -0.0)))).difference
     assert found is not None
     assert (found.field, found.recorded, found.replayed) == ("wave_up[1]", "-0.0", "0.0")
-
-
-@given(st.sampled_from(SCRIPT.places("datagram_out")), st.integers(0, 2**20), st.integers(1, 255))
-def test_any_bit_of_a_datagram_that_was_sent_is_found(at: int, place: int, flip: int) -> None:
-    _, time_ns, payload = SCRIPT.noted[at]
-    sent = msgspec.json.decode(payload, type=Datagram).data
-    new = encode(Datagram(flipped(sent, place, flip)))
-    found = SCRIPT.altered(at, new).difference
-    assert found is not None
-    assert (found.time_ns, found.topic, found.field) == (time_ns, "/anna/datagram_out", "data")
-    assert json.loads(found.recorded) == json.loads(new)["data"]
-    assert json.loads(found.replayed) == json.loads(payload)["data"]
-
-
-@given(st.sampled_from(OUTPUTS), st.sampled_from([-1, 1, 1000]))
-def test_the_time_of_any_output_is_compared(at: int, later_ns: int) -> None:
-    assume(SCRIPT.noted[at][1] + later_ns >= 0)
-    another_time_is_found(SCRIPT, at, later_ns)
-
-
-@pytest.mark.parametrize(("topic", "field"), [(EVENT, "text"), (ACCOUNT, "account")])
-def test_events_and_accounts_are_compared(topic: int, field: str) -> None:
-    for at in [at for at in OUTPUTS if SCRIPT.noted[at][0] == topic]:
-        another_text_is_found(SCRIPT, at, field)
 
 
 def _input(kind: str) -> int:
@@ -164,34 +130,3 @@ def test_a_hand_that_was_elsewhere_is_found_at_that_tick(at: int, axis: int) -> 
     border = tick.tick % M == 0  # then the frame was sent before the tick was noted
     where = ("/anna/datagram_out", "data") if border else ("/anna/tick", f"velocity_mps[{axis}]")
     assert (found.time_ns, found.topic, found.field) == (time_ns, *where)
-
-
-@given(st.sampled_from([*TICKS[5:], *OUTPUTS]))
-def test_a_message_that_is_left_out_is_found(at: int) -> None:
-    a_missing_message_is_found(SCRIPT, at)
-
-
-@given(st.integers(0, len(SCRIPT.noted) - 2))
-def test_two_messages_that_changed_places_are_found(at: int) -> None:
-    one, other = SCRIPT.noted[at : at + 2]
-    assume(one[0] in (TICK, DATAGRAM_OUT, EVENT, ACCOUNT) or other[0] in (TICK, DATAGRAM_OUT, EVENT, ACCOUNT))
-    changed_places_are_found(SCRIPT, at)
-
-
-LEAVE = encode(Input("leave", encode(Leave("bored")).decode()))
-STRANGE_PAYLOADS = st.sampled_from([b"", b"{}", b"[]", b"null", b'{"kind":"fly","value":"{}"}', LEAVE, b'{"data":"?"}'])
-
-
-@given(st.integers(0, 400), st.binary(max_size=40) | STRANGE_PAYLOADS)
-def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(at: int, payload: bytes) -> None:
-    any_payload_is_judged_or_refused(SCRIPT, at % len(SCRIPT.noted), payload)
-
-
-@pytest.mark.parametrize(
-    "start", ["", "{", "[]", "{}", '{"hello": 3, "capability": {}}', '{"hello": [], "capability": []}']
-)
-def test_a_start_that_is_none_is_refused_in_words(start: str) -> None:
-    person = Person()
-    person.core.start = start
-    with pytest.raises(RecordingError, match=r"client-anna.mcap cannot be replayed"):
-        person.verdict()

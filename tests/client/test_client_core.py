@@ -1,22 +1,25 @@
 """The client core: exact energy ledger, no drift, skipped ticks, a stale link."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.client.felt_stiffness import REST_S, FeltStiffness
 from cogrip.client.hand_motion import RECKON_S
-from cogrip.client.inputs import Rearm
+from cogrip.client.inputs import CloseLedger, DeviceOpened, Rearm
+from cogrip.client.seated import REST_S, FeltStiffness
 from cogrip.protocol import messages
+from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.line.concealment import ELASTIC_LIMIT
-from cogrip.protocol.messages import Power, Stamp, State, Waves
+from cogrip.protocol.messages import Farewell, Power, Stamp, State, Waves
 from cogrip.protocol.rates import due_ns
 from cogrip.protocol.session import STALE_NS
 from cogrip.protocol.settings import resolve
 from cogrip.sim.session.laboratory import Laboratory
 
-from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, walk
+from tests.client.seated_client import DEVICE_HZ, ROOT, T_C, T_N, Client, M, capability, walk
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
@@ -72,7 +75,7 @@ def test_the_displacement_encoder_cannot_drift(seed: int, axes: int) -> None:
             forward += np.array(client.waves.forward) * T_C
             returning += np.array(held) * T_C
         held = client.waves.returning
-        assert forward == pytest.approx(ROOT * (place - path[0]) - returning, abs=1e-12)
+        assert np.abs(forward - (ROOT * (place - path[0]) - returning)).max() <= 1e-12
 
 
 def test_the_velocity_encoder_drifts_with_its_reading() -> None:
@@ -147,7 +150,7 @@ def test_displacement_over_missing_samples_is_reckoned_and_then_corrected() -> N
     assert core.safety.state == "live"
     client.tick(30, 0.02)
     assert core.position_m == (0.02,)
-    total = sum(wave for (wave,) in client.frames()) * T_N + sum(client.waves._decimator._sum) * T_C  # type: ignore[attr-defined]
+    total = sum(wave for (wave,) in client.frames()) * T_N + sum(client.waves.up.decimator._sum) * T_C  # type: ignore[attr-defined]
     assert total == pytest.approx(ROOT * 0.02, abs=1e-12)
 
 
@@ -247,6 +250,28 @@ def test_felt_stiffness_needs_a_hand_at_rest_that_presses(network_hz: int) -> No
         for _ in range(samples):
             rest.add(depth, force)
         assert rest.stiffness_npm() is None
+
+
+def test_a_hand_at_rest_is_judged_by_the_counts_of_the_device_that_is_open() -> None:
+    """A device may say only once it is open how coarse its counts are: a hand that dithers by one count is at rest."""
+    client = Client(thing="wall")
+    client.core.handle(DeviceOpened(replace(capability(), resolution_m=5e-4)), client.core.now_ns)
+    for number in range(1024):
+        if number % M == 0:
+            client.hear(due_ns(0, number, DEVICE_HZ), -0.3)
+        client.tick(number, 0.010 + 5e-4 * (number // M % 2))
+    account = client.core.handle(CloseLedger(TickCount()), client.core.now_ns)
+    assert account.felt_stiffness_npm == pytest.approx(ROOT * 0.3 / 0.01025, rel=0.05)
+
+
+def test_a_kicked_client_says_why_in_its_account() -> None:
+    """The account goes into the summary of its run (`reason`)."""
+    client = Client()
+    client.tick(0, 0.0)
+    farewell = Farewell(client.session, "kicked by the administrator: too rough", None, None)
+    client.core.receive(messages.encode(farewell), 0)
+    account = client.core.handle(CloseLedger(TickCount()), 0)
+    assert account.reason == "the server said goodbye: kicked by the administrator: too rough"
 
 
 # In a session ---------------------------------------------------------------------------------------------------------

@@ -34,8 +34,12 @@ def looking(now_ns: int = 0) -> ObserverCore:
     return core
 
 
-def test_the_newest_view_is_shown_with_its_age() -> None:
-    core = looking()
+@pytest.fixture
+def core() -> ObserverCore:
+    return looking()
+
+
+def test_the_newest_view_is_shown_with_its_age(core: ObserverCore) -> None:
     assert (core.view, core.age_ns(5)) == (None, None)
     core.receive(view(3), 10)
     assert core.view == messages.decode(view(3))
@@ -63,15 +67,13 @@ def test_late_and_repeated_views_change_nothing(order: list[int]) -> None:
         View(5, 9, (0.0, 0.0), (0,), (0.0,), (), Stamp(1)),
     ],
 )
-def test_a_view_that_does_not_add_up_is_not_shown(odd: View) -> None:
-    core = looking()
+def test_a_view_that_does_not_add_up_is_not_shown(core: ObserverCore, odd: View) -> None:
     core.receive(messages.encode(odd), 1)
     assert core.view is None
     assert core.session.dropped == {"unfit": 1}
 
 
-def test_waves_are_not_for_it_and_garbage_is_counted() -> None:
-    core = looking()
+def test_waves_are_not_for_it_and_garbage_is_counted(core: ObserverCore) -> None:
     waves = messages.encode(Waves(5, 0, (0.1,), (0.0,), (0.0,), 0.0, 0.0, 0, Stamp(1), (0.0, 0.0)))
     for datagram in (waves, b"garbage", view(1, session=6)):
         core.receive(datagram, 1)
@@ -79,8 +81,7 @@ def test_waves_are_not_for_it_and_garbage_is_counted() -> None:
     assert core.session.dropped == {"unexpected": 1, "malformed": 1, "other session": 1}
 
 
-def test_it_says_that_it_is_there_and_nothing_else() -> None:
-    core = looking()
+def test_it_says_that_it_is_there_and_nothing_else(core: ObserverCore) -> None:
     for now_ns in range(0, 4 * HEARTBEAT_EVERY_NS, 20 * MS):
         core.receive(view(now_ns // MS), now_ns)
         core.handle(inputs.Poll(), now_ns)
@@ -92,8 +93,7 @@ def test_it_says_that_it_is_there_and_nothing_else() -> None:
     assert (core.session.state, core.session.failed) == ("closed", "")
 
 
-def test_it_comes_back_and_sees_the_new_servers_views_from_their_first() -> None:
-    core = looking()
+def test_it_comes_back_and_sees_the_new_servers_views_from_their_first(core: ObserverCore) -> None:
     core.receive(view(1000), 0)
     core.handle(inputs.Poll(), QUIET_NS)
     [asked] = [messages.decode(datagram) for datagram in core.outbox]
@@ -107,7 +107,6 @@ def test_it_comes_back_and_sees_the_new_servers_views_from_their_first() -> None
     assert core.view.number == 3
 
 
-def test_one_who_was_shown_out_says_why() -> None:
-    core = looking()
+def test_one_who_was_shown_out_says_why(core: ObserverCore) -> None:
     core.receive(messages.encode(Farewell(5, "an observer may not send waves")), 1)
     assert core.session.failed == "the server said goodbye: an observer may not send waves"

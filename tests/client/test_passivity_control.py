@@ -51,6 +51,11 @@ ticks = st.lists(st.tuples(speeds, speeds), min_size=1, max_size=40)
 energies = st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(0.0, 0.01), ticks), min_size=1, max_size=6)
 
 
+@pytest.fixture
+def control() -> PassivityControl:
+    return control_of()
+
+
 @given(energies)
 def test_what_the_hand_takes_is_paid_up_to_what_one_tick_may_miss(frames: list[Any]) -> None:
     """The bound of docs/decisions/0011-methods.md: in a tick W falls to -E(0), and below it by no more than
@@ -124,16 +129,14 @@ def test_a_force_that_nothing_pays_for_fades_and_one_that_is_paid_for_does_not()
     assert rich.controlled == 0 < poor.controlled
 
 
-def test_a_hand_that_presses_against_the_force_is_not_controlled() -> None:
-    control = control_of()
+def test_a_hand_that_presses_against_the_force_is_not_controlled(control: PassivityControl) -> None:
     hear(control, 0, 0.2, 0.0)
     control._in = [CompensatedSum(1.0)]
     assert [run_tick(control, 0.1, 0.1) for _ in range(50)] == [0.2] * 50
     assert control.controlled == 0
 
 
-def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take() -> None:
-    control = control_of()
+def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take(control: PassivityControl) -> None:
     control._left = [CompensatedSum(1.0)]
     hear(control, 0, 0.0, 0.0, taken=0.0)
     (force,) = control.force((0.0,), (0.04,))
@@ -145,8 +148,9 @@ def test_a_hand_pays_in_by_a_damper_while_the_server_has_nothing_to_take() -> No
     assert list(control.force((0.0,), (0.04,))) == [0.0]
 
 
-def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reserve_is_full() -> None:
-    control = control_of()
+def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reserve_is_full(
+    control: PassivityControl,
+) -> None:
     control._left = [CompensatedSum(-1e-3)]
     cases = (
         (5e-4, 0.0, -5e-4), (1.5e-3, 5e-4, 5e-4), (1e-3, 1e-3, 1e-3), (5e-3, 3.5e-3, 3.5e-3), (1e-3, 4e-3, 4e-3),
@@ -160,9 +164,8 @@ def test_what_is_put_in_pays_debts_first_then_half_of_it_is_kept_until_the_reser
     assert control.left_j[0] == pytest.approx(RESERVE_J)
 
 
-def test_a_strong_force_is_given_in_full_once_enough_is_kept_for_it() -> None:
+def test_a_strong_force_is_given_in_full_once_enough_is_kept_for_it(control: PassivityControl) -> None:
     """30 N of a wall, which a hand presses into: the reserve follows the force."""
-    control = control_of()
     control._in = [CompensatedSum(1.0)]
     forces = []
     for tick in range(600):
@@ -192,8 +195,7 @@ def test_only_power_of_these_axes_fits() -> None:
     assert control.receive(power(0, 1.0, 1.0, axes=2))
 
 
-def test_the_newest_message_stands_and_sums_lose_nothing() -> None:
-    control = control_of()
+def test_the_newest_message_stands_and_sums_lose_nothing(control: PassivityControl) -> None:
     hear(control, 5, 1.0, 0.3)
     assert control.receive(power(4, 9.0, 0.2))  # too late
     assert control.receive(power(5, 1.0, 0.3))  # twice

@@ -20,6 +20,11 @@ def attempts(until_ms: int, *, ready_ms: int | None = None, refused: bool = Fals
     return found
 
 
+@pytest.fixture
+def migration() -> PathMigration[str]:
+    return PathMigration("old")
+
+
 @pytest.mark.parametrize(
     ("what", "expected"),
     [
@@ -38,8 +43,7 @@ def test_times_of_attempts(what: dict[str, int | bool], expected: list[int]) -> 
     assert REFUSED_NS == 250 * MS
 
 
-def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use() -> None:
-    migration = PathMigration("old")
+def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use(migration: PathMigration[str]) -> None:
     assert (migration.paths, migration.path, migration.newest) == (("old",), "old", "old")
     assert migration.tried("new", 0) is None
     assert (migration.paths, migration.path, migration.newest) == (("old", "new"), "old", "new")
@@ -49,15 +53,13 @@ def test_hellos_go_by_the_newest_path_and_the_rest_by_the_one_in_use() -> None:
 
 
 @pytest.mark.parametrize(("by", "closed"), [("old", ["new"]), ("new", ["old"])])
-def test_a_welcome_decides_which_path_is_used(by: str, closed: list[str]) -> None:
-    migration = PathMigration("old")
+def test_a_welcome_decides_which_path_is_used(migration: PathMigration[str], by: str, closed: list[str]) -> None:
     migration.tried("new", 0)
     assert migration.adopt(by) == closed
     assert (migration.paths, migration.path, migration.newest) == ((by,), by, by)
 
 
-def test_a_path_that_could_not_be_opened_counts_as_an_attempt() -> None:
-    migration = PathMigration("old")
+def test_a_path_that_could_not_be_opened_counts_as_an_attempt(migration: PathMigration[str]) -> None:
     assert migration.due(0, True, False, False)
     assert migration.tried(None, 0) is None
     assert migration.paths == ("old",)
@@ -65,8 +67,9 @@ def test_a_path_that_could_not_be_opened_counts_as_an_attempt() -> None:
     assert migration.due(AGAIN_NS[0], True, False, False)
 
 
-def test_the_newer_path_stays_open_for_a_while_after_the_session_resumed_by_the_old_one() -> None:
-    migration = PathMigration("old")
+def test_the_newer_path_stays_open_for_a_while_after_the_session_resumed_by_the_old_one(
+    migration: PathMigration[str],
+) -> None:
     migration.due(0, True, False, False)
     migration.tried("new", 0)
     assert migration.spare(5 * SPARE_NS, True) is None, "not while it is needed"
@@ -77,8 +80,7 @@ def test_the_newer_path_stays_open_for_a_while_after_the_session_resumed_by_the_
     assert migration.paths == ("old",)
 
 
-def test_a_second_silence_begins_anew() -> None:
-    migration = PathMigration("old")
+def test_a_second_silence_begins_anew(migration: PathMigration[str]) -> None:
     for now_ns in (0, 500 * MS):
         assert migration.due(now_ns, True, False, False)
         migration.tried(f"{now_ns}", now_ns)

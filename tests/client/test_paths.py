@@ -93,6 +93,11 @@ def make(far: Far) -> Iterator[Make]:
         each.close()
 
 
+@pytest.fixture
+def paths(make: Make) -> Paths:
+    return make(UnencryptedChannel)
+
+
 def arrived(paths: Paths, now_ns: int = 0, answers: Callable[[bytes], bool] = lambda message: False) -> list[bytes]:
     """Drain until something has come. Returns it."""
     found: list[bytes] = []
@@ -111,8 +116,7 @@ def wait_until_ready(paths: Paths) -> None:
         paths.drain(0, lambda message, at_ns: None, lambda message: False)
 
 
-def test_one_path_carries_everything(far: Far, make: Make) -> None:
-    paths = make(UnencryptedChannel)
+def test_one_path_carries_everything(paths: Paths, far: Far) -> None:
     paths.send(b"hello", hello=True)
     paths.send(b"waves")
     (first, address), (second, again) = far.hear(), far.hear()
@@ -122,8 +126,7 @@ def test_one_path_carries_everything(far: Far, make: Make) -> None:
     assert paths.counted() == {}
 
 
-def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(far: Far, make: Make) -> None:
-    paths = make(UnencryptedChannel)
+def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(paths: Paths, far: Far) -> None:
     paths.send(b"waves")
     _, old = far.hear()
     paths.poll(0, resuming=True)
@@ -141,8 +144,7 @@ def test_hellos_go_by_a_new_path_until_a_welcome_has_come_by_it(far: Far, make: 
     assert paths.attempts == 1
 
 
-def test_a_welcome_by_the_old_path_closes_the_new_one(far: Far, make: Make) -> None:
-    paths = make(UnencryptedChannel)
+def test_a_welcome_by_the_old_path_closes_the_new_one(paths: Paths, far: Far) -> None:
     paths.send(b"waves")
     _, old = far.hear()
     paths.poll(0, resuming=True)
@@ -215,8 +217,7 @@ def test_attempts_are_more_frequent_where_nobody_listens() -> None:
     paths.close()
 
 
-def test_no_network_is_counted_as_an_attempt(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    paths = make(UnencryptedChannel)
+def test_no_network_is_counted_as_an_attempt(paths: Paths, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def unreachable(self: socket.socket, address: object) -> None:
         raise OSError(101, "Network is unreachable")
@@ -320,8 +321,7 @@ def queued(paths: Paths, count: int) -> list[bytes]:
 
 
 @pytest.mark.parametrize("count", [MOST_DATAGRAMS - 1, MOST_DATAGRAMS, MOST_DATAGRAMS + 1, 3 * MOST_DATAGRAMS])
-def test_a_drain_takes_so_many_datagrams_and_no_more(make: Make, count: int) -> None:
-    paths = make(UnencryptedChannel)
+def test_a_drain_takes_so_many_datagrams_and_no_more(paths: Paths, count: int) -> None:
     waiting = queued(paths, count)
     taken: list[bytes] = []
     paths.drain(0, lambda message, at_ns: taken.append(message), lambda message: False)
@@ -345,8 +345,7 @@ def test_a_datagram_gives_so_many_messages_and_no_more(far: Far, make: Make, cou
     assert paths.counted() == ({TOO_MANY: count - MOST_MESSAGES} if count > MOST_MESSAGES else {})
 
 
-def test_a_flood_on_the_old_path_leaves_the_new_one_its_turn(far: Far, make: Make) -> None:
-    paths = make(UnencryptedChannel)
+def test_a_flood_on_the_old_path_leaves_the_new_one_its_turn(paths: Paths, far: Far) -> None:
     queued(paths, 1000)
     paths.poll(0, resuming=True)
     paths.send(b"hello", hello=True)

@@ -59,6 +59,11 @@ def size(force: tuple[float, ...]) -> float:
     return math.hypot(*force)
 
 
+@pytest.fixture
+def safety() -> Safety:
+    return full()
+
+
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("event", EVENTS)
 def test_only_the_table_changes_the_state(state: str, event: str) -> None:
@@ -87,8 +92,7 @@ def test_force_flows_in_live_alone() -> None:
         assert (out[-1] > 0.0) is (state == "live")
 
 
-def test_the_clamp_keeps_the_direction() -> None:
-    safety = full()
+def test_the_clamp_keeps_the_direction(safety: Safety) -> None:
     for _ in range(round(PEAK_N / (MOST_SLOPE_NPS * TICK_S)) + 1):
         out = safety.limit((30.0, -40.0, 120.0))
     assert size(out) == pytest.approx(PEAK_N, rel=1e-12)
@@ -118,8 +122,7 @@ def test_ramp_in_over_three_tenths_of_a_second() -> None:
     assert not safety.quiet
 
 
-def test_ramp_out_when_the_link_goes_stale_and_in_again_when_it_is_fresh() -> None:
-    safety = full()
+def test_ramp_out_when_the_link_goes_stale_and_in_again_when_it_is_fresh(safety: Safety) -> None:
     safety.limit((2.0, 0.0, 0.0))
     assert safety.event("stale", "no datagram from the server")
     out = [safety.limit((2.0, 0.0, 0.0))[0] for _ in range(round(RAMP_OUT_S / TICK_S) + 2)]
@@ -134,8 +137,7 @@ def test_ramp_out_when_the_link_goes_stale_and_in_again_when_it_is_fresh() -> No
     assert out[299] == pytest.approx(2.0)
 
 
-def test_stop_lets_the_force_go_even_when_the_law_has_no_wish() -> None:
-    safety = full()
+def test_stop_lets_the_force_go_even_when_the_law_has_no_wish(safety: Safety) -> None:
     safety.limit((2.0, 0.0, 0.0))
     safety.event("stop")
     out = [safety.limit(None)[0] for _ in range(round(RAMP_OUT_S / TICK_S) + 2)]
@@ -154,8 +156,7 @@ def test_it_is_quiet_when_the_motors_are_and_not_before() -> None:
         assert safety.quiet is (size(out) == 0.0)
 
 
-def test_a_fault_takes_the_force_evenly_within_its_time() -> None:
-    safety = full()
+def test_a_fault_takes_the_force_evenly_within_its_time(safety: Safety) -> None:
     safety.limit((2.0, 0.0, 0.0))
     safety.fail("test")
     ticks = round(FAULT_OUT_S / TICK_S)
@@ -164,8 +165,7 @@ def test_a_fault_takes_the_force_evenly_within_its_time() -> None:
     assert out[-1] == 0.0
 
 
-def test_a_fault_is_latched_and_keeps_its_first_reason() -> None:
-    safety = full()
+def test_a_fault_is_latched_and_keeps_its_first_reason(safety: Safety) -> None:
     safety.fail("first")
     safety.fail("second")
     assert safety.reason == "first"
@@ -200,8 +200,7 @@ def test_a_sample_that_is_not_finite_is_refused(bad: float, axis: int) -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_force_that_is_not_finite_never_leaves(bad: float) -> None:
-    safety = full()
+def test_a_force_that_is_not_finite_never_leaves(safety: Safety, bad: float) -> None:
     safety.limit((1.0, 0.0, 0.0))
     out = safety.limit((0.0, bad, 0.0))
     assert out == (1.0, 0.0, 0.0), "the last good one is held"
@@ -220,8 +219,7 @@ def test_over_speed_on_both_sides_of_the_limit() -> None:
     assert "0.50 m/s is above 0.5 m/s" in safety.reason
 
 
-def test_a_device_that_gives_no_sample_has_stalled() -> None:
-    safety = full()
+def test_a_device_that_gives_no_sample_has_stalled(safety: Safety) -> None:
     ticks = round(STALL_S / TICK_S)
     for _ in range(ticks - 1):
         safety.absent(1)
@@ -249,8 +247,7 @@ def test_a_device_that_gives_too_few_samples_has_stalled_too() -> None:
     assert few.state == "fault"
 
 
-def test_ticks_that_were_skipped_count_towards_a_stall() -> None:
-    safety = full()
+def test_ticks_that_were_skipped_count_towards_a_stall(safety: Safety) -> None:
     safety.absent(round(STALL_S / TICK_S))
     assert safety.state == "fault"
 
@@ -265,8 +262,7 @@ def test_the_watchdog_on_both_sides() -> None:
     assert f"away for {ticks} ticks" in safety.reason
 
 
-def test_the_workspace_is_reported_and_is_no_fault() -> None:
-    safety = full()
+def test_the_workspace_is_reported_and_is_no_fault(safety: Safety) -> None:
     safety.check(1, (0.1, -0.1, 0.1), (0.0,) * 3)
     assert safety.diverged == ""
     safety.check(1, (0.0, 0.1001, 0.0), (0.0,) * 3)

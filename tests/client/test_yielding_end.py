@@ -62,7 +62,7 @@ def test_every_tick_gives_the_line_the_work_of_the_law(seed: int, axes: int, enc
     end, random = End(axes, encoder=encoder), Random(seed)
     for _ in range(120):
         end.frame(0.3 if random.random() < 0.6 else None, random.uniform(-0.2, 0.2))
-    assert end.coupling._receiver.count().applied > 0
+    assert end.coupling.count().applied > 0
 
 
 def moving(concealment: str) -> list[float]:
@@ -92,7 +92,7 @@ def test_what_is_not_sent_in_a_gap_is_written_off_by_the_receiver() -> None:
     for number in range(66):
         end.frame(None if number in (20, 21) or number >= 60 else wave, 0.1, sent=wave)
 
-    receiver, written_off = end.coupling._receiver, []
+    receiver, written_off = end.coupling.down.receiver, []
     write_off = receiver.write_off
 
     def listen(row: Sequence[float]) -> None:
@@ -101,14 +101,14 @@ def test_what_is_not_sent_in_a_gap_is_written_off_by_the_receiver() -> None:
         written_off.append(deficit - receiver.deficit[0])
 
     receiver.write_off = listen  # type: ignore[method-assign]
-    before, sent, applied = sum(end.coupling._written_off) / M, 0.0, 0.0
+    before, sent, applied = sum(end.coupling.down.written_off) / M, 0.0, 0.0
     for _ in range(30):
         end.frame(None, 0.1, sent=wave)
         sent += end.coupling.sent[0]
         applied += end.coupling.returning[0]
     moved = 30 * ROOT * 0.1
     assert sent + applied < 0.7 * moved
-    rest = sum(written_off) - before + sum(end.coupling._written_off) / M
+    rest = sum(written_off) - before + sum(end.coupling.down.written_off) / M
     assert sent + applied + rest == pytest.approx(moved, rel=1e-9)
 
 
@@ -117,4 +117,4 @@ def test_a_clear_line_does_not_yield() -> None:
     for _ in range(50):
         force = end.frame(0.2, 0.05)
     assert force == pytest.approx([B * 0.05 - ROOT * 0.2] * M)
-    assert end.coupling._line_gain == 1.0
+    assert end.coupling.down.gain == 1.0

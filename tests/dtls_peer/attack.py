@@ -11,15 +11,9 @@ from contextlib import suppress
 
 from cogrip.protocol.channel import PEER
 
+from tests.dtls_peer import records
 from tests.dtls_peer.client import DtlsPeer
-from tests.dtls_peer.records import (
-    APPLICATION_DATA,
-    CHANGE_CIPHER_SPEC,
-    CLIENT_HELLO,
-    CLIENT_KEY_EXCHANGE,
-    FINISHED,
-    HANDSHAKE,
-)
+from tests.dtls_peer.records import APPLICATION_DATA, CHANGE_CIPHER_SPEC, CLIENT_KEY_EXCHANGE, FINISHED, HANDSHAKE
 
 HOST = "127.0.0.1"
 ANNOUNCED = 100_000  # bytes of a handshake message that never comes
@@ -41,7 +35,7 @@ class HalfOpen(DtlsPeer):
 def encrypted_fragments(peer: DtlsPeer) -> None:
     """Parts of long handshake messages, after the handshake."""
     for seq in range(4, 4 + FRAGMENTS):
-        peer.put(peer.fragment(CLIENT_HELLO, seq, b"x" * 12, ANNOUNCED))
+        peer.put(peer.fragment(records.CLIENT_HELLO, seq, b"x" * 12, ANNOUNCED))
 
 
 def encrypted_before_finished(peer: DtlsPeer) -> None:

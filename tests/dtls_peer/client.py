@@ -17,33 +17,8 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from cogrip.protocol.channel import PEER, Address
 
-from tests.dtls_peer.records import (
-    ALERT,
-    APPLICATION_DATA,
-    CERTIFICATE,
-    CHANGE_CIPHER_SPEC,
-    CLIENT_HELLO,
-    CLIENT_KEY_EXCHANGE,
-    FINISHED,
-    HANDSHAKE,
-    HELLO_VERIFY_REQUEST,
-    SERVER_HELLO,
-    SERVER_HELLO_DONE,
-    SERVER_KEY_EXCHANGE,
-    SUITES,
-    VERSION,
-    Fragment,
-    Protection,
-    Reassembly,
-    Record,
-    Suite,
-    decode_fragments,
-    decode_records,
-    hashed,
-    prf,
-    protections,
-    whole,
-)
+from tests.dtls_peer import records as wire
+from tests.dtls_peer.records import ALERT, APPLICATION_DATA, HANDSHAKE, Fragment, Protection, hashed, prf, whole
 
 REPEAT_NS = 1_000_000_000  # RFC 6347 4.2.4.1
 X25519, SECP256R1, ECDSA_P256_SHA256 = b"\x00\x1d", b"\x00\x17", b"\x04\x03"  # RFC 8422 5.1.1, RFC 5246 7.4.1.4.1
@@ -57,7 +32,7 @@ class PeerError(AssertionError):
 class DtlsPeer:
     """`outbox` holds what is to be sent. fingerprint: of the server's certificate; "" takes any."""
 
-    def __init__(self, fingerprint: str = "", suites: Sequence[Suite] = SUITES) -> None:
+    def __init__(self, fingerprint: str = "", suites: Sequence[wire.Suite] = wire.SUITES) -> None:
         self.outbox: deque[tuple[Address, bytes]] = deque()
         self.dropped: dict[str, int] = {}
         self.failed = ""
@@ -71,10 +46,10 @@ class DtlsPeer:
         self._private = X25519PrivateKey.generate()
         self._numbers = [0, 0]  # of the next record, by epoch
         self._seen: set[int] = set()  # of records of epoch 1
-        self._reassembly = Reassembly()
+        self._reassembly = wire.Reassembly()
         self._transcript = b""
         self._messages: dict[int, bytes] = {}
-        self._suite = SUITES[0]
+        self._suite = wire.SUITES[0]
         self._master = self._pre_master = b""
         self._ours: Protection | None = None
         self._theirs: Protection | None = None
@@ -114,7 +89,7 @@ class DtlsPeer:
 
     def receive(self, datagram: bytes, address: Address, now_ns: int) -> Sequence[bytes]:
         messages = []
-        for record in decode_records(datagram):
+        for record in wire.decode_records(datagram):
             body: bytes | None = record.body
             if record.epoch:
                 body = self._theirs.open(record) if self._theirs is not None and record.epoch == 1 else None
@@ -132,7 +107,7 @@ class DtlsPeer:
                 if body[:1] == b"\x02" or body == b"\x01\x00":
                     self.failed = f"alert {body[1]}"
             elif record.type == HANDSHAKE and not self._open:
-                for fragment in decode_fragments(body):
+                for fragment in wire.decode_fragments(body):
                     self._hear(fragment)
         if self._flight and not self._open:
             self._repeat_ns = None  # the server is there: its answer counts from now
@@ -151,16 +126,15 @@ class DtlsPeer:
         if number is None:
             number = self._numbers[min(epoch, 1)]
             self._numbers[min(epoch, 1)] += 1
-        record = Record(kind, epoch, number, body)
+        record = wire.Record(kind, epoch, number, body)
         if epoch and self._ours is not None:
             record = self._ours.protect(record)
         return record.encode()
 
     def fragment(self, kind: int, seq: int, body: bytes, length: int | None = None, offset: int = 0) -> bytes:
         """A record that holds a fragment of a handshake message. length: what it announces."""
-        return self.record(
-            HANDSHAKE, Fragment(kind, len(body) if length is None else length, seq, offset, body).encode()
-        )
+        announced = len(body) if length is None else length
+        return self.record(HANDSHAKE, Fragment(kind, announced, seq, offset, body).encode())
 
     def _say(self, flight: list[Part]) -> None:
         self._flight = flight
@@ -189,38 +163,37 @@ class DtlsPeer:
             + extension(23, b"")  # extended_master_secret
             + extension(0xFF01, vector(b"", 1))  # renegotiation_info, RFC 5746 3.4
         )
-        body = VERSION + self._random + vector(b"", 1) + vector(self.cookie, 1) + vector(suites)
+        body = wire.VERSION + self._random + vector(b"", 1) + vector(self.cookie, 1) + vector(suites)
         body += vector(b"\0", 1) + vector(extensions)
-        return whole(CLIENT_HELLO, self._next_seq, body)
+        return whole(wire.CLIENT_HELLO, self._next_seq, body)
 
     def _hear(self, fragment: Fragment) -> None:
         for message in self._reassembly.add(fragment):
-            if message.type == HELLO_VERIFY_REQUEST:
+            if message.type == wire.HELLO_VERIFY_REQUEST:
                 self.cookie = message.body[3:]
                 self._next_seq = 1
                 hello = self.client_hello().encode()
                 self._transcript = hello  # neither the first hello nor its answer count: RFC 6347 4.2.1
                 self._say([(HANDSHAKE, 0, hello)])
                 continue
-            if message.type == FINISHED:
+            if message.type == wire.FINISHED:
                 self._check_finished(message)
             self._transcript += message.encode()
             self._messages[message.type] = message.body
-            if message.type == SERVER_HELLO_DONE:
+            if message.type == wire.SERVER_HELLO_DONE:
                 self.answer_server_hello()
 
     def answer_server_hello(self) -> None:
         """Check what the server has shown; send ClientKeyExchange, ChangeCipherSpec and Finished."""
         self.read_server()
-        self._say(
-            [(HANDSHAKE, 0, self.key_exchange()), (CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished())]
-        )
+        exchange = (HANDSHAKE, 0, self.key_exchange())
+        self._say([exchange, (wire.CHANGE_CIPHER_SPEC, 0, b"\x01"), (HANDSHAKE, 1, self.finished())])
 
     def read_server(self) -> None:
         """Check what the server has shown; find the shared secret. Raises PeerError, InvalidSignature."""
-        hello, certificate = self._messages[SERVER_HELLO], self._messages[CERTIFICATE]
+        hello, certificate = self._messages[wire.SERVER_HELLO], self._messages[wire.CERTIFICATE]
         server_random, session_id = hello[2:34], hello[34]
-        if hello[:2] != VERSION or session_id:
+        if hello[:2] != wire.VERSION or session_id:
             raise PeerError("another version, or a session that could be resumed")
         self._suite = self._suites[int.from_bytes(hello[35:37], "big")]
         self._server_random = server_random
@@ -232,9 +205,8 @@ class DtlsPeer:
             self.put(self.record(ALERT, b"\x02\x30"))  # unknown_ca
             self.failed = "another certificate"
             raise PeerError(self.failed)
-        exchange = self._messages[
-            SERVER_KEY_EXCHANGE
-        ]  # RFC 8422 5.4: named_curve, the curve, the point; then a signature
+        # RFC 8422 5.4: named_curve, the curve, the point; then a signature
+        exchange = self._messages[wire.SERVER_KEY_EXCHANGE]
         point_end = 4 + exchange[3]
         parameters, signature = exchange[:point_end], exchange[point_end + 4 :]
         if parameters[:3] != b"\x03" + X25519:
@@ -247,17 +219,17 @@ class DtlsPeer:
     def key_exchange(self) -> bytes:
         """ClientKeyExchange; from here on there are keys (RFC 7627 4)."""
         point = self._private.public_key().public_bytes(Encoding.Raw, PublicFormat.Raw)
-        message = whole(CLIENT_KEY_EXCHANGE, 2, bytes([len(point)]) + point).encode()
+        message = whole(wire.CLIENT_KEY_EXCHANGE, 2, bytes([len(point)]) + point).encode()
         self._transcript += message
         session = hashed(self._suite, self._transcript)
         self._master = prf(self._suite, self._pre_master, b"extended master secret", session, 48)
-        self._ours, self._theirs = protections(self._suite, self._master, self._random, self._server_random)
+        self._ours, self._theirs = wire.protections(self._suite, self._master, self._random, self._server_random)
         return message
 
     def finished(self) -> bytes:
         """RFC 5246 7.4.9."""
         data = prf(self._suite, self._master, b"client finished", hashed(self._suite, self._transcript), 12)
-        message = whole(FINISHED, 3, data).encode()
+        message = whole(wire.FINISHED, 3, data).encode()
         self._transcript += message
         return message
 

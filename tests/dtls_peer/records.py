@@ -42,10 +42,7 @@ def decode_records(datagram: bytes) -> list[Record]:
         end = at + RECORD_BYTES + int.from_bytes(datagram[at + 11 : at + 13], "big")
         if end > len(datagram):
             break
-        epoch, number = (
-            int.from_bytes(datagram[at + 3 : at + 5], "big"),
-            int.from_bytes(datagram[at + 5 : at + 11], "big"),
-        )
+        epoch, number = (int.from_bytes(datagram[at + first : at + last], "big") for first, last in ((3, 5), (5, 11)))
         found.append(Record(datagram[at], epoch, number, datagram[at + RECORD_BYTES : end]))
         at = end
     return found
@@ -74,10 +71,8 @@ def decode_fragments(body: bytes) -> list[Fragment]:
     """All fragments of a record of type HANDSHAKE."""
     found, at = [], 0
     while at + MESSAGE_BYTES <= len(body):
-        number = [
-            int.from_bytes(body[at + first : at + last], "big") for first, last in ((1, 4), (4, 6), (6, 9), (9, 12))
-        ]
-        length, seq, offset, size = number
+        places = ((1, 4), (4, 6), (6, 9), (9, 12))
+        length, seq, offset, size = (int.from_bytes(body[at + first : at + last], "big") for first, last in places)
         at += MESSAGE_BYTES
         found.append(Fragment(body[at - MESSAGE_BYTES], length, seq, offset, body[at : at + size]))
         at += size

@@ -1,14 +1,17 @@
 """DTLS peers unlike cogrip's: old versions, other ciphers, other certificates, renegotiation."""
 
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import NameOID
 from OpenSSL import SSL
 
-from cogrip.protocol.io import certificate, dtls
+from cogrip.protocol.io import dtls
 from cogrip.protocol.io.certificate import Identity, fingerprint_of
 from cogrip.protocol.io.dtls import Association, client_context, server_context
 
@@ -42,40 +45,29 @@ def foreign(
     return context
 
 
+def builder(key: Any) -> x509.CertificateBuilder:
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "peer")])
+    begins = datetime.now(UTC) - timedelta(days=1)
+    made = x509.CertificateBuilder(name, name, key.public_key(), 1)
+    return made.not_valid_before(begins).not_valid_after(begins + timedelta(days=9))
+
+
+def identity_of(key: Any, built: x509.CertificateBuilder) -> Identity:
+    made = built.sign(key, hashes.SHA256())
+    return Identity(key, made, fingerprint_of(made.public_bytes(Encoding.DER)))
+
+
 def rsa_identity() -> Identity:
     """A certificate of the other kind."""
     key = rsa.generate_private_key(65537, 2048)
-    template = certificate._signed(ec.generate_private_key(ec.SECP256R1()))
-    made = (
-        x509.CertificateBuilder()
-        .subject_name(template.subject)
-        .issuer_name(template.subject)
-        .public_key(key.public_key())
-        .serial_number(1)
-        .not_valid_before(template.not_valid_before_utc)
-        .not_valid_after(template.not_valid_after_utc)
-        .sign(key, hashes.SHA256())
-    )
-    return Identity(key, made, fingerprint_of(made.public_bytes(Encoding.DER)))  # type: ignore[arg-type]
+    return identity_of(key, builder(key))
 
 
 def long_identity() -> Identity:
     """A certificate that takes several datagrams."""
     key = ec.generate_private_key(ec.SECP256R1())
-    short = certificate._signed(key)
     names = x509.SubjectAlternativeName([x509.DNSName(f"{number:02}.{'long' * 12}.example") for number in range(60)])
-    made = (
-        x509.CertificateBuilder()
-        .subject_name(short.subject)
-        .issuer_name(short.subject)
-        .public_key(key.public_key())
-        .serial_number(1)
-        .not_valid_before(short.not_valid_before_utc)
-        .not_valid_after(short.not_valid_after_utc)
-        .add_extension(names, critical=False)
-        .sign(key, hashes.SHA256())
-    )
-    return Identity(key, made, fingerprint_of(made.public_bytes(Encoding.DER)))
+    return identity_of(key, builder(key).add_extension(names, critical=False))
 
 
 class Pair:
@@ -86,6 +78,10 @@ class Pair:
         self.server = Association(server, server=True)
         self.flights: list[list[bytes]] = []
         self._heard = False
+
+    @property
+    def ready(self) -> bool:
+        return self.client.ready and self.server.ready
 
     def to_server(self, datagrams: list[bytes]) -> list[bytes]:
         """Hand datagrams over, and give what the server answers."""

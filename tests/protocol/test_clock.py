@@ -172,7 +172,7 @@ def test_the_rate_of_readings_is_the_others_affair_and_the_bounds_give_way_by_th
     near = exchanged([(MS, MS)])
     for wait_ns in (1, 10, S, 10 * S):
         before_ns = near.uncertainty_ns
-        now_ns = near._received_ns + wait_ns
+        now_ns = wait_ns - near.stamp(0).held_ns
         near.read(
             Stamp(now_ns + AHEAD_NS - 500 * MS, now_ns - 1_000 * MS, 0), now_ns
         )  # a slow one, which bounds nothing

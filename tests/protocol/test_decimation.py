@@ -115,8 +115,3 @@ def test_lowpass_lag_is_the_closed_form() -> None:
     assert lag_s("lowpass", FRAME_S, 50.0) == pytest.approx(FRAME_S / (1.0 - exp(-50.0 * FRAME_S)))
     assert f"{lag_s('lowpass', FRAME_S, 50.0) * 1e3:.3f}" == "24.160"
     assert lag_s("boxcar", FRAME_S, 50.0) == lag_s("none", FRAME_S, 50.0) == FRAME_S == 0.0078125
-
-
-def test_unknown_kind_is_a_key_error() -> None:
-    with pytest.raises(KeyError):
-        make_decimator("boxcr", 1, M, TICK_S, 50.0)

@@ -13,31 +13,11 @@ from OpenSSL import SSL
 from cogrip.protocol.dtls_records import ALERT, RECORD_HEADER_BYTES
 from cogrip.protocol.io import certificate, dtls
 from cogrip.protocol.io.certificate import Identity
-from cogrip.protocol.io.dtls import (
-    CLOSED,
-    NO_CIPHER,
-    NO_VERSION,
-    NOT_TRUSTED,
-    OTHER_ERROR,
-    WRONG_CERTIFICATE,
-    client_context,
-    cookie_in,
-    error_text,
-    is_client_hello,
-    packed,
-)
+from cogrip.protocol.io.dtls import NO_CIPHER, NO_VERSION, OTHER_ERROR, WRONG_CERTIFICATE, cookie_in, error_text
 from cogrip.protocol.messages import DTLS_BYTES, MAX_DATAGRAM_BYTES
 
-from tests.protocol.foreign_peers import (
-    COOKIE,
-    DTLS1_0,
-    Pair,
-    client_side,
-    foreign,
-    long_identity,
-    rsa_identity,
-    server_side,
-)
+from tests.protocol import foreign_peers
+from tests.protocol.foreign_peers import DTLS1_0, Pair, client_side, foreign, long_identity, rsa_identity, server_side
 
 
 @pytest.fixture(scope="module")
@@ -51,15 +31,14 @@ def ours(identity: Identity) -> Pair:
 
 def test_a_handshake(identity: Identity) -> None:
     pair = ours(identity).shake()
-    assert pair.client.ready
-    assert pair.server.ready
+    assert pair.ready
     assert [len(flight) for flight in pair.flights] == [1, 1, 1, 1, 1, 1]
     first, _, second, *_ = [flight[0] for flight in pair.flights]
-    assert [is_client_hello(flight[0]) for flight in pair.flights] == [True, False, True, False, False, False]
-    assert (cookie_in(first), cookie_in(second)) == (b"", COOKIE)
+    assert [dtls.is_client_hello(flight[0]) for flight in pair.flights] == [True, False, True, False, False, False]
+    assert (cookie_in(first), cookie_in(second)) == (b"", foreign_peers.COOKIE)
     assert pair.client.peer_fingerprint() == identity.fingerprint
     assert pair.server.peer_fingerprint() == ""
-    connection = pair.client._connection
+    connection = pair.client.connection
     assert connection.get_protocol_version() == dtls.DTLS1_2
     assert (connection.get_cipher_name() or "").startswith("ECDHE-ECDSA-AES")
 
@@ -94,7 +73,7 @@ def test_closing_is_heard(identity: Identity) -> None:
     pair.client.close()
     (alert,) = pair.client.pop_datagrams()
     assert pair.server.feed(alert) == ()
-    assert pair.server.failed == CLOSED
+    assert pair.server.failed == dtls.CLOSED
 
 
 def test_flights_of_several_datagrams_in_any_order() -> None:
@@ -109,8 +88,7 @@ def test_flights_of_several_datagrams_in_any_order() -> None:
             return moved
 
         pair = ours(long).shake(direction)
-        assert pair.client.ready
-        assert pair.server.ready
+        assert pair.ready
         assert len(pair.flights[3]) >= 4
 
 
@@ -120,8 +98,7 @@ def test_records_of_a_flight_one_by_one_and_the_certificate_s_in_reverse(identit
         return apart[::-1] if number == 3 else apart  # a CCS that comes before its time is lost: it has no number
 
     pair = ours(identity).shake(direction)
-    assert pair.client.ready
-    assert pair.server.ready
+    assert pair.ready
     assert list(pair.server.feed(pair.client.send(b"hello"))) == [b"hello"]
 
 
@@ -212,9 +189,9 @@ def test_a_client_that_trusts_everyone_gets_in_by_the_allowed_ciphers_alone(iden
 
 def test_another_certificate_is_refused_and_both_sides_hear_of_it(identity: Identity, tmp_path: Path) -> None:
     found: list[str] = []
-    pair = Pair(client_context("0" * 64, found.append), server_side(identity)).shake()
+    pair = Pair(dtls.client_context("0" * 64, found.append), server_side(identity)).shake()
     assert pair.client.failed == WRONG_CERTIFICATE
-    assert pair.server.failed == NOT_TRUSTED
+    assert pair.server.failed == dtls.NOT_TRUSTED
     assert set(found) == {identity.fingerprint}
 
 
@@ -236,35 +213,34 @@ def test_renegotiation_is_refused(identity: Identity, asks: str) -> None:
     else:
         pair = Pair(client_side(identity), foreign(identity=identity)).shake()
         asking, asked = pair.server, pair.client
-    asking._connection.renegotiate()
-    asking._handshake()
-    asking._drain()
+    asking.connection.renegotiate()
+    asking.connect()
     for datagram in asking.pop_datagrams():
         assert asked.feed(datagram) == ()
     assert all(datagram[0] == ALERT for datagram in asked.pop_datagrams())
     if not asked.failed:
         assert list(pair.server.feed(pair.client.send(b"on"))) in ([b"on"], [])
-    assert asked._connection.total_renegotiations() == 0
+    assert asked.connection.total_renegotiations() == 0
 
 
 def test_no_session_is_resumed(identity: Identity) -> None:
     context = foreign()
     context.set_session_cache_mode(SSL.SESS_CACHE_CLIENT)
     first = Pair(context, server_side(identity)).shake()
-    session = first.client._connection.get_session()
+    session = first.client.connection.get_session()
     second = Pair(context, server_side(identity))
     if session is not None:
-        second.client._connection.set_session(session)
+        second.client.connection.set_session(session)
     second.shake()
     assert second.client.ready
     assert len(second.flights) == 6  # all of it again
-    assert first.client._connection.master_key() != second.client._connection.master_key()
+    assert first.client.connection.master_key() != second.client.connection.master_key()
 
 
 @pytest.mark.parametrize("sizes", [(100,), (700, 500), (700, 600), (13,) * 100, (1219, 14, 1219), (2000, 20)])
 def test_records_are_packed_whole(sizes: tuple[int, ...]) -> None:
     flight = [bytes(11) + (size - 13).to_bytes(2, "big") + bytes(size - 13) for size in sizes]
-    datagrams = packed(b"".join(flight))
+    datagrams = dtls.packed(b"".join(flight))
     assert b"".join(datagrams) == b"".join(flight)
     for datagram in datagrams:
         assert len(datagram) <= MAX_DATAGRAM_BYTES or datagram in flight

@@ -6,24 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol.dtls_records import (
-    ALERT,
-    CHANGE_CIPHER_SPEC,
-    CLIENT_HELLO,
-    CLIENT_KEY_EXCHANGE,
-    DATA,
-    HANDSHAKE,
-    MOST_FINISHED,
-    MOST_FINISHED_BYTES,
-    MOST_MESSAGE_BYTES,
-    MOST_MESSAGE_SEQ,
-    ClientRecords,
-    records,
-)
+from cogrip.protocol import dtls_records
+from cogrip.protocol.dtls_records import ALERT, CLIENT_KEY_EXCHANGE, DATA, HANDSHAKE, MOST_MESSAGE_BYTES, records
 
 from tests.dtls_peer.records import Fragment, Record, whole
 
-CCS = Record(CHANGE_CIPHER_SPEC, 0, 9, b"\x01").encode()
+CCS = Record(dtls_records.CHANGE_CIPHER_SPEC, 0, 9, b"\x01").encode()
 FATAL = Record(ALERT, 0, 9, b"\x02\x28").encode()
 
 
@@ -31,7 +19,7 @@ def handshake(fragment: Fragment, number: int = 0) -> bytes:
     return Record(HANDSHAKE, 0, number, fragment.encode()).encode()
 
 
-HELLO = handshake(whole(CLIENT_HELLO, 1, bytes(150)))
+HELLO = handshake(whole(dtls_records.CLIENT_HELLO, 1, bytes(150)))
 EXCHANGE = handshake(whole(CLIENT_KEY_EXCHANGE, 2, bytes(66)))
 
 
@@ -44,7 +32,7 @@ class Inspected:
 
     def __init__(self, state: str = "key exchange") -> None:
         self.dropped: list[str] = []
-        self.records = ClientRecords(self.dropped.append)
+        self.records = dtls_records.ClientRecords(self.dropped.append)
         if state != "key exchange":
             assert self.records.passed(EXCHANGE + CCS) == EXCHANGE + CCS
         if state == "open":
@@ -76,8 +64,8 @@ def test_the_records_of_a_client_that_joins_pass() -> None:
         (Fragment(CLIENT_KEY_EXCHANGE, MOST_MESSAGE_BYTES, 2, 0, b"x"), ""),
         (Fragment(CLIENT_KEY_EXCHANGE, MOST_MESSAGE_BYTES + 1, 2, 0, b"x"), "handshake message too long"),
         (Fragment(CLIENT_KEY_EXCHANGE, 100_000, 2, 0, b"x"), "handshake message too long"),
-        (Fragment(CLIENT_KEY_EXCHANGE, 66, MOST_MESSAGE_SEQ, 0, b"x"), ""),
-        (Fragment(CLIENT_KEY_EXCHANGE, 66, MOST_MESSAGE_SEQ + 1, 0, b"x"), "handshake message ahead"),
+        (Fragment(CLIENT_KEY_EXCHANGE, 66, dtls_records.MOST_MESSAGE_SEQ, 0, b"x"), ""),
+        (Fragment(CLIENT_KEY_EXCHANGE, 66, dtls_records.MOST_MESSAGE_SEQ + 1, 0, b"x"), "handshake message ahead"),
         (Fragment(CLIENT_KEY_EXCHANGE, 66, 0xFFFF, 0, b"x"), "handshake message ahead"),
         (Fragment(CLIENT_KEY_EXCHANGE, 66, 2, 60, b"x" * 6), ""),
         (Fragment(CLIENT_KEY_EXCHANGE, 66, 2, 60, b"x" * 7), "handshake fragment out of range"),
@@ -110,8 +98,8 @@ def test_the_second_message_of_a_record_is_looked_at_as_well() -> None:
         ("key exchange", FATAL, ""),
         ("key exchange", Record(ALERT, 0, 0, bytes(3)).encode(), "alert of no length"),
         ("key exchange", Record(24, 0, 0, bytes(20)).encode(), "record of no type"),
-        ("finishing", finished(size=MOST_FINISHED_BYTES), ""),
-        ("finishing", finished(size=MOST_FINISHED_BYTES + 1), "handshake message too long"),
+        ("finishing", finished(size=dtls_records.MOST_FINISHED_BYTES), ""),
+        ("finishing", finished(size=dtls_records.MOST_FINISHED_BYTES + 1), "handshake message too long"),
         ("finishing", Record(DATA, 1, 0, bytes(40)).encode(), "record too early"),
         ("finishing", Record(HANDSHAKE, 2, 0, bytes(48)).encode(), "record of no epoch"),
         ("finishing", Record(ALERT, 1, 0, bytes(26)).encode(), ""),
@@ -131,11 +119,11 @@ def test_each_state_has_its_records(state: str, record: bytes, says: str) -> Non
 
 def test_a_handshake_that_goes_on_where_it_must_end_is_overdue() -> None:
     inspected = Inspected("finishing")
-    for number in range(MOST_FINISHED):
+    for number in range(dtls_records.MOST_FINISHED):
         assert not inspected.records.overdue
         assert inspected.fault(finished(number)) == ""
     assert inspected.records.overdue
-    assert inspected.fault(finished(MOST_FINISHED)) == "handshake message ahead"
+    assert inspected.fault(finished(dtls_records.MOST_FINISHED)) == "handshake message ahead"
 
 
 def test_a_flight_that_is_sent_again_is_told_from_a_copy() -> None:

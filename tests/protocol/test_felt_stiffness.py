@@ -45,7 +45,3 @@ def test_both_sides_of_the_reach() -> None:
     assert compensated_stiffness(5119.0, 20.0, compliance) > 1e7
     with pytest.raises(OutOfReachError, match=r"above 20 N s/m would do: set coupling\.impedance_nspm = 22 or more"):
         compensated_stiffness(5120.0, 20.0, compliance)
-
-
-def test_no_spring_stays_no_spring() -> None:
-    assert felt_stiffness(0.0, 1e-3) == 0.0

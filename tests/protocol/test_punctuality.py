@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from cogrip.protocol.io import punctuality
-from cogrip.protocol.io.punctuality import ALL, PLAIN, Punctuality, advise, verdict
+from cogrip.protocol.io.punctuality import ALL, PLAIN, Punctuality, advise
 
 
 def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
@@ -15,27 +15,16 @@ def found(p99_us, skipped=0, rate_hz=1024, setup=ALL, refused=None):
 @pytest.mark.parametrize(
     ("p99_us", "skipped", "word"),
     [
-        (244.0, 1, "in reach"),
-        (245.0, 1, "marginal"),
-        (244.0, 2, "marginal"),
-        (976.0, 10, "marginal"),
-        (977.0, 0, "out of reach"),
-        (10.0, 11, "out of reach"),
+        (244.0, 1, "in reach"), (245.0, 1, "marginal"), (244.0, 2, "marginal"), (976.0, 10, "marginal"),
+        (977.0, 0, "out of reach"), (10.0, 11, "out of reach"),
     ],
-)
+)  # fmt: skip
 def test_verdict_on_both_sides_of_each_bound(p99_us, skipped, word):
-    assert verdict(found(p99_us, skipped)) == word
+    assert found(p99_us, skipped).verdict == word
 
 
 def test_advice_names_the_cure():
-    machine = dataclasses.replace(
-        punctuality.examine(),
-        usable_cpus=1,
-        governor="powersave",
-        virtual=True,
-        preemption="PREEMPT_DYNAMIC",
-        load_1min=9.0,
-    )
+    machine = quiet(usable_cpus=1, governor="powersave", virtual=True, preemption="PREEMPT_DYNAMIC", load_1min=9.0)
     refused = {"fifo": "refused: priority 40 needs an rtprio limit"}
     advice = "\n".join(advise(machine, [found(2000.0, refused=refused), found(2000.0, setup=PLAIN)]))
     for words in (
@@ -66,9 +55,8 @@ def test_under_load_no_rate_is_judged_for_good(loads):
     machine = quiet(**loads)
     advice = advise(machine, [found(2000.0)])
     assert machine.busy == 3.0
-    assert any(
-        "1024 Hz was out of reach" in line and "measured under load (load average 3.0)" in line for line in advice
-    )
+    (line,) = [line for line in advice if "1024 Hz was out of reach" in line]
+    assert "measured under load (load average 3.0)" in line
     assert not any("choose a lower device rate" in line for line in advice), "not both that and: measure again"
     assert "measure again when it is quiet" in advice[-1]
 

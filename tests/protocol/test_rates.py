@@ -31,11 +31,6 @@ def test_a_deadline_errs_by_less_than_a_nanosecond(rate_hz: int, tick: int) -> N
     assert 0 <= tick * NS_PER_S - due_ns(0, tick, rate_hz) * rate_hz < rate_hz
 
 
-def test_rates_of_the_paper() -> None:
-    rates = Rates(1024, 128)
-    assert (rates.ticks_per_frame, rates.tick_s, rates.frame_s) == (8, 0.0009765625, 0.0078125)
-
-
 @pytest.mark.parametrize(("device_hz", "network_hz"), [(1000, 128), (64, 128), (1023, 1024)])
 def test_rates_that_do_not_fit_cannot_exist(device_hz: int, network_hz: int) -> None:
     with pytest.raises(RatesError, match=rf"rates\.device_hz = {device_hz} .* rates\.network_hz = {network_hz}"):

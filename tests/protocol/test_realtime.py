@@ -38,12 +38,12 @@ def test_gc_freezes_and_thaws() -> None:
 
 @linux
 def test_timer_slack_is_one_nanosecond_until_released() -> None:
-    before_ns = realtime._libc_call("prctl", 30, 0, 0, 0, 0)
+    before_ns = realtime.libc_call("prctl", 30, 0, 0, 0, 0)
     (measure,) = realtime.engage(["timer-slack"])
     if measure.granted and before_ns:
-        assert realtime._libc_call("prctl", 30, 0, 0, 0, 0) == 1
+        assert realtime.libc_call("prctl", 30, 0, 0, 0, 0) == 1
     realtime.release([measure])
-    assert realtime._libc_call("prctl", 30, 0, 0, 0, 0) == before_ns
+    assert realtime.libc_call("prctl", 30, 0, 0, 0, 0) == before_ns
 
 
 @linux
@@ -73,7 +73,7 @@ def test_a_finite_memory_limit_is_refused_rather_than_met_later(monkeypatch: pyt
 
     monkeypatch.setattr(realtime, "has_capability", lambda _bit: False)
     monkeypatch.setattr(resource, "getrlimit", lambda _which: (65536, 65536))
-    monkeypatch.setattr(realtime, "_libc_call", raising(AssertionError("must not lock")))
+    monkeypatch.setattr(realtime, "libc_call", raising(AssertionError("must not lock")))
     (measure,) = realtime.engage(["memory-locked"])
     assert not measure.granted
     assert "64 KiB" in measure.detail
@@ -84,7 +84,7 @@ def test_a_finite_memory_limit_is_refused_rather_than_met_later(monkeypatch: pyt
 def test_memory_is_locked_and_unlocked(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[tuple[object, ...]] = []
     monkeypatch.setattr(realtime, "has_capability", lambda _bit: True)
-    monkeypatch.setattr(realtime, "_libc_call", lambda *call: calls.append(call))
+    monkeypatch.setattr(realtime, "libc_call", lambda *call: calls.append(call))
     realtime.release(realtime.engage(["memory-locked"]))
     assert calls == [("mlockall", 3), ("munlockall",)]
 
@@ -92,7 +92,7 @@ def test_memory_is_locked_and_unlocked(monkeypatch: pytest.MonkeyPatch) -> None:
 @linux
 @pytest.mark.parametrize("error", [OSError(38, "Function not implemented"), AttributeError("undefined symbol: prctl")])
 def test_a_missing_system_call_is_reported(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
-    monkeypatch.setattr(realtime, "_libc_call", raising(error))
+    monkeypatch.setattr(realtime, "libc_call", raising(error))
     monkeypatch.setattr(realtime, "has_capability", lambda _bit: True)
     for measure in realtime.engage(["timer-slack", "memory-locked"]):
         assert not measure.granted

@@ -17,7 +17,6 @@ from cogrip.protocol.io.ring import Ring, make_ring
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.reader import open_recording
 from cogrip.protocol.recording.sink import topics
-from cogrip.protocol.recording.spool import HELD_BYTES
 
 KINDS = ("event", "gap", "clock")
 EVENT = 0
@@ -83,14 +82,18 @@ def test_when_the_disk_fills_up_what_is_in_the_file_is_what_counts(desk, limit_f
 
 def test_a_spool_that_finds_no_room_ends_no_recording(desk, monkeypatch):
     """Neither the run's folder nor that of temporary files takes a new file; the recording's own has all the room."""
-    summary = desk.task._writer._summary
-    summary._chunks._folder = desk.path.parent / "gone"
-    monkeypatch.setattr(tempfile, "tempdir", str(desk.path.parent / "gone too"))
+    asked: list[object] = []
+
+    def refuse(*_: object, **__: object) -> None:
+        asked.append(None)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
     for _ in range(1000):  # chunks: some 120 bytes each
         desk.put(1, 10)
         desk.task.take()
         desk.task.flush()
-    assert summary._chunks.held_bytes > HELD_BYTES
+    assert asked
     desk.task.finish()
     recording = open_recording(desk.path)
     assert [message.time_ns for message in recording.messages() if message.topic == EVENT] == list(range(1000))

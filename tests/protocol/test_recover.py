@@ -16,7 +16,7 @@ from cogrip.protocol.recording import recover as recover_module
 from cogrip.protocol.recording.folder import recordings_of
 from cogrip.protocol.recording.reader import MAGIC, Message, RecordingError, open_recording
 from cogrip.protocol.recording.records import Gap, kind_of
-from cogrip.protocol.recording.recover import Recovered, is_closed, recover
+from cogrip.protocol.recording.recover import Recovered, recover
 from cogrip.protocol.recording.writer import RecordingWriter
 from cogrip.sim.runs.replay.verify import Verdict, verify
 
@@ -25,8 +25,6 @@ FILES = tuple(
     RECORDINGS / name
     for name in ("laboratory/client-anna.mcap", "laboratory/server.mcap", "live/client-ben.mcap", "live/server.mcap")
 )
-FRAME_BYTES = 9  # opcode and length before every record of MCAP
-CHUNK_HEAD_BYTES = 8 + 8 + 8 + 4 + 4 + len("zstd") + 8
 
 
 @dataclass(frozen=True)
@@ -138,14 +136,6 @@ def test_of_a_file_that_was_cut_every_whole_chunk_is_saved(
         assert [damage.reason for damage in found.damage] == ["the end is cut off"]
 
 
-@every_file
-@pytest.mark.parametrize("off", [-1, 0, 1])
-def test_both_sides_of_a_chunks_end(source: Path, tmp_path: Path, off: int) -> None:
-    chunks = CHUNKS[source]
-    found = saved(source, source.read_bytes()[: chunks[1].end + off], tmp_path)
-    assert messages_of(found.path) == joined(chunks[:1] if off < 0 else chunks[:2])
-
-
 @settings(max_examples=25)
 @given(source=files, where=st.floats(0.0, 1.0))
 def test_it_plays_again_up_to_the_cut(tmp_path_factory: pytest.TempPathFactory, source: Path, where: float) -> None:
@@ -166,13 +156,10 @@ def test_no_cut_is_a_difference(source: Path, tmp_path: Path, recovered: bool) -
     """At every place between two messages: outputs stand before the tick or step that they are of, or behind their input."""
     chunks = CHUNKS[source]
     recording, messages = open_recording(source), joined(chunks)
-    outs = [
-        place
-        for place, message in enumerate(messages)
-        if kind_of(recording.topics[message.topic]) in ("datagram_out", "command", "event")
-    ]
+    kinds = [kind_of(recording.topics[message.topic]) for message in messages]
+    outs = [place for place, kind in enumerate(kinds) if kind in ("datagram_out", "command", "event")]
     found = []
-    for place in (*outs[:4], *outs[len(outs) // 2 :][:4], *outs[-3:]):
+    for place in (*outs[:2], *outs[len(outs) // 2 :][:2], *outs[-2:]):
         path = tmp_path / f"{place}.mcap"
         with path.open("wb") as file:
             writer = RecordingWriter(file, recording.header)
@@ -286,26 +273,6 @@ def test_damaged_and_cut(source: Path, tmp_path: Path) -> None:
     assert [each.reason.partition(" (")[0] for each in found.damage] == ["damaged chunk", "the end is cut off"]
 
 
-@pytest.mark.parametrize("opcode", [1, 2, 4, 7])
-def test_a_flipped_bit_in_an_opcode_is_a_damage(tmp_path: Path, opcode: int) -> None:
-    source = FILES[0]
-    data = bytearray(source.read_bytes())
-    data[CHUNKS[source][1].start] = opcode  # was 6
-    found = saved(source, bytes(data), tmp_path)
-    assert found.damage
-    assert gaps_of(found.path)
-
-
-def test_a_size_that_is_out_of_this_world_is_a_damage(tmp_path: Path) -> None:
-    source = FILES[0]
-    data = bytearray(source.read_bytes())
-    at = CHUNKS[source][1].start + FRAME_BYTES + CHUNK_HEAD_BYTES
-    assert data[at : at + 4] == b"\x28\xb5\x2f\xfd", "a frame of zstd (RFC 8878)"
-    data[at + 4 : at + 13] = b"\xe0" + (2**45).to_bytes(8, "little")  # content size in 8 bytes
-    found = saved(source, bytes(data), tmp_path)
-    assert len(found.damage) == 1
-
-
 # Again, and nothing --------------------------------------------------------------------------------------------------
 
 
@@ -329,53 +296,20 @@ def test_a_run_is_read_from_its_recovery(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b"", "is not a recording"),
-        (b"RIFF of somebody else's, and long enough", "is not a recording"),
-        (MAGIC, "ends before it says what it is; nothing of it can be saved"),
-        (MAGIC + b"\x01\x00", "ends before it says what it is; nothing of it can be saved"),
-        (MAGIC + bytes(40), "is an MCAP file, but no recording of cogrip's"),
-    ],
+    "data", [b"", b"RIFF of somebody else's, and long enough", MAGIC + b"\x01\x00", MAGIC + bytes(40)]
 )
-def test_of_what_is_no_recording_nothing_can_be_saved(tmp_path: Path, data: bytes, words: str) -> None:
+def test_of_what_is_no_recording_nothing_can_be_saved(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=words):
+    with pytest.raises(RecordingError, match=r"is not a recording|nothing of it can be saved|no recording of cogrip's"):
         recover(path)
     assert list(tmp_path.iterdir()) == [path]
-
-
-@settings(max_examples=30)
-@given(source=files, where=st.floats(0.0, 1.0))
-def test_a_cut_header_is_no_recording(tmp_path_factory: pytest.TempPathFactory, source: Path, where: float) -> None:
-    folder = tmp_path_factory.mktemp("header")
-    path = folder / source.name
-    path.write_bytes(source.read_bytes()[: int(where * 500)])
-    with pytest.raises(RecordingError):
-        recover(path)
-    assert list(folder.iterdir()) == [path]
 
 
 def test_before_the_first_chunk_is_whole_nothing_but_the_header_is_saved(tmp_path: Path) -> None:
     source = FILES[0]
     found = saved(source, source.read_bytes()[: CHUNKS[source][0].end - 1], tmp_path)
     assert (found.messages, found.seconds) == (0, 0.0)
-
-
-def test_a_newer_format_is_not_touched(tmp_path: Path) -> None:
-    header = msgspec.structs.replace(open_recording(FILES[0]).header, format=99)
-    path = tmp_path / "new.mcap"
-    with path.open("wb") as file:
-        RecordingWriter(file, header).flush()
-    with pytest.raises(RecordingError, match="recording of format 99, newer than 1"):
-        recover(path)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_where_nothing_can_be_written_the_error_names_it(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        recover(tmp_path / "nowhere.mcap")
 
 
 def test_a_full_disk_leaves_no_half_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -392,13 +326,3 @@ def test_a_full_disk_leaves_no_half_recovery(tmp_path: Path, monkeypatch: pytest
         recover(path)
     assert recordings_of(tmp_path) == [path]
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize(
-    ("missing", "closed"), [(0, True), (1, False), (7, False), (8, False), (9, False), (5000, False)]
-)
-def test_a_file_is_closed_when_its_last_bytes_are_there(tmp_path: Path, missing: int, closed: bool) -> None:
-    data = FILES[0].read_bytes()
-    path = tmp_path / "x.mcap"
-    path.write_bytes(data[: len(data) - missing])
-    assert is_closed(path) is closed

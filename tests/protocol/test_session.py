@@ -5,34 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cogrip.protocol import messages
+from cogrip.protocol import messages, session
 from cogrip.protocol.accounts import LinkCount
-from cogrip.protocol.messages import (
-    HELLO_BYTES,
-    MAGIC,
-    PROTOCOL_VERSION,
-    Farewell,
-    Heartbeat,
-    Leave,
-    Refuse,
-    Stamp,
-    Welcome,
-)
-from cogrip.protocol.session import (
-    CLIENT,
-    GIVE_UP_NS,
-    HEARTBEAT_EVERY_NS,
-    HELLO_EVERY_NS,
-    LEAVE_EVERY_NS,
-    LEAVE_GIVE_UP_NS,
-    LOST_NS,
-    SEAT,
-    STALE_NS,
-    ClientSession,
-    Table,
-    refusal,
-    unfit,
-)
+from cogrip.protocol.messages import HELLO_BYTES, MAGIC, PROTOCOL_VERSION, Farewell, Heartbeat, Refuse, Stamp, Welcome
+from cogrip.protocol.session import CLIENT, GIVE_UP_NS, HELLO_EVERY_NS, LEAVE_GIVE_UP_NS, LOST_NS, SEAT, ClientSession
 from cogrip.protocol.settings import digest
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Stop
@@ -41,23 +17,16 @@ from tests.protocol.two_ends import MS, SETTINGS, exchange, hello, seated, serve
 
 
 @pytest.mark.parametrize(("table", "start"), [(CLIENT, "idle"), (SEAT, "free")])
-def test_every_state_of_a_table_is_reached_and_no_step_stands_still(table: Table, start: str) -> None:
+def test_every_state_of_a_table_is_reached_and_no_step_stands_still(table: session.Table, start: str) -> None:
     reached, before = {start}, set[str]()
     while reached != before:
         before = set(reached)
         reached |= {after for (state, _), after in table.items() if state in before}
     assert reached == {state for state, _ in table} | set(table.values())
+    assert "closed" not in {state for state, _ in CLIENT}, "it is the end"
+    assert {after for (state, event), after in SEAT.items() if state == "seated" and event != "resume"} == {"free"}
     standing = {(state, event) for (state, event), after in table.items() if after == state}
     assert standing == ({("seated", "resume")} if table is SEAT else set()), "whose address changes keeps the seat"
-
-
-def test_closed_is_the_end_and_a_seat_can_always_be_taken_again() -> None:
-    assert "closed" not in {state for state, _ in CLIENT}
-    assert all(
-        "silence" in {event for at, event in CLIENT if at == state}
-        for state in ("connecting", "seated", "resuming", "leaving")
-    )
-    assert {after for (state, event), after in SEAT.items() if state == "seated" and event != "resume"} == {"free"}
 
 
 events = st.one_of(
@@ -125,8 +94,8 @@ def test_a_silent_server_without_a_ticket_is_given_up_and_staleness_comes_long_b
     client, _ = seated(now_ns=5)
     client.poll(5 + LOST_NS)
     assert client.state == "seated"
-    assert not client.stale(5 + STALE_NS)
-    assert client.stale(5 + STALE_NS + 1)
+    assert not client.stale(5 + session.STALE_NS)
+    assert client.stale(5 + session.STALE_NS + 1)
     client.poll(5 + LOST_NS + 1)
     assert (client.state, client.failed) == ("closed", "the server has been silent for 2 s")
 
@@ -153,9 +122,9 @@ def test_goodbye_is_repeated_and_answered_every_time() -> None:
         client.poll(now_ns)
         lost += client.outbox
         client.outbox.clear()
-    assert len(lost) == LEAVE_GIVE_UP_NS // LEAVE_EVERY_NS
+    assert len(lost) == LEAVE_GIVE_UP_NS // session.LEAVE_EVERY_NS
     for number, datagram in enumerate(lost[:2]):
-        core.receive(datagram, "anna's", number * LEAVE_EVERY_NS)
+        core.receive(datagram, "anna's", number * session.LEAVE_EVERY_NS)
     assert core.outbox[0] == core.outbox[1]
     assert core.rooms[0].seats[0].state == "free"
     assert client.state == "leaving"
@@ -210,7 +179,7 @@ def test_a_lost_welcome_is_said_again_for_the_same_session() -> None:
 
 def test_nothing_foreign_reaches_the_coupling() -> None:
     client, _ = seated()
-    for datagram in (waves(101), b"\xc1", messages.padded(hello()), refusal(8, "full", "no"), waves(100)):
+    for datagram in (waves(101), b"\xc1", messages.padded(hello()), session.refusal(8, "full", "no"), waves(100)):
         client.receive(datagram, 1)
     assert client.dropped == {"other session": 1, "malformed": 1, "unexpected": 1, "other nonce": 1}
     assert client.receive(waves(100), 2) == messages.decode(waves(100))
@@ -262,11 +231,11 @@ def test_a_taken_seat_and_a_full_room_are_refused() -> None:
 
 
 def test_a_device_with_too_few_axes_is_refused() -> None:
-    assert unfit(hello(), digest="", axes=3, device_hz=1024) == (
+    assert session.unfit(hello(), digest="", axes=3, device_hz=1024) == (
         "axes",
         "device sim:phantom moves on 1 of the 3 axes of this room",
     )
-    assert unfit(hello(device_axes=3), digest="", axes=3, device_hz=1024) is None
+    assert session.unfit(hello(device_axes=3), digest="", axes=3, device_hz=1024) is None
 
 
 def test_a_version_with_another_layout_is_refused_with_a_reason_both_sides_print() -> None:
@@ -307,7 +276,7 @@ def test_long_texts_are_cut_so_that_they_are_read() -> None:
     exchange(client, core, 0)
     assert client.state == "closed"
     assert client.farewell is not None
-    reply = messages.decode(refusal(1, "full", "long " * 100))
+    reply = messages.decode(session.refusal(1, "full", "long " * 100))
     assert isinstance(reply, Refuse)
     assert len(reply.reason) == messages.TEXT_BYTES
 
@@ -316,7 +285,7 @@ def test_heartbeats_keep_their_pace() -> None:
     client, _ = seated()
     client.outbox.clear()
     start = HELLO_EVERY_NS
-    for now_ns in range(start, start + 4 * HEARTBEAT_EVERY_NS, MS):
+    for now_ns in range(start, start + 4 * session.HEARTBEAT_EVERY_NS, MS):
         client.heartbeat(now_ns)
     assert [type(messages.decode(datagram)) for datagram in client.outbox] == [Heartbeat] * 4
 
@@ -325,7 +294,7 @@ def test_a_left_seat_still_knows_its_count() -> None:
     client, core = seated()
     core.receive(waves(100), "anna's", 1)
     core.tick(core.rooms[0], 2)
-    core.receive(messages.encode(Leave(100, "done")), "anna's", 3)
+    core.receive(messages.encode(messages.Leave(100, "done")), "anna's", 3)
     client.receive(core.outbox[-1][1], 4)
     assert client.farewell is not None
     assert client.farewell.seat is not None

@@ -3,17 +3,9 @@
 import msgspec
 import pytest
 
-from cogrip.protocol import messages
+from cogrip.protocol import messages, session
 from cogrip.protocol.messages import HELLO_BYTES, Leave, Stamp, View, Waves, Welcome
-from cogrip.protocol.session import (
-    HEARTBEAT_EVERY_NS,
-    HELLO_EVERY_NS,
-    LEAVE_GIVE_UP_NS,
-    LOST_NS,
-    QUIET_NS,
-    RESUME_GIVE_UP_NS,
-    ClientSession,
-)
+from cogrip.protocol.session import HELLO_EVERY_NS, LOST_NS, QUIET_NS, RESUME_GIVE_UP_NS, ClientSession
 from cogrip.server.core import ServerCore
 from cogrip.server.inputs import Kick, Restore
 
@@ -54,7 +46,7 @@ def test_half_a_second_of_silence_makes_a_client_ask_for_its_seat_again() -> Non
 def test_nothing_but_hellos_goes_out_meanwhile() -> None:
     client, _ = quiet()
     client.outbox.clear()
-    client.heartbeat(5 + QUIET_NS + HEARTBEAT_EVERY_NS)
+    client.heartbeat(5 + QUIET_NS + session.HEARTBEAT_EVERY_NS)
     assert not client.outbox
 
 
@@ -141,7 +133,7 @@ def test_leaving_while_nobody_is_there_ends_all_the_same() -> None:
     client, _ = quiet()
     client.leave("enough", None, 5 + QUIET_NS)
     assert client.state == "leaving"
-    client.poll(5 + QUIET_NS + LEAVE_GIVE_UP_NS)
+    client.poll(5 + QUIET_NS + session.LEAVE_GIVE_UP_NS)
     assert (client.state, client.failed) == ("closed", "")
 
 

@@ -9,17 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cogrip.protocol import settings as schema
 from cogrip.protocol.link_profile import LinkProfile
-from cogrip.protocol.settings import (
-    MOST_RENDERED_NPM,
-    SeatSettings,
-    Settings,
-    User,
-    coupling_of,
-    digest,
-    resolve,
-    seat_settings,
-)
+from cogrip.protocol.settings import MOST_RENDERED_NPM, SeatSettings, Settings, digest, resolve, seat_settings
 from cogrip.protocol.settings_table import SettingsError, parse_override
 
 
@@ -41,7 +33,7 @@ def leaves(struct: type[msgspec.Struct] = Settings, where: str = "") -> Iterator
     """(path, annotated type) of every setting."""
     for name, kind in get_type_hints(struct, include_extras=True).items():
         if name == "users":
-            yield from leaves(User, "users.0.")
+            yield from leaves(schema.User, "users.0.")
         elif isinstance(kind, type) and issubclass(kind, msgspec.Struct):
             yield from leaves(kind, f"{where}{name}.")
         else:
@@ -104,10 +96,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[s
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        (
-            {"coupling": {"stiffnes": 1}},
-            "coupling.stiffnes: there is no such setting; did you mean coupling.stiffness_npm?",
-        ),
+        ({"coupling": {"stiffnes": 1}}, "coupling.stiffnes: there is no such setting; did you mean coupling.stiffness_npm?"),
         ({"link": {"up": {"los": 0.1}}}, "link.up.los: there is no such setting; did you mean link.up.loss?"),
         ({"users": [{"nam": "a"}]}, "users.0.nam: there is no such setting; did you mean users.0.name?"),
         ({"copling": {}}, "copling: there is no such setting; did you mean coupling?"),
@@ -118,21 +107,12 @@ def test_a_wrong_name_is_answered_with_the_right_ones(path: str, values: tuple[s
         ({"coupling": 5}, "coupling: expects a table; got 5"),
         ({"users": []}, "users: expects a list of length at least 1; got []"),
         ({"name": "a/b"}, "name: expects letters, digits, blanks and . _ - with a letter or digit first; got 'a/b'"),
-        (
-            {"name": "lab\n"},
-            "name: expects letters, digits, blanks and . _ - with a letter or digit first; got 'lab\\n'",
-        ),
-        (
-            {"users": [{"name": "a"}, {"name": "a"}]},
-            "users: the name 'a' stands twice; give every user a name of their own",
-        ),
+        ({"name": "lab\n"}, "name: expects letters, digits, blanks and . _ - with a letter or digit first; got 'lab\\n'"),
+        ({"users": [{"name": "a"}, {"name": "a"}]}, "users: the name 'a' stands twice; give every user a name of their own"),
         ({"link": {"loss": 0.5, "burst_frames": 1.9}}, "link.burst_frames = 1.9 is too short for link.loss = 0.5"),
-        (
-            {"coupling": {"kind": "coupling", "server_step": "paper"}},
-            'coupling.server_step = "paper" is a step of the wave',
-        ),
+        ({"coupling": {"kind": "coupling", "server_step": "paper"}}, 'coupling.server_step = "paper" is a step of the wave'),
     ],
-)
+)  # fmt: skip
 def test_what_is_said_of_a_mistake(table: dict[str, Any], message: str) -> None:
     assert refused(table).startswith(message)
 
@@ -143,10 +123,8 @@ def test_a_cap_is_none_or_one_that_lets_something_through(path: str, value: floa
     if allowed:
         resolve(nested(path, value))
     else:
-        assert (
-            refused(nested(path, value))
-            == f"{path}: expects a number of at least 1, or 0 for no cap, in kbit/s; got {value!r}"
-        )
+        said = f"{path}: expects a number of at least 1, or 0 for no cap, in kbit/s; got {value!r}"
+        assert refused(nested(path, value)) == said
 
 
 @pytest.mark.parametrize(
@@ -245,30 +223,22 @@ def test_compensation_counts_delay_playout_and_filter() -> None:
 
 def test_overrides_reach_sections_users_and_directions() -> None:
     table = {"users": [{"name": "anna"}, {"name": "ben"}], "link": {"delay_ms": 10.0}}
-    settings = resolve(
-        table,
-        {
-            "coupling.stiffness_npm": 500,
-            "users.1.stiffness_npm": 700.0,
-            "users.0.side": "right",
-            "link.loss": 0.1,
-            "link.up.loss": 0.2,
-            "seed": 9,
-        },
-    )
+    settings = resolve(table, {
+        "coupling.stiffness_npm": 500, "users.1.stiffness_npm": 700.0, "users.0.side": "right", "link.loss": 0.1,
+        "link.up.loss": 0.2, "seed": 9,
+    })  # fmt: skip
     assert (settings.seed, settings.users[0].side) == (9, "right")
-    assert [coupling_of(settings, user).stiffness_npm for user in settings.users] == [500.0, 700.0]
+    assert [schema.coupling_of(settings, user).stiffness_npm for user in settings.users] == [500.0, 700.0]
     assert settings.link.direction("up") == LinkProfile(delay_ms=10.0, loss=0.2)
     assert settings.link.direction("down") == LinkProfile(delay_ms=10.0, loss=0.1)
     assert table == {"users": [{"name": "anna"}, {"name": "ben"}], "link": {"delay_ms": 10.0}}, (
-        "the file's table is left alone"
+        "the file's is left alone"
     )
 
 
 def test_a_direction_can_take_an_impairment_back() -> None:
-    settings = resolve({"link": {"loss": 0.3, "up": {"loss": 0.0}}})
-    assert settings.link.direction("up").loss == 0.0
-    assert settings.link.direction("down").loss == 0.3
+    link = resolve({"link": {"loss": 0.3, "up": {"loss": 0.0}}}).link
+    assert (link.direction("up").loss, link.direction("down").loss) == (0.0, 0.3)
 
 
 def test_the_only_user_can_be_overridden_in_a_file_that_names_none() -> None:
@@ -303,14 +273,10 @@ def test_users_without_a_name_are_numbered() -> None:
     assert [user.name for user in resolve({"users": [{}, {"name": "ben"}, {}]}).users] == ["user1", "ben", "user3"]
 
 
+keys = st.sampled_from([*(path.rpartition(".")[2] for path, _ in leaves()), "up", "users", "link"])
 tables = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3),
-        st.dictionaries(
-            st.sampled_from([path.rpartition(".")[2] for path, _ in leaves()] + ["up", "users", "link"]), inner
-        ),
-    ),
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner),
     max_leaves=10,
 )
 

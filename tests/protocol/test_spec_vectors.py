@@ -15,18 +15,8 @@ import pytest
 
 from cogrip.client import passivity_control as client_passivity
 from cogrip.client import path_migration
-from cogrip.protocol import clock, dtls_records, loop_meter, messages, passivity_control, session
-from cogrip.protocol.accounts import (
-    ClientAccount,
-    DelayAccount,
-    DeviceAccount,
-    LinkCount,
-    Percentiles,
-    PlayoutAccount,
-    RoomAccount,
-    SeatAccount,
-    TickCount,
-)
+from cogrip.protocol import accounts, clock, dtls_records, loop_meter, messages, passivity_control, session
+from cogrip.protocol.accounts import ClientAccount, DelayAccount, DeviceAccount, PlayoutAccount, SeatAccount
 from cogrip.protocol.channel import PEER
 from cogrip.protocol.io import dtls_client
 from cogrip.protocol.io.dtls_client import DtlsClient
@@ -38,7 +28,7 @@ from cogrip.protocol.messages import MalformedError, decode, encode
 from cogrip.protocol.session import ClientSession
 from cogrip.protocol.settings import Coupling, Object, Playout, SeatSettings, resolve
 from cogrip.server import observers, rate_limit, room, seat_limits, unencrypted_channel
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.io import dtls_channel
 from cogrip.server.io.dtls_channel import DtlsListener
@@ -172,7 +162,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.9 Leave", "Client's account:", ClientAccount, "leave with an account", [3]),
     ("3.10 Farewell", "", messages.Farewell, "farewell", []),
     ("3.10 Farewell", "Seat's account:", SeatAccount, "farewell", [3]),
-    ("3.10 Farewell", "Room's account:", RoomAccount, "farewell", [4]),
+    ("3.10 Farewell", "Room's account:", accounts.RoomAccount, "farewell", [4]),
     ("3.11 View", "", messages.View, "view", []),
     ("3.12 Power", "", messages.Power, "power", []),
 ]
@@ -204,8 +194,8 @@ def test_fields_stand_in_the_places_of_the_page(title: str, words: str, struct: 
 def test_the_small_lists_and_the_maps_have_the_names_of_the_page() -> None:
     leave = section("3.9 Leave")
     small = (
-        ("Counts", LinkCount), ("Percentiles", Percentiles), ("Ticks", TickCount), ("Playout", PlayoutAccount),
-        ("Delay", DelayAccount), ("Device", DeviceAccount),
+        ("Counts", accounts.LinkCount), ("Percentiles", accounts.Percentiles), ("Ticks", accounts.TickCount),
+        ("Playout", PlayoutAccount), ("Delay", DelayAccount), ("Device", DeviceAccount),
     )  # fmt: skip
     for title, struct in small:
         text = leave.partition(f"{title}: ")[2].partition(".")[0]
@@ -237,13 +227,8 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
         low, _, high = (f"-{bound[2:]} to {bound[2:]}" if bound.startswith("+-") else bound).partition("to ")
         bottom, top = number(low.strip(" ,>")), number(high)
         under, over = (1 if kind == "int" else max(1e-6, 1e-3 * abs(end)) for end in (bottom, top))
-        return [
-            (bottom, ">" not in low),
-            (bottom - under, False),
-            (bottom + under, True),
-            (top, True),
-            (top + over, False),
-        ]
+        lowest = [(bottom, ">" not in low), (bottom - under, False), (bottom + under, True)]
+        return [*lowest, (top, True), (top + over, False)]
     if kind == "text" and bound.startswith('"'):
         names = re.findall(r'"(\w+)"', bound)
         return [*((name, True) for name in names), ("other", False)]
@@ -272,9 +257,8 @@ def rows_with_bounds() -> list[tuple[str, list[Any], str, str]]:
     found: list[tuple[str, list[Any], str, str]] = []
     for title, words, _, vector, path in ARRAYS:
         if "account" not in words:
-            found += [
-                (vector, [*path, int(row[0])], row[2], row[3]) for row in table_of(title, words) if row[1] != "tag"
-            ]
+            table = [row for row in table_of(title, words) if row[1] != "tag"]
+            found += [(vector, [*path, int(row[0])], row[2], row[3]) for row in table]
     paths = {name: path for name, _, path in MAPS}
     found += [("welcome", [*paths[row[0]], row[1]], row[2], row[3]) for row in rows(section("3.4 Welcome"), "map")]
     return [row for row in found if row[2] == "bool" or (row[3] and row[2] != "bytes")]
@@ -357,7 +341,7 @@ PLAYS, LOOKS, GONE = "p" * 22, "o" * 22, "g" * 22
 def test_refusal_codes_are_those_of_the_page(tmp_path: Path) -> None:
     """Every way to be refused, tried on an encrypted server with one room of one seat; both sides get code and reason."""
     settings = resolve({"name": "lab", "object": {"axes": 2}, "admission": {"force_n": 9.0, "observers": 1}})
-    core = ServerCore([settings], "1", lambda: 1, OneToken(), lambda: "ticket", lambda ticket: f"hash of {ticket}")
+    core = ServerCore([settings], "1", Outside(lambda: 1, OneToken(), lambda: "ticket", "hash of {}".format))
     fit = session.make_hello(
         software="1", nonce=1, room="lab", name="anna", digest="", device="sim:x", axes=2, rate_hz=1024.0, token=PLAYS,
         force_n=8.0,
@@ -410,23 +394,23 @@ def test_limits_are_those_of_the_page(holders: tuple[ModuleType, ...], name: str
 def test_nobody_is_answered_but_as_the_page_says(tmp_path: Path) -> None:
     """Try the table of section 11.3, row by row."""
     assert len(rows(section("11.3"), "to")) == 4
-    hello, stranger = VECTORS["hello"][0], ("192.0.2.1", 9)
+    hello, unknown = VECTORS["hello"][0], ("192.0.2.1", 9)
     encrypted = DtlsListener(tmp_path, RateLimiter(b"s" * 16), lambda _: False)
-    assert encrypted.receive(hello, stranger, 0) == ()
+    assert encrypted.receive(hello, unknown, 0) == ()
     (_, answer) = encrypted.outbox.popleft()
     refuse = decode(answer)
     assert isinstance(refuse, messages.Refuse)
     assert (refuse.code, refuse.nonce) == ("sealed", 42)
     others = [datagram for datagram, _ in VECTORS.values() if datagram is not hello]
     for datagram in others:
-        assert encrypted.receive(datagram, stranger, 0) == ()
+        assert encrypted.receive(datagram, unknown, 0) == ()
     assert not encrypted.outbox
     assert encrypted.dropped == {"refused: sealed": 1, "unauthenticated": len(others)}
     call = DtlsClient(encrypted.fingerprint)
     call.poll(0)
     (_, first) = call.outbox.popleft()
     unencrypted = UnencryptedListener(RateLimiter(b"s" * 16), lambda _: False)
-    assert unencrypted.receive(first, stranger, 0) == ()
+    assert unencrypted.receive(first, unknown, 0) == ()
     assert (unencrypted.dropped, list(unencrypted.outbox)) == ({"unauthenticated": 1}, [])
     for datagram, _ in VECTORS.values():
         assert call.receive(datagram, PEER, 0) == ()

@@ -85,6 +85,15 @@ def test_the_clock_decides_what_has_expired(bench: Bench) -> None:
     )
 
 
+def test_each_end_of_a_tokens_time_is_told_once(bench: Bench) -> None:
+    (_, early), (_, late) = bench.new(expires=int(NOW_S) - 1), bench.new(expires=int(NOW_S) + 60, once=True)
+    authenticator = bench.authenticator()
+    authenticator.admitted(Grant("player", late))  # used up: it expires all the same
+    assert [authenticator.expired(), authenticator.expired()] == [{early}, set()]
+    bench.now_s = NOW_S + 60
+    assert [authenticator.expired(), authenticator.expired()] == [{late}, set()]
+
+
 def test_a_one_time_token_is_used_up_by_the_place_it_gave_not_by_asking(bench: Bench) -> None:
     token, ident = bench.new(once=True)
     authenticator = bench.authenticator()

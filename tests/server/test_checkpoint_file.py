@@ -137,7 +137,7 @@ def test_removed_with_what_was_half_written(path):
 def test_killed_at_any_moment_it_leaves_a_whole_version(path):
     """And never one older than what was known to be written."""
     chance, last = random.Random(6), 0
-    for _ in range(10):
+    for _ in range(5):
         process = subprocess.Popen(
             [sys.executable, "-c", ENDLESS, str(path), str(last)], stdout=subprocess.PIPE, start_new_session=True
         )

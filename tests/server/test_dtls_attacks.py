@@ -34,11 +34,6 @@ from tests.server.encrypted_network import ANNA, BEN, FAULTS, Wire
 MALLORY: Address = ("10.66.6.6", 666)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("state")
-
-
 def call(wire: Wire, peer: DtlsPeer, address: Address = ANNA) -> DtlsPeer:
     wire.calls[address] = peer  # type: ignore[assignment]
     wire.answers.setdefault(address, [])
@@ -66,8 +61,7 @@ def put(wire: Wire, peer: DtlsPeer, *datagrams: bytes, address: Address = MALLOR
 
 
 @pytest.mark.parametrize("suite", SUITES, ids=lambda suite: f"{suite.number:04x}")
-def test_it_joins_with_every_suite(folder: Path, suite: Suite) -> None:
-    wire = Wire(folder)
+def test_it_joins_with_every_suite(wire: Wire, suite: Suite) -> None:
     peer = joined(wire, suites=(suite,))
     for _ in range(20):
         wire.talk()
@@ -78,8 +72,7 @@ def test_it_joins_with_every_suite(folder: Path, suite: Suite) -> None:
     assert wire.listener.dropped == {"cookie sent": 1, **ended}
 
 
-def test_it_knows_the_server_by_its_certificate(folder: Path) -> None:
-    wire = Wire(folder)
+def test_it_knows_the_server_by_its_certificate(wire: Wire) -> None:
     call(wire, DtlsPeer("0" * 64))
     with pytest.raises(PeerError, match="another certificate"):
         wire.rest()
@@ -98,8 +91,7 @@ def test_any_datagram_of_its_handshake_may_be_lost_doubled_or_late(folder: Path,
 
 
 @pytest.mark.parametrize("order", [(2, 1, 0), (1, 0, 2), (0, 2, 1), (2, 0, 1)])
-def test_a_last_flight_whose_records_come_in_another_order(folder: Path, order: tuple[int, ...]) -> None:
-    wire = Wire(folder)
+def test_a_last_flight_whose_records_come_in_another_order(wire: Wire, order: tuple[int, ...]) -> None:
     peer = halted(wire, ANNA)
     DtlsPeer.answer_server_hello(peer)
     apart = [record.encode() for record in decode_records(peer.outbox.pop()[1])]
@@ -154,8 +146,7 @@ AFTER: dict[str, Callable[[DtlsPeer], list[bytes]]] = {
 
 @pytest.mark.parametrize("attack", AFTER)
 @pytest.mark.parametrize("seated", [True, False])
-def test_after_the_handshake_it_brings_nothing_about_but_counts(folder: Path, attack: str, seated: bool) -> None:
-    wire = Wire(folder)
+def test_after_the_handshake_it_brings_nothing_about_but_counts(wire: Wire, attack: str, seated: bool) -> None:
     if seated:
         wire.seats.add(MALLORY)
     wire.seal(BEN)
@@ -173,8 +164,7 @@ def test_after_the_handshake_it_brings_nothing_about_but_counts(folder: Path, at
     wire.talk(BEN)
 
 
-def test_messages_in_any_order_come_once_and_old_ones_never(folder: Path) -> None:
-    wire = Wire(folder)
+def test_messages_in_any_order_come_once_and_old_ones_never(wire: Wire) -> None:
     peer = joined(wire)
     records = [peer.record(APPLICATION_DATA, bytes([number])) for number in range(100)]
     for number in (3, 1, 2, 3, 1, 90, 89, 30, 3, 26, 90):  # the window is 64 wide: RFC 6347 section 4.1.2.6
@@ -199,8 +189,7 @@ BEFORE: dict[str, Callable[[HalfOpen], list[bytes]]] = {
 
 
 @pytest.mark.parametrize("attack", BEFORE)
-def test_amid_a_handshake_it_is_dropped_and_the_handshake_goes_on(folder: Path, attack: str) -> None:
-    wire = Wire(folder)
+def test_amid_a_handshake_it_is_dropped_and_the_handshake_goes_on(wire: Wire, attack: str) -> None:
     peer = halted(wire)
     datagrams = BEFORE[attack](peer)
     before = sum(wire.listener.dropped.values())
@@ -211,8 +200,7 @@ def test_amid_a_handshake_it_is_dropped_and_the_handshake_goes_on(folder: Path, 
     wire.talk(MALLORY)
 
 
-def test_a_key_exchange_in_overlapping_parts_is_put_together(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_key_exchange_in_overlapping_parts_is_put_together(wire: Wire) -> None:
     peer = halted(wire)
     peer.read_server()
     whole_message = peer.key_exchange()
@@ -226,8 +214,7 @@ def test_a_key_exchange_in_overlapping_parts_is_put_together(folder: Path) -> No
     wire.talk(MALLORY)
 
 
-def test_encrypted_parts_where_finished_must_be_end_the_handshake_at_once(folder: Path) -> None:
-    wire = Wire(folder)
+def test_encrypted_parts_where_finished_must_be_end_the_handshake_at_once(wire: Wire) -> None:
     peer = halted(wire)
     ATTACKS["encrypted before Finished"][1](peer)
     wire.rest(0.1)
@@ -235,8 +222,7 @@ def test_encrypted_parts_where_finished_must_be_end_the_handshake_at_once(folder
     assert wire.listener.dropped[f"handshake failed: {sealed_channel.UNFINISHED}"] == 1
 
 
-def test_a_wrong_finished_opens_nothing(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_wrong_finished_opens_nothing(wire: Wire) -> None:
     peer = halted(wire)
     peer.read_server()
     flight = peer.record(HANDSHAKE, peer.key_exchange(), 0) + peer.record(CHANGE_CIPHER_SPEC, b"\x01", 0)
@@ -246,8 +232,7 @@ def test_a_wrong_finished_opens_nothing(folder: Path) -> None:
     assert wire.listener.counts()["half open"] == 0
 
 
-def test_a_handshake_has_so_many_datagrams(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_handshake_has_so_many_datagrams(wire: Wire) -> None:
     peer = halted(wire)
     assert wire.listener.counts()["half open"] == 1
     put(wire, peer, *[peer.record(HANDSHAKE, bytes(20), 1, number) for number in range(MOST_SHAKING + 1)])
@@ -263,9 +248,8 @@ def crowd(wire: Wire, addresses: list[Address]) -> None:
         del wire.calls[address], wire.answers[address]
 
 
-def test_handshakes_from_many_addresses_displace_no_newcomer(folder: Path) -> None:
+def test_handshakes_from_many_addresses_displace_no_newcomer(wire: Wire) -> None:
     """Twice as many as there is a budget for, while the newcomer's is under way."""
-    wire = Wire(folder)
     crowd(wire, [(f"10.67.0.{number}", 1) for number in range(MOST_UNSEATED)])
     assert sum(wire.listener.counts().values()) == MOST_UNSEATED
     newcomer = wire.call(ANNA)
@@ -278,8 +262,7 @@ def test_handshakes_from_many_addresses_displace_no_newcomer(folder: Path) -> No
     assert sum(wire.listener.counts().values()) <= MOST_UNSEATED + 1  # Anna has a seat
 
 
-def test_one_address_with_many_handshakes_displaces_only_itself(folder: Path) -> None:
-    wire = Wire(folder)
+def test_one_address_with_many_handshakes_displaces_only_itself(wire: Wire) -> None:
     wire.seats.discard(BEN)
     wire.seal(BEN)
     for turn in range(4):
@@ -289,8 +272,7 @@ def test_one_address_with_many_handshakes_displaces_only_itself(folder: Path) ->
     assert sum(wire.listener.counts().values()) == MOST_UNSEATED
 
 
-def test_who_had_a_seat_lately_goes_last(folder: Path) -> None:
-    wire = Wire(folder)
+def test_who_had_a_seat_lately_goes_last(wire: Wire) -> None:
     wire.seal(BEN)
     wire.talk(BEN)
     wire.seats.discard(BEN)

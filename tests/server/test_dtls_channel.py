@@ -36,13 +36,7 @@ HELLO = make_hello(
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("state")
-
-
-def test_a_handshake_then_messages_both_ways(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_handshake_then_messages_both_ways(wire: Wire) -> None:
     call = wire.call()
     assert not call.ready(PEER)
     assert not call.send(b"too early", PEER)
@@ -56,8 +50,7 @@ def test_a_handshake_then_messages_both_ways(folder: Path) -> None:
     assert not any(UP in datagram or DOWN in datagram for *_, datagram in wire.log)
 
 
-def test_the_longest_message_fits_one_datagram_and_one_byte_more_is_counted(folder: Path) -> None:
-    wire = Wire(folder)
+def test_the_longest_message_fits_one_datagram_and_one_byte_more_is_counted(wire: Wire) -> None:
     call = wire.seal()
     longest = bytes(MAX_MESSAGE_BYTES)
     assert call.send(longest, PEER)
@@ -121,8 +114,7 @@ def test_handshakes_on_a_bad_network(folder: Path, seed: int) -> None:
     wire.talk(BEN)
 
 
-def test_another_certificate_is_refused_and_both_sides_say_why(folder: Path) -> None:
-    wire = Wire(folder)
+def test_another_certificate_is_refused_and_both_sides_say_why(wire: Wire) -> None:
     call = wire.call(fingerprint="12345678" * 8)
     wire.until(lambda: bool(call.failed))
     wire.rest()
@@ -161,8 +153,7 @@ def test_a_call_that_nobody_answers_gives_up_in_words(folder: Path) -> None:
     assert call.dropped["handshake begun again"] >= 10
 
 
-def test_an_unencrypted_hello_is_refused_with_the_cure(folder: Path) -> None:
-    wire = Wire(folder)
+def test_an_unencrypted_hello_is_refused_with_the_cure(wire: Wire) -> None:
     hello = messages.padded(HELLO)
     assert wire.inject(hello, ANNA) == ()
     ((address, answer),) = wire.listener.outbox
@@ -177,8 +168,7 @@ def test_an_unencrypted_hello_is_refused_with_the_cure(folder: Path) -> None:
     assert wire.listener.dropped == {"refused: sealed": 1, "unauthenticated": 1}
 
 
-def test_an_unencrypted_refusal_is_a_hint_and_no_more(folder: Path) -> None:
-    wire = Wire(folder)
+def test_an_unencrypted_refusal_is_a_hint_and_no_more(wire: Wire) -> None:
     call = wire.call()
     call.poll(0)
     refuse = messages.encode(Refuse(2, 0, "full", "go away"))
@@ -192,8 +182,7 @@ def test_an_unencrypted_refusal_is_a_hint_and_no_more(folder: Path) -> None:
     assert call.failed.endswith("unencrypted came, perhaps from anyone: go away [full]")
 
 
-def test_unencrypted_datagrams_into_an_association_are_dropped_on_both_sides(folder: Path) -> None:
-    wire = Wire(folder)
+def test_unencrypted_datagrams_into_an_association_are_dropped_on_both_sides(wire: Wire) -> None:
     call = wire.seal()
     for datagram in (messages.padded(HELLO), messages.encode(Refuse(2, 77, "full", "go away")), b"\x17", b"\x90"):
         assert wire.inject(datagram, ANNA) == ()
@@ -205,8 +194,7 @@ def test_unencrypted_datagrams_into_an_association_are_dropped_on_both_sides(fol
     wire.talk()
 
 
-def test_a_new_handshake_from_a_known_address_replaces_the_old_one_when_it_is_done(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_new_handshake_from_a_known_address_replaces_the_old_one_when_it_is_done(wire: Wire) -> None:
     old = wire.seal()
     new = wire.call()
     steps = 0
@@ -254,8 +242,7 @@ def test_a_client_hello_from_the_address_of_a_peer_leaves_it_alone(folder: Path)
     wire.talk()
 
 
-def test_a_cookie_belongs_to_an_address_and_a_time(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_cookie_belongs_to_an_address_and_a_time(wire: Wire) -> None:
     wire.seal()
     hello = [datagram for _, _, datagram in wire.log if is_client_hello(datagram)][1]
     for port in (4002, 4001 ^ 1):
@@ -271,8 +258,7 @@ def test_a_cookie_belongs_to_an_address_and_a_time(folder: Path) -> None:
     assert wire.listener.counts() == {"open": 0, "half open": 0}
 
 
-def test_handshakes_that_are_not_finished_are_bounded_and_the_oldest_goes_first(folder: Path) -> None:
-    wire = Wire(folder)
+def test_handshakes_that_are_not_finished_are_bounded_and_the_oldest_goes_first(wire: Wire) -> None:
     for number in range(MOST_UNSEATED + 10):
         half_open(wire, ("10.0.1.1", number))
     assert wire.listener.counts() == {"open": 0, "half open": MOST_UNSEATED}
@@ -316,8 +302,7 @@ def test_two_last_places_taken_at_once(folder: Path) -> None:
     assert sum(bool(call.failed) for call in calls) == 1
 
 
-def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(folder: Path) -> None:
-    wire = Wire(folder)
+def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(wire: Wire) -> None:
     wire.seats.discard(BEN)
     anna, ben = wire.seal(ANNA), wire.seal(BEN)
     ben.send(b"may I?", PEER)
@@ -335,8 +320,7 @@ def test_an_association_without_a_seat_is_closed_and_one_with_a_seat_is_not(fold
     assert anna.failed
 
 
-def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> None:
-    wire = Wire(folder)
+def test_an_association_without_any_message_is_closed_sooner(wire: Wire) -> None:
     wire.seats.discard(BEN)
     ben = wire.seal(BEN)
     wire.rest(HELLO_WAITS_NS / 1e9 - 0.6)
@@ -347,9 +331,8 @@ def test_an_association_without_any_message_is_closed_sooner(folder: Path) -> No
     assert ben.failed == "the other end closed the DTLS association"
 
 
-def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Path) -> None:
+def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(wire: Wire) -> None:
     """Each hello of an unauthenticated peer costs a decryption and a look into the tokens."""
-    wire = Wire(folder)
     wire.seats.discard(BEN)
     anna, ben = wire.seal(ANNA), wire.seal(BEN)
     heard = len(wire.heard)
@@ -370,8 +353,7 @@ def test_who_has_no_seat_may_ask_so_often_and_who_had_one_may_finish(folder: Pat
     assert not wire.listener.ready(ANNA)
 
 
-def test_closing_tells_the_other_end(folder: Path) -> None:
-    wire = Wire(folder)
+def test_closing_tells_the_other_end(wire: Wire) -> None:
     anna, ben = wire.seal(ANNA), wire.seal(BEN)
     wire.listener.close(ANNA)
     ben.close(PEER)
@@ -400,8 +382,7 @@ def test_budgets_hold_for_encrypted_and_unencrypted_hellos(folder: Path) -> None
     assert wire.listener.dropped["contact budget"] == 3
 
 
-def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(folder: Path) -> None:
-    wire = Wire(folder)
+def test_whoever_knocks_often_is_counted_and_does_not_fill_the_journal(wire: Wire) -> None:
     for number in range(50):
         wire.inject(messages.padded(HELLO), ("10.0.0.7", number))
     assert len(wire.listener.events) == REPORTED.burst

@@ -4,7 +4,6 @@ import random
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import pytest
 from OpenSSL.SSL import _lib  # type: ignore[attr-defined]
 
 from cogrip.protocol.channel import PEER
@@ -15,11 +14,6 @@ from tests.server.encrypted_network import ANNA, BEN, Wire
 from tests.server.fuzzed_channels import fuzz_call, fuzz_encrypted, fuzz_unencrypted, mutated
 
 MALLORY = ("10.66.6.6", 666)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("state")
 
 
 def sealed(wire: Wire, message: bytes) -> bytes:
@@ -33,8 +27,7 @@ def answer(wire: Wire, message: bytes) -> bytes:
     return wire.listener.outbox.pop()[1]
 
 
-def test_whole_sessions_played_again_deliver_nothing(folder: Path) -> None:
-    wire = Wire(folder)
+def test_whole_sessions_played_again_deliver_nothing(wire: Wire) -> None:
     wire.seal(ANNA)
     for _ in range(20):
         wire.talk(ANNA)
@@ -58,9 +51,8 @@ def test_whole_sessions_played_again_deliver_nothing(folder: Path) -> None:
     wire.talk(ANNA)
 
 
-def test_a_session_played_again_after_it_ended_begins_no_new_one(folder: Path) -> None:
+def test_a_session_played_again_after_it_ended_begins_no_new_one(wire: Wire) -> None:
     """The hello's cookie may still fit; what follows it was made for other keys."""
-    wire = Wire(folder)
     call = wire.seal(ANNA)
     wire.talk(ANNA)
     log = list(wire.log)
@@ -92,8 +84,7 @@ def both_ways(wire: Wire) -> list[tuple[bytes, Feed]]:
     return [(up, lambda datagram: wire.inject(datagram, ANNA)), (down, to_client)]
 
 
-def test_a_bit_flipped_at_every_byte_of_a_record_delivers_nothing(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_bit_flipped_at_every_byte_of_a_record_delivers_nothing(wire: Wire) -> None:
     call = wire.seal(ANNA)
     for record, feed in both_ways(wire):
         for at in range(len(record)):
@@ -107,8 +98,7 @@ def test_a_bit_flipped_at_every_byte_of_a_record_delivers_nothing(folder: Path) 
     wire.talk(ANNA)
 
 
-def test_a_record_cut_at_any_length_delivers_nothing(folder: Path) -> None:
-    wire = Wire(folder)
+def test_a_record_cut_at_any_length_delivers_nothing(wire: Wire) -> None:
     call = wire.seal(ANNA)
     for record, feed in both_ways(wire):
         for size in range(len(record)):
@@ -119,8 +109,7 @@ def test_a_record_cut_at_any_length_delivers_nothing(folder: Path) -> None:
     wire.talk(ANNA)
 
 
-def test_what_follows_a_record_in_its_datagram_is_inspected_by_itself(folder: Path) -> None:
-    wire = Wire(folder)
+def test_what_follows_a_record_in_its_datagram_is_inspected_by_itself(wire: Wire) -> None:
     wire.seal(ANNA)
     one, two, three = sealed(wire, b"one"), sealed(wire, b"two"), sealed(wire, b"three")
     assert list(wire.inject(one + b"\x00junk", ANNA)) == [b"one"]
@@ -150,9 +139,8 @@ FORGED = [
 ]
 
 
-def test_forged_records_from_the_right_address_do_nothing(folder: Path) -> None:
+def test_forged_records_from_the_right_address_do_nothing(wire: Wire) -> None:
     """Alerts, a change of ciphers, handshake messages, data: without the keys none of it counts."""
-    wire = Wire(folder)
     call = wire.seal(ANNA)
     for datagram in FORGED:
         assert wire.inject(datagram, ANNA) == ()
@@ -209,9 +197,8 @@ def test_shortest_hello_gets_no_more_than_it_brought(folder: Path) -> None:
     assert len(cookie) <= len(hello)
 
 
-def test_a_failure_of_one_peer_disturbs_no_other(folder: Path) -> None:
+def test_a_failure_of_one_peer_disturbs_no_other(wire: Wire) -> None:
     """OpenSSL keeps its errors in one place for all of them."""
-    wire = Wire(folder)
     wire.seal(BEN)
     for number in range(20):
         bad = wire.call(("10.2.0.1", number), fingerprint="1" * 64)

@@ -69,13 +69,12 @@ def test_a_snapshot_says_what_the_room_knows():
     take_seat(room)
     hold(room, range(20))
     assert room.seats[0].port.receive(waves(19)), "a duplicate"
-    room.seats[0].clock.read(
-        Stamp(5_010_000_000, 1_000_000_000, 0), 1_040_000_000
-    )  # 40 ms there and back, 3.99 s ahead
+    room.seats[0].rtt_ns = 41_000_000
+    room.seats[0].clock.read(Stamp(5_010_000_000, 1_000_000_000, 0), 1_040_000_000)  # 40 ms and back, 3.99 s ahead
     for tick in (0, 1, 5):
         pacer.take(pacer.due_ns(tick) + 300_000)
     snapshot = SnapshotMaker([room], {"lab": pacer}, "1.2.3").make(
-        2.5, {"malformed": 3, "rate": 1}, {"malformed": 4}, rtt_ns={("lab", 0): 41_000_000}, datagrams=(7, 8)
+        2.5, {"malformed": 3, "rate": 1}, {"malformed": 4}, datagrams=(7, 8)
     )
     (seen,) = snapshot.rooms
     anna, ben = seen.seats
@@ -94,10 +93,8 @@ def test_a_snapshot_says_what_the_room_knows():
     assert anna.rendered_npm == room.world.stiffness_of(0) > 0.0
     assert (ben.up_delay_s, ben.down_delay_s, ben.clock_offset_s, ben.rendered_npm) == (None, None, None, None)
     assert anna.up_margin_j == room.seats[0].port.up_margin_j
-    assert (anna.up_reserve_j, anna.line_reserve_j) == (
-        room.seats[0].port.up_reserve.now_j,
-        room.seats[0].line_reserve.now_j,
-    )
+    seat = room.seats[0]
+    assert (anna.up_reserve_j, anna.line_reserve_j) == (seat.port.up_reserve.now_j, seat.line_reserve.now_j)
     assert None not in (anna.up_reserve_j, anna.line_reserve_j)
     assert (ben.user, ben.seated, ben.frames, ben.rtt_s, ben.up_margin_j) == ("ben", False, LinkCount(), None, None)
 

@@ -10,10 +10,10 @@ from cogrip.protocol import messages
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Denied, Grant
+from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.checkpoint import decode, encode
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
-from cogrip.server.inputs import Kick, Restore, Revoke, Stop
+from cogrip.server.inputs import Expire, Kick, Restore, Revoke, Stop
 from cogrip.server.room import RESERVED_NS
 from cogrip.server.roster import roster_of
 
@@ -44,10 +44,10 @@ class Guarded(Desk):
     def __init__(self, *rooms: Settings, server: str = "") -> None:
         sessions, tickets = count(100), count(1)
         self.authenticator = Tokens()
-        self.core = ServerCore(
-            rooms or (room(),), "test", lambda: next(sessions), self.authenticator, lambda: f"{server}ticket-{next(tickets)}",
-            lambda ticket: f"hash of {ticket}",
-        )  # fmt: skip
+        outside = Outside(
+            lambda: next(sessions), self.authenticator, lambda: f"{server}ticket-{next(tickets)}", "hash of {}".format
+        )
+        self.core = ServerCore(rooms or (room(),), "test", outside)
         self.now_ns = 1_000_000_000
 
     def welcome(self, address: str, **changed: object) -> Welcome:
@@ -61,6 +61,11 @@ class Guarded(Desk):
         return answer
 
 
+@pytest.fixture
+def desk() -> Guarded:
+    return Guarded()
+
+
 @pytest.mark.parametrize(
     ("changed", "code", "words"),
     [
@@ -72,8 +77,9 @@ class Guarded(Desk):
         ({"token": "r", "room": "lab"}, "room", "for room 'hall', not 'lab'"),
     ],
 )
-def test_a_hello_without_admission_is_refused_in_words(changed: dict[str, object], code: str, words: str) -> None:
-    desk = Guarded()
+def test_a_hello_without_admission_is_refused_in_words(
+    desk: Guarded, changed: dict[str, object], code: str, words: str
+) -> None:
     refuse = desk.refused("x", **changed)
     assert refuse.code == code
     assert words in refuse.reason
@@ -91,14 +97,12 @@ def test_a_token_is_used_when_a_seat_is_given_and_only_then() -> None:
     assert desk.authenticator.used == ["aaaaaaaa"]
 
 
-def test_a_token_for_one_seat_gives_that_seat() -> None:
-    desk = Guarded()
+def test_a_token_for_one_seat_gives_that_seat(desk: Guarded) -> None:
     assert desk.welcome("x", token="b").settings.user == "ben"
     assert desk.refused("y", token="b", nonce=2).code == "taken"
 
 
-def test_a_seat_is_resumed_from_another_address_with_the_same_session() -> None:
-    desk = Guarded()
+def test_a_seat_is_resumed_from_another_address_with_the_same_session(desk: Guarded) -> None:
     first = desk.welcome("x")
     desk.say(waves(first.session, 0, 0.1), "x")
     desk.tick()
@@ -117,8 +121,7 @@ def test_a_seat_is_resumed_from_another_address_with_the_same_session() -> None:
     assert not desk.heard("x")
 
 
-def test_a_client_that_was_silent_too_long_resumes_with_a_new_line() -> None:
-    desk = Guarded()
+def test_a_client_that_was_silent_too_long_resumes_with_a_new_line(desk: Guarded) -> None:
     first = desk.welcome("x")
     desk.say(waves(first.session, 0, 0.1), "x")
     desk.now_ns += LOST_NS
@@ -132,8 +135,7 @@ def test_a_client_that_was_silent_too_long_resumes_with_a_new_line() -> None:
 
 
 @pytest.mark.parametrize("how", ["leave", "kick", "stop", "revoke"])
-def test_a_ticket_is_void_after_the_end(how: str) -> None:
-    desk = Guarded()
+def test_a_ticket_is_void_after_the_end(desk: Guarded, how: str) -> None:
     first = desk.welcome("x")
     ends = {
         "leave": lambda: desk.say(messages.encode(Leave(first.session, "bored")), "x"),
@@ -147,16 +149,14 @@ def test_a_ticket_is_void_after_the_end(how: str) -> None:
     assert isinstance(desk.again("y", first.ticket, token="x"), Refuse)
 
 
-def test_a_void_ticket_is_no_bar_to_a_good_token() -> None:
-    desk = Guarded()
+def test_a_void_ticket_is_no_bar_to_a_good_token(desk: Guarded) -> None:
     assert isinstance(desk.again("x", "ticket-77", token="p"), Welcome)
 
 
 @pytest.mark.parametrize(
     "changed", [{"device": "sim:phantom"}, {"force_n": 9.0}, {"speed_mps": 9.0}, {"axes": 2}, {"rate_hz": 2e3}]
 )
-def test_a_ticket_does_not_open_a_seat_for_another_device_record(changed: dict[str, object]) -> None:
-    desk = Guarded()
+def test_a_ticket_does_not_open_a_seat_for_another_device_record(desk: Guarded, changed: dict[str, object]) -> None:
     first = desk.welcome("x")
     answer = desk.again("y", first.ticket, **changed)
     assert isinstance(answer, Refuse)
@@ -191,8 +191,7 @@ def test_kicked_by_name_and_room_with_the_reason_on_both_sides() -> None:
     assert here.session == desk.core.rooms[0].seats[0].session
 
 
-def test_a_revoked_token_ends_what_was_taken_with_it() -> None:
-    desk = Guarded()
+def test_a_revoked_token_ends_what_was_taken_with_it(desk: Guarded) -> None:
     desk.welcome("x")
     desk.welcome("y", token="b", nonce=2)
     desk.welcome("z", token="o", nonce=3)
@@ -201,8 +200,7 @@ def test_a_revoked_token_ends_what_was_taken_with_it() -> None:
     assert desk.core.handle(Revoke(("",)), desk.now_ns) == 0
 
 
-def test_an_observer_sees_the_object_and_who_holds_it() -> None:
-    desk = Guarded()
+def test_an_observer_sees_the_object_and_who_holds_it(desk: Guarded) -> None:
     player = desk.welcome("x")
     seen = desk.welcome("o", token="o", nonce=2)
     assert seen.role == "observer"
@@ -220,14 +218,12 @@ def test_an_observer_sees_the_object_and_who_holds_it() -> None:
     assert views[-1].proxies_m == tuple(desk.core.rooms[0].world.proxy(0).tolist())
 
 
-def test_a_player_may_observe_on_request() -> None:
-    desk = Guarded()
+def test_a_player_may_observe_on_request(desk: Guarded) -> None:
     assert desk.welcome("x", role="observer").role == "observer"
     assert not any(seat.port for seat in desk.core.rooms[0].seats)
 
 
-def test_an_observer_that_sends_waves_is_kicked_and_nothing_moves() -> None:
-    desk = Guarded()
+def test_an_observer_that_sends_waves_is_kicked_and_nothing_moves(desk: Guarded) -> None:
     player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
     desk.say(waves(player.session, 0, 0.0), "x")
     desk.tick()
@@ -256,8 +252,7 @@ def test_places_for_observers_are_counted_per_room() -> None:
     assert isinstance(desk.again("q", "ticket-1", token="o"), Welcome)
 
 
-def test_an_observer_resumes_from_another_address() -> None:
-    desk = Guarded()
+def test_an_observer_resumes_from_another_address(desk: Guarded) -> None:
     first = desk.welcome("o", token="o")
     again = desk.again("p", first.ticket)
     assert isinstance(again, Welcome)
@@ -336,9 +331,8 @@ def test_a_seat_whose_person_is_silent_is_kept_until_they_are_lost() -> None:
     assert "anna" not in reason
 
 
-def test_the_farewell_of_a_seat_that_was_ended_is_repeated_while_it_sends() -> None:
+def test_the_farewell_of_a_seat_that_was_ended_is_repeated_while_it_sends(desk: Guarded) -> None:
     """Else a lost farewell would undo a kick: the client would fall silent, and come back by its token."""
-    desk = Guarded()
     player = desk.welcome("x")
     desk.core.handle(Kick("anna", reason="too rough"), desk.now_ns)
     (first,) = desk.heard("x")
@@ -348,8 +342,7 @@ def test_the_farewell_of_a_seat_that_was_ended_is_repeated_while_it_sends() -> N
     assert desk.heard("x") == [first] * 5
 
 
-def test_hellos_have_a_budget() -> None:
-    desk = Guarded()
+def test_hellos_have_a_budget(desk: Guarded) -> None:
     for nonce in range(20):
         desk.core.receive(messages.padded(hello(token="p", nonce=nonce + 1)), "x", desk.now_ns)
     assert desk.core.dropped["hello budget"] >= 10
@@ -363,8 +356,7 @@ def test_hellos_have_a_budget() -> None:
     assert sum(event.event == "resumed" for event in desk.core.events) == 8
 
 
-def test_an_address_that_changed_seats_keeps_the_new_one() -> None:
-    desk = Guarded()
+def test_an_address_that_changed_seats_keeps_the_new_one(desk: Guarded) -> None:
     first = desk.welcome("x", name="anna")
     desk.say(messages.encode(Leave(first.session, "another seat")), "x")
     second = desk.welcome("x", name="ben", nonce=2)
@@ -392,8 +384,7 @@ def test_taking_the_seat_anew_brings_in_no_more_power() -> None:
     assert 1e-3 < brought_j + here.world.port_work[0] <= 0.01 * (seconds + 0.25) + 1e-3
 
 
-def test_a_hand_that_is_nowhere_blinds_no_observer() -> None:
-    desk = Guarded()
+def test_a_hand_that_is_nowhere_blinds_no_observer(desk: Guarded) -> None:
     player, seen = desk.welcome("x"), desk.welcome("o", token="o", nonce=2)
     far = messages.decode(waves(player.session, 0, 0.1))
     desk.core.receive(messages.encode(msgspec.structs.replace(far, state=(5000.0, 5000.0))), "x", desk.now_ns)
@@ -408,8 +399,7 @@ def test_a_hand_that_is_nowhere_blinds_no_observer() -> None:
     assert views[0].proxies_m == (1000.0,)
 
 
-def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left() -> None:
-    desk = Guarded()
+def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left(desk: Guarded) -> None:
     player = desk.welcome("x")
     desk.say(waves(player.session, 0, 0.1), "x")
     desk.core.rooms[0].world.position = np.array([7.0])
@@ -421,9 +411,8 @@ def test_an_object_that_was_thrown_out_is_put_back_when_nobody_is_left() -> None
     assert desk.core.rooms[0].diverged  # of this run it stays true
 
 
-def test_a_seat_session_begins_with_an_empty_energy_ledger() -> None:
+def test_a_seat_session_begins_with_an_empty_energy_ledger(desk: Guarded) -> None:
     """After a year of work the ledger of the next session is as exact as that of the first."""
-    desk = Guarded()
     player, here = desk.welcome("x"), desk.core.rooms[0]
     for number in range(64):
         desk.core.receive(waves(player.session, number, 0.3), "x", desk.now_ns)
@@ -465,3 +454,37 @@ def test_one_token_holds_so_many_seats_at_once_in_all_rooms() -> None:
     assert isinstance(desk.hello("e", token="b", room="lab", name="ben"), Welcome)  # another token
     desk.say(messages.encode(Leave(first.session, "goodbye")), "c")
     assert isinstance(desk.hello("f", token="p", room="lab", name=""), Welcome)
+
+
+def test_a_ticket_opens_no_more_seats_than_its_token_may_hold() -> None:
+    desk = Guarded(room(people=("anna", "ben"), admission={"seats_per_token": 1}))
+    first = desk.welcome("x", name="anna")
+    desk.now_ns += LOST_NS
+    desk.tick()
+    second = desk.welcome("y", name="ben", nonce=2)
+    refused = desk.again("x", first.ticket)
+    assert isinstance(refused, Refuse)
+    assert (refused.code, "holds 1 seats already" in refused.reason) == ("token", True)
+    assert isinstance(desk.again("z", second.ticket), Welcome), "of a seat that is held it moves the session"
+    desk.say(messages.encode(Leave(second.session, "goodbye")), "z")
+    assert isinstance(desk.again("x", first.ticket), Welcome)
+
+
+@pytest.mark.parametrize("token", ["p", "o"])
+def test_an_expired_token_ends_the_right_to_resume_and_no_session(desk: Guarded, token: str) -> None:
+    first, ben = desk.welcome("x", token=token), desk.welcome("b", token="b", name="ben", nonce=2)
+    desk.core.handle(Expire(("aaaaaaaa", "bbbbbbbb")), desk.now_ns)
+    assert desk.core.knows("x"), "whoever has a place keeps it"
+    refused = desk.again("y", first.ticket, token="x")
+    assert isinstance(refused, Refuse)
+    assert refused.code == "token", "the hello is judged by its token"
+    assert isinstance(desk.again("z", ben.ticket, token="x"), Welcome), "another token's ticket is as good as before"
+
+
+def test_an_expired_token_opens_no_seat_of_a_checkpoint() -> None:
+    before, player = moved()
+    after = Guarded(server="another-")
+    after.core.handle(Restore(before.core.checkpoint()[0]), after.now_ns)
+    after.core.handle(Expire(("aaaaaaaa",)), after.now_ns)
+    assert isinstance(after.again("x", player.ticket, token="x"), Refuse)
+    assert after.welcome("s", name="anna").settings.user == "anna", "it is reserved no longer"

@@ -13,6 +13,7 @@ from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, 
 from cogrip.protocol.rates import Rates
 from cogrip.protocol.session import LOST_NS, make_hello
 from cogrip.protocol.settings import Settings, digest, resolve
+from cogrip.server.admission import Outside
 from cogrip.server.core import FAREWELL_EVERY_NS, ServerCore
 from cogrip.server.inputs import Stop
 from cogrip.sim.session.laboratory import Laboratory
@@ -29,7 +30,7 @@ class Desk:
 
     def __init__(self, *rooms: Settings) -> None:
         sessions = count(100)
-        self.core = ServerCore(rooms or (room(),), "test", lambda: next(sessions))
+        self.core = ServerCore(rooms or (room(),), "test", Outside(lambda: next(sessions)))
         self.now_ns = 0
 
     def say(self, datagram: bytes, address: Address) -> list[messages.AnyMessage]:
@@ -76,6 +77,11 @@ def waves(session: int, number: int, *values: float, sent_ns: int = 1) -> bytes:
     return messages.encode(Waves(session, number, values, zero, zero, 0.0, 0.0, 0, Stamp(sent_ns), zero + zero))
 
 
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
 def test_seats_are_given_in_order_and_by_name() -> None:
     desk = Desk(room(people=("anna", "ben", "carl")))
     assert desk.seat("x", name="ben").settings.user == "ben"
@@ -86,8 +92,7 @@ def test_seats_are_given_in_order_and_by_name() -> None:
     assert [event.text.split(" joined")[0] for event in desk.core.events] == ["lab: ben", "lab: anna", "lab: carl"]
 
 
-def test_a_full_room_says_so() -> None:
-    desk = Desk()
+def test_a_full_room_says_so(desk: Desk) -> None:
     desk.seat("x")
     desk.seat("y")
     refuse = desk.refused("z")
@@ -109,8 +114,7 @@ def test_a_name_that_no_seat_is_kept_for() -> None:
     assert "anna, ben" in refuse.reason
 
 
-def test_a_seat_that_is_taken() -> None:
-    desk = Desk()
+def test_a_seat_that_is_taken(desk: Desk) -> None:
     desk.seat("x", name="anna")
     assert desk.refused("y", name="anna").code == "taken"
     assert desk.seat("y", name="ben").settings.seat == 1
@@ -149,8 +153,7 @@ def test_a_device_is_held_against_its_own_seats_rate() -> None:
     assert welcome.settings.rates == Rates(4096, 128)
 
 
-def test_another_protocol_version_is_refused_in_words() -> None:
-    desk = Desk()
+def test_another_protocol_version_is_refused_in_words(desk: Desk) -> None:
     future = [1, "cogrip", 99, "future", 7, "whatever", {"new": "things"}]
     assert desk.say(messages.encode(future), "x") == [], "short ones get no answer in any version"
     (answer,) = desk.say(messages.encode([*future, bytes(messages.HELLO_BYTES)]), "x")
@@ -159,8 +162,7 @@ def test_another_protocol_version_is_refused_in_words() -> None:
     assert "protocol 99" in answer.reason
 
 
-def test_a_repeated_hello_gets_the_same_welcome_and_no_second_seat() -> None:
-    desk = Desk()
+def test_a_repeated_hello_gets_the_same_welcome_and_no_second_seat(desk: Desk) -> None:
     first = desk.seat("x", nonce=5)
     desk.now_ns += 250_000_000
     assert desk.seat("x", nonce=5) == first
@@ -168,17 +170,15 @@ def test_a_repeated_hello_gets_the_same_welcome_and_no_second_seat() -> None:
     assert len(desk.core.events) == 1
 
 
-def test_a_client_that_starts_again_at_its_address_loses_its_old_seat() -> None:
-    desk = Desk()
+def test_a_client_that_starts_again_at_its_address_loses_its_old_seat(desk: Desk) -> None:
     first = desk.seat("x", nonce=5)
     again = desk.seat("x", nonce=6)
     assert again.session != first.session
     assert [seat.state for seat in desk.core.rooms[0].seats] == ["seated", "free"]
 
 
-def test_a_short_hello_is_not_answered() -> None:
+def test_a_short_hello_is_not_answered(desk: Desk) -> None:
     """Else a forged address would get more than was sent."""
-    desk = Desk()
     assert desk.say(messages.encode(hello()), "x") == []
     assert desk.core.dropped == {"short hello": 1}
     assert desk.core.rooms[0].seats[0].state == "free"
@@ -214,8 +214,7 @@ def test_a_damaged_datagram_is_no_way_in(data: st.DataObject) -> None:
     assert np.all(np.isfinite(desk.core.rooms[0].world.position))
 
 
-def test_what_is_not_for_this_session() -> None:
-    desk = Desk()
+def test_what_is_not_for_this_session(desk: Desk) -> None:
     assert desk.say(waves(1, 0, 0.1), "stranger") == []
     session = desk.seat("x").session
     for datagram in (waves(session + 1, 0, 0.1), messages.encode(Leave(session + 1, "forged"))):
@@ -234,15 +233,13 @@ def test_what_is_not_for_this_session() -> None:
     ],
     ids=["axes", "kind", "number"],
 )
-def test_a_message_that_does_not_fit_the_room_is_unfit(datagram: bytes) -> None:
-    desk = Desk()
+def test_a_message_that_does_not_fit_the_room_is_unfit(desk: Desk, datagram: bytes) -> None:
     assert desk.seat("x").session == 100
     desk.core.receive(datagram, "x", 0)
     assert desk.core.dropped == {"unfit": 1}
 
 
-def test_every_seated_person_gets_one_datagram_a_step() -> None:
-    desk = Desk()
+def test_every_seated_person_gets_one_datagram_a_step(desk: Desk) -> None:
     sessions = [desk.seat(address).session for address in "xy"]
     for number in range(3):
         desk.core.receive(waves(sessions[0], number, 0.1, sent_ns=desk.now_ns + 1), "x", desk.now_ns + 500)
@@ -256,8 +253,7 @@ def test_every_seated_person_gets_one_datagram_a_step() -> None:
         assert (other.session, other.stamp.echo_ns) == (sessions[1], 0)
 
 
-def test_silence_frees_the_seat_after_two_seconds() -> None:
-    desk = Desk()
+def test_silence_frees_the_seat_after_two_seconds(desk: Desk) -> None:
     desk.seat("x")
     session = desk.seat("y").session
     while desk.now_ns + FRAME_NS <= LOST_NS:
@@ -311,8 +307,7 @@ def test_the_others_go_on_without_a_kick_when_one_falls_silent() -> None:
     assert max(map(abs, gone.core.force_n)) == 0.0
 
 
-def test_leaving_is_answered_again_when_repeated() -> None:
-    desk = Desk()
+def test_leaving_is_answered_again_when_repeated(desk: Desk) -> None:
     session = desk.seat("x").session
     desk.seat("y")
     desk.core.receive(waves(session, 0, 0.1), "x", 0)
@@ -377,8 +372,7 @@ def test_a_hello_without_a_room_finds_a_seat_anywhere() -> None:
     assert desk.refused("z").code == "full"
 
 
-def test_missed_steps_send_zeros_and_are_numbered_on() -> None:
-    desk = Desk()
+def test_missed_steps_send_zeros_and_are_numbered_on(desk: Desk) -> None:
     session = desk.seat("x").session
     desk.core.receive(waves(session, 0, 0.1), "x", desk.now_ns)
     desk.tick()
@@ -395,8 +389,7 @@ def test_missed_steps_send_zeros_and_are_numbered_on() -> None:
     assert (count.applied, count.late, count.pending) == (2, 3, 0)
 
 
-def test_an_object_that_leaves_the_room_has_diverged() -> None:
-    desk = Desk()
+def test_an_object_that_leaves_the_room_has_diverged(desk: Desk) -> None:
     session = desk.seat("x").session
     for number in range(400):  # with true totals: a line whose sums say that nothing was sent plays ever less
         sums = ((3.0 * number,), (9.0 * number,))

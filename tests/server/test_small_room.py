@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from cogrip.protocol.settings import SeatSettings, resolve, seat_settings
 from cogrip.server.schemes import make_world
@@ -23,6 +24,11 @@ def seats(count: int, axes: int, random: np.random.Generator) -> list[SeatSettin
         "users": [{"name": f"u{number}"} for number in range(count)],
     })  # fmt: skip
     return [seat_settings(settings, number) for number in range(count)]
+
+
+def alike(one: ArrayLike, other: ArrayLike, least: float, fraction: float = 1e-9) -> None:
+    """numpy's own assertion costs ten times more."""
+    assert (np.abs(np.subtract(one, other)) <= least + fraction * np.abs(other)).all()
 
 
 @given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1))
@@ -43,12 +49,12 @@ def test_few_people_are_stepped_as_many_are(count: int, axes: int, seed: int) ->
         many.external_force = few.external_force = random.uniform(-1.0, 1.0, axes)
         waves = random.uniform(-0.5, 0.5, (count, axes))
         rows = few.advance([tuple(row) for row in waves.tolist()])
-        np.testing.assert_allclose(rows, many.step(waves), rtol=1e-9, atol=1e-11)
+        alike(rows, many.step(waves), 1e-11)
         for name in ("position", "velocity", "stretch", "stiffness", "damping", "port_work"):
-            np.testing.assert_allclose(getattr(few, name), getattr(many, name), rtol=1e-9, atol=1e-10, err_msg=name)
-        np.testing.assert_allclose(few.force, many.force, rtol=1e-9, atol=1e-8)
+            alike(getattr(few, name), getattr(many, name), 1e-10)
+        alike(few.force, many.force, 1e-8)
         for number in range(count):
-            np.testing.assert_allclose(few.proxy(number), many.proxy(number), rtol=1e-9, atol=1e-11)
+            alike(few.proxy(number), many.proxy(number), 1e-11)
     scale = 1.0 + float(np.abs(many.port_work).max())
     assert few.balance_error_j <= 1e-12 * scale + 10.0 * many.balance_error_j
 

@@ -64,7 +64,7 @@ def test_it_is_made_for_this_user_alone_whatever_the_umask(tmp_path: Path) -> No
         os.umask(before)
     assert mode(folder.path) == 0o700
     assert mode(folder.server) == mode(folder.lock) == 0o600
-    assert make_folder(folder.path) == find_folder(folder.path) == folder
+    assert make_folder(folder.path).path == find_folder(folder.path).path == folder.path
     assert folder.checkpoint("demo") == tmp_path / "a" / "b" / "checkpoint-demo.json"
 
 

@@ -17,9 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cogrip.client.recorder import client_topics
-from cogrip.protocol.recording.descriptions import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.header import Header, versions_here
 from cogrip.protocol.recording.records import KINDS, Datagram, Ledger, Record, SeatStep, Step, Tick, kind_of
+from cogrip.protocol.recording.schema import DESCRIPTIONS, unit_of
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics
@@ -139,7 +139,6 @@ def test_datagrams_only_when_asked_for_and_whole(folder: Path, tmp_path: Path) -
     run = open_run(folder)
     export(run, "csv", tmp_path, datagrams=True)
     columns = read_csv(tmp_path / "server.datagram_in.csv")
-    assert run.server is not None
     recorded = [timed.record for timed in run.server.records("datagram_in")]
     assert [bytes.fromhex(text) for text in columns["data_hex"]] == [datagram.data for datagram in recorded]
     assert columns["address"] == [json.loads(datagram.address) for datagram in recorded]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError, Group
 
 from cogrip.cli.terminal.commands import Table, add_commands, show_docstrings
-from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.flag_errors import words_of
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import Problem
 from cogrip.protocol.version import VERSION
 from cogrip.sim.blas_threads import BLAS_THREADS, SAFE_PATH

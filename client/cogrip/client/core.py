@@ -37,29 +37,28 @@ class Delays:
         """Read the stamp of a message that came now."""
         clock = session.clock
         rtt_ns = clock.read(stamp, now_ns)
-        if rtt_ns is None:
-            if stamp.echo_ns:
-                session.drop("implausible stamp")
-            return
-        self.rtt.add(rtt_ns)
-        self.rtt_ms = rtt_ns * 1e-6
-        assert clock.return_ns is not None
-        self.down.add(clock.return_ns)
-        self.down_ms = clock.return_ns * 1e-6
-        if clock.fresh:
-            assert clock.forward_ns is not None
-            self.up.add(clock.forward_ns)
-            self.up_ms = clock.forward_ns * 1e-6
+        if rtt_ns is not None:
+            self.rtt_ms = _add(self.rtt, rtt_ns)
+            self.down_ms = _add(self.down, clock.return_ns)
+            if clock.fresh:
+                self.up_ms = _add(self.up, clock.forward_ns)
+        elif stamp.echo_ns:
+            session.drop("implausible stamp")
 
     def account(self, session: ClientSession) -> DelayAccount:
         """Return the account of both directions, and of the clocks' offset."""
-        offset_ns, uncertainty_ns = session.clock.offset_ns, session.clock.uncertainty_ns
-        return DelayAccount(
-            Percentiles.of(self.up, 1e6),
-            Percentiles.of(self.down, 1e6),
-            None if offset_ns is None else offset_ns * 1e-6,
-            None if uncertainty_ns is None else uncertainty_ns * 1e-6,
-        )
+        both = [
+            None if value_ns is None else value_ns * 1e-6
+            for value_ns in (session.clock.offset_ns, session.clock.uncertainty_ns)
+        ]
+        return DelayAccount(Percentiles.of(self.up, 1e6), Percentiles.of(self.down, 1e6), *both)
+
+
+def _add(delays: DurationHistogram, delay_ns: int | None) -> float:
+    """Enter a delay, and return it [ms]."""
+    assert delay_ns is not None
+    delays.add(delay_ns)
+    return delay_ns * 1e-6
 
 
 class ClientCore:

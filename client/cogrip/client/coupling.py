@@ -5,19 +5,52 @@ A frame:  `end_frame`, then `message` for what is sent; `start_frame` plays what
 """
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Sequence
 from math import inf
 from typing import Any, Generic, TypeVar
 
 from cogrip.devices.device import Capability
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, Stamp, State, Waves
 from cogrip.protocol.settings import SeatSettings
 
 M = TypeVar("M", Waves, State, Power)
+L = TypeVar("L", State, Power)
+T = TypeVar("T")
 Row = tuple[float, ...]
+
+
+class DelayLine(Generic[T]):
+    """Values of the last ticks, where samples are old: a displacement goes with the force that it was made against."""
+
+    def __init__(self) -> None:
+        self._values: deque[T] = deque(maxlen=0)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def set_ticks(self, ticks: int, before: T) -> None:
+        """Delay by `ticks` ticks from now on. before: stands for ticks that are not known."""
+        self._values = deque([*[before] * ticks, *self._values], maxlen=ticks)
+
+    def push(self, value: T) -> T:
+        """Enter the value of a tick. Returns that of so many ticks before."""
+        values = self._values
+        if not values:
+            return value
+        oldest = values[0]
+        values.append(value)  # drops the oldest
+        return oldest
+
+    def push_many(self, value: T, ticks: int) -> list[T]:
+        """Enter ticks of one value. Returns those of so many ticks before."""
+        pushed = [*self._values, *[value] * ticks]
+        self._values.extend([value] * ticks)
+        return pushed[:ticks]
 
 
 class PortEnergy:
@@ -177,6 +210,29 @@ class Coupling(ABC, Generic[M]):
     def loop_frames(self) -> float | None:
         """Return the measured loop: frames from a message to the frame in which its answer is applied."""
         return None
+
+
+class LatestStateCoupling(Coupling[L]):
+    """Base of the couplings whose newest message wins. One that is missing leaves no gap: the last one stands."""
+
+    def __init__(self, seat: SeatSettings) -> None:
+        super().__init__(seat)
+        self._receiver: StateReceiver[L] = StateReceiver()
+        self._number = -1
+        self._peak_n, self._lag_s = inf, 0.0  # of the device
+
+    def fit(self, record: Capability, lag_s: float) -> None:
+        self._peak_n, self._lag_s = record.peak_force_n, lag_s
+
+    @property
+    def newest(self) -> int:
+        return self._receiver.newest
+
+    def lost(self) -> int:
+        return self._receiver.lost
+
+    def count(self) -> LinkCount:
+        return self._receiver.count()
 
 
 AnyCoupling = Coupling[Any]

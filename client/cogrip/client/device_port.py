@@ -5,20 +5,14 @@ friction [N] of the device (its record), q one count [m], v_m speed limit [m/s],
 
     E = sum F (x_{k+1} - x_k)  +  what the line gave, less what it took  +  sum over frames of (b_d d^2 / (M T) + c d)
 
-The first term is the hand's work, exact under the hold (theory 7.4). The device's own damping takes at least the last term,
-d being the displacement in a frame less one count (Cauchy-Schwarz; a path is no shorter than its chord). A tick gives
-out at most |F| v_m T, and at most F^2 T / (4 b_d), so that E >= -E_1 stays true for every force law if
+The first term is the hand's work, exact under the hold (theory 7.4); d is the displacement in a frame less one count. E >= -E_1
+stays true for every force law if
 
     |F(k)| <= max((E + E_1) / (v_m T), 2 sqrt(b_d (E + E_1) / T))                                             (`limit`)
 
-and if the line is sent no more in a frame than E has to spare (`spare_j`). The force fades by a third of that first bound.
-It comes down by the slope s of `safety`, while it gives out F^2 v_m / (2 s) more: E_0 is E_1 and that. A damper of a few per
-cent of what the device carries pays for what is lent to motion for long (`paying_nspm`). E is cut off at what is stored plus
-E_0: energy of long ago pays for nothing.
-
-Passive is not calm: a damper beyond what the device carries may buzz on energy that the hand supplies. So the coupling
-renders `carried_nspm` at most: what the device carries by its record (`largest_impedance`), and less once the force
-has turned back and forth fast. docs/device_port.md has the derivations and the measurements.
+and if the line is sent no more in a frame than E has to spare (`spare_j`). docs/device_port.md has the derivations, the parts
+of E_0, and the measurements. Passive is not calm: the coupling renders `carried_nspm` at most, what the device carries by its
+record (`largest_impedance`), and less once the force has turned back and forth fast.
 """
 
 from __future__ import annotations
@@ -210,10 +204,8 @@ class DevicePort:
             self._begin_anew()
         self.oscillates = self.oscillates or detector.oscillates
         self._releases += 1
-        self._released_left = self._released_ticks
-        self._released_at = [tick for tick in self._released_at if self._tick - tick < self._persists_ticks] + [
-            self._tick
-        ]
+        self._released_left, now = self._released_ticks, self._tick
+        self._released_at = [*[tick for tick in self._released_at if now - tick < self._persists_ticks], now]
         detector.forget()
         return found
 
@@ -296,12 +288,5 @@ class BarePort(DevicePort):
     def limit(self, force_n: Sequence[float]) -> Sequence[float]:
         return force_n
 
-    def watch(
-        self,
-        force_n: Sequence[float],
-        clipped: bool,
-        local_n: Sequence[float],
-        limited: bool = False,
-        reduced: bool = False,
-    ) -> Cause:
+    def watch(self, *of_tick: object, limited: bool = False, reduced: bool = False) -> Cause:
         return ""

@@ -9,12 +9,11 @@ A server that was started anew begins a new line. The ledger goes on over all li
 adds what the coupling in use knows.
 """
 
-from collections import deque
 from collections.abc import Sequence
 
 import msgspec
 
-from cogrip.client.coupling import AnyCoupling
+from cogrip.client.coupling import AnyCoupling, DelayLine
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
 from cogrip.protocol.line.energy_sums import CompensatedSum
 
@@ -31,34 +30,25 @@ class EnergyLedger:
         self._lost = 0
         self._count = LinkCount()
         self._playout: PlayoutAccount | None = None
-        self._forces: deque[tuple[float, ...]] = deque()  # of the last ticks, oldest first, where samples are old
+        self._forces: DelayLine[tuple[float, ...]] = DelayLine()
 
     @property
     def work_j(self) -> float:
         return self.work.value
 
-    # Forces of the ticks that are entered
-
     def set_latency(self, ticks: int) -> None:
-        """Samples are `ticks` ticks old from now on: a displacement was made against the force of that many ticks before."""
-        self._forces = deque([*[(0.0,) * len(self.coupling.sent)] * ticks, *self._forces], maxlen=ticks)
+        """Samples are `ticks` ticks old from now on."""
+        self._forces.set_ticks(ticks, (0.0,) * len(self.coupling.sent))
 
     def elapse(self, elapsed: int, force_n: tuple[float, ...]) -> None:
         """Let ticks pass before there is a hand."""
-        self._forces.extend((force_n,) * elapsed)
+        self._forces.push_many(force_n, elapsed)
 
     def acting(self, elapsed: int, force_n: tuple[float, ...]) -> Sequence[float]:
         """Return the mean force over the ticks that samples now show: `elapsed` of them, up to the latency ago."""
-        forces = self._forces
         if elapsed == 1:
-            acting = forces[0]
-            forces.append(force_n)  # drops the oldest
-            return acting
-        acted = [*forces, *[force_n] * elapsed][:elapsed]
-        forces.extend([force_n] * elapsed)
-        return [sum(parts) / elapsed for parts in zip(*acted, strict=True)]
-
-    # All lines together
+            return self._forces.push(force_n)
+        return [sum(parts) / elapsed for parts in zip(*self._forces.push_many(force_n, elapsed), strict=True)]
 
     def compare(self) -> None:
         """Compare the work with the energy that went into all lines."""

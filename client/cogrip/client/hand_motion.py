@@ -13,6 +13,7 @@ from cogrip.devices.device import Capability, Sample
 from cogrip.devices.plausibility import JUMP, Plausibility
 from cogrip.protocol.rates import Rates
 
+Position = tuple[float, ...] | None
 RECKON_S = 12.0 / 1024.0  # without a sample, for which dead reckoning goes on
 
 
@@ -42,9 +43,9 @@ class HandMotion:
         self.plausibility = Plausibility(capability, self._tick_s)
         self.latency_ticks = capability.latency_ticks
 
-    def update(self, tick: int, elapsed: int, sample: Sample | None) -> tuple[float, ...] | None:
+    def update(self, tick: int, elapsed: int, sample: Sample | None) -> Position:
         """Take in the sample of `tick`, `elapsed` ticks after the one before. Returns the position, None where unknown."""
-        position: tuple[float, ...] | None = None
+        position: Position = None
         velocity, taken = self.velocity_mps, self._sampled
         if sample is not None and (wrong := self.plausibility.judge(tick, sample)):
             sample = self._refused(wrong, tick, sample)
@@ -90,13 +91,8 @@ class HandMotion:
         return sample
 
     def _reckoned(
-        self,
-        tick: int,
-        elapsed: int,
-        sample: Sample | None,
-        position_m: tuple[float, ...] | None,
-        velocity_mps: Sequence[float],
-    ) -> tuple[float, ...] | None:
+        self, tick: int, elapsed: int, sample: Sample | None, position_m: Position, velocity_mps: Sequence[float]
+    ) -> Position:
         """Return where the hand was `latency_ticks` ago if it went on as it did; None after RECKON_S without a sample."""
         if self._safety.state == "fault":
             return position_m

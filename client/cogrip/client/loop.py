@@ -17,7 +17,7 @@ from cogrip.client.recorder import RecordedClient, client_topics
 from cogrip.client.safety import FAULT_OUT_S, State
 from cogrip.client.supervised_device import SupervisedDevice
 from cogrip.devices.device import Capability, Device, DeviceError
-from cogrip.devices.first_axes import first_axes
+from cogrip.devices.for_user import first_axes
 from cogrip.protocol.accounts import ClientAccount, TickCount
 from cogrip.protocol.io.pacing import Pacer
 from cogrip.protocol.io.realtime import NAMES, Measure, engage, release
@@ -101,12 +101,15 @@ class LiveClient:
         assert seat is not None
         self._link(seat)
         device = self.device = first_axes(self.device, seat.object.axes)
-        supervised = SupervisedDevice(
-            device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=not self.allow_unstable
-        )
+        spared = not self.allow_unstable
+        supervised = SupervisedDevice(device, core, seat.rates.device_hz, lambda: time.monotonic_ns(), spared=spared)
         recorder = None
         try:
-            self._open(supervised)
+            try:
+                supervised.open()
+            except DeviceError as error:
+                self._leave(f"device: {error}")
+                raise
             self._keep_seat()
             if refused := self.judge(seat, core.capability):
                 self._leave(refused)
@@ -129,21 +132,15 @@ class LiveClient:
             if recorder is not None:
                 recorder.close()
         seconds = pacer.due / seat.rates.device_hz
-        counts = {
-            **core.session.dropped,
-            **core.safety.counts,
-            **device.counts,
-            **supervised.counts,
-            **self.paths.counted(),
-            **self._counts,
-            "resumed": core.session.resumed,
-            "line begun anew": core.session.renewed,
-            "skipped tick": pacer.skipped,
-        }
         if recorder is not None and recorder.trouble:
-            counts["recording stopped"] = 1
+            self._counts["recording stopped"] = 1
         if recorder is not None and recorder.lost:
-            counts["not recorded"] = recorder.lost
+            self._counts["not recorded"] = recorder.lost
+        counts = {
+            **core.session.dropped, **core.safety.counts, **device.counts, **supervised.counts, **self.paths.counted(),
+            **self._counts, "resumed": core.session.resumed, "line begun anew": core.session.renewed,
+            "skipped tick": pacer.skipped,
+        }  # fmt: skip
         ended = core.session.ended or self.stop.reason or self.over()
         return Ended(seat, account, core.session.farewell, failed, seconds, counts, measures, ended)
 
@@ -158,14 +155,6 @@ class LiveClient:
             text = f"the server's settings are impossible: {error}"
             self._leave(text)
             raise JoinError(f"{text}; whoever runs the server can mend its [link]") from None
-
-    def _open(self, supervised: SupervisedDevice) -> None:
-        """Open the device, or give the seat back. Raises DeviceError."""
-        try:
-            supervised.open()
-        except DeviceError as error:
-            self._leave(f"device: {error}")
-            raise
 
     def _record(self, seat: SeatSettings) -> Recorder | None:
         """Begin to record, from the first hello on; None where nothing is recorded."""
@@ -206,7 +195,8 @@ class LiveClient:
             supervised.write(core.act(now_ns))
             self.paths.poll(now_ns, session.state == "resuming")
             if session.state != session_state:
-                self._report_session(session_state, session.state)
+                if text := session_change(session, session_state, session.state):
+                    self.say(text)
                 session_state = session.state
             if safety.state != safety_state:
                 self._report_safety(safety_state, safety.state)
@@ -214,7 +204,9 @@ class LiveClient:
             if safety.state == "fault" and self.rearms and not ending:
                 self._rearm(supervised)
             if not ending:
-                failed = self._failed() or (safety.reason if safety.state == "fault" and not self.rearms else "")
+                failed = self.paths.explained(session.failed) or (
+                    safety.reason if safety.state == "fault" and not self.rearms else ""
+                )
                 over = bool(self.over()) or (last_tick is not None and tick >= last_tick)
                 if failed or self.stop.reason or over or session.state == "closed":
                     ending = True
@@ -241,20 +233,12 @@ class LiveClient:
             self.say(f"not re-armed: {supervised.refusal}")
             supervised.refusal = ""
 
-    def _failed(self) -> str:
-        """Return why the session broke off, "" if it did not."""
-        return self.paths.explained(self._core.session.failed)
-
     def _server_silent(self, now_ns: int) -> str:
         """Return why an end that is no failure by itself is one: the server does not learn of it; "" where it does."""
         session = self._core.session
         if session.state != "resuming":
             return ""
         return f"the server was silent for the last {(now_ns - session.last_received_ns) / 1e9:.1f} s"
-
-    def _report_session(self, before: str, after: str) -> None:
-        if text := session_change(self._core.session, before, after):
-            self.say(text)
 
     def _report_safety(self, before: State, after: State) -> None:
         reason = self._core.safety.reason

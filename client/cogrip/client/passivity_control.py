@@ -20,8 +20,7 @@ docs/decisions/0011-methods.md has the equations, and what each constant is for.
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling import PortEnergy, Row
-from cogrip.client.latest_state_coupling import LatestStateCoupling
+from cogrip.client.coupling import LatestStateCoupling, PortEnergy, Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
 from cogrip.protocol.messages import Power, Stamp
@@ -116,8 +115,7 @@ class PassivityControl(LatestStateCoupling[Power]):
         """Enter energy to the hand."""
         self.energy.used_now_j += energy_j
         self._left[axis].add(-energy_j)
-        left = self._left[axis].value
-        margin = left + self._slack_j
+        margin = self._left[axis].value + self._slack_j
         if self.down_margin_j is None or margin < self.down_margin_j:
             self.down_margin_j = margin
         if margin < self.down_reserve.least_j:
@@ -191,9 +189,7 @@ class PassivityControl(LatestStateCoupling[Power]):
                 wish = given + (self._soft_n if step > 0.0 else -self._soft_n)
                 held = True
         self._held[axis] = held
-        bound = (
-            max(0.0, left + self._lent) / self._astray_m
-        )  # what is left pays for any force, over what the guess may miss
+        bound = max(0.0, left + self._lent) / self._astray_m  # what is left pays for, over what the guess may miss
         if abs(wish) > bound:
             wish = bound if wish > 0.0 else -bound
             held = True
@@ -203,7 +199,7 @@ class PassivityControl(LatestStateCoupling[Power]):
 
     def message(
         self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> Power:  # fmt: skip
+    ) -> Power:
         """Return the message of the frame that ended.
 
         Its position_m is the sum of the displacements entered: it stands still where nobody holds. Its taken_j is such

@@ -18,10 +18,9 @@ from cogrip.client.seated import MakePort
 from cogrip.devices.device import Capability, Sample
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.messages import Hello, with_short_device, with_whole_device
-from cogrip.protocol.recording.core_recorder import CoreRecorder
 from cogrip.protocol.recording.records import Datagram, Event, Ledger, Tick
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import ObservedQueue, topics
+from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
 
 KINDS = ("tick", "datagram_in", "datagram_out", "input", "event", "account", "gap", "clock")
 TICK, DATAGRAM_IN, DATAGRAM_OUT, INPUT, EVENT, ACCOUNT = range(6)
@@ -46,7 +45,7 @@ class RecordedClient(CoreRecorder, ClientCore):
 
     def _put_datagram(self, topic: int, datagram: bytes) -> None:
         if self.keeps:
-            self.put(topic, Datagram(without_secrets(datagram, _blank)))
+            self.put(topic, Datagram(without_secrets(datagram, lambda ticket: "-")))
 
     @overload
     def handle(self, given: CloseLedger, now_ns: int) -> ClientAccount: ...
@@ -105,11 +104,6 @@ class RecordedClient(CoreRecorder, ClientCore):
         )  # fmt: skip
 
 
-def _blank(ticket: str) -> str:
-    """Return what stands in place of a ticket; that there was one stays known."""
-    return "-"
-
-
 def _texts(values: Iterable[float]) -> tuple[str, ...]:
     return tuple(map(repr, values))
 
@@ -128,9 +122,8 @@ def sample_of(tick: Tick, gives_velocity: bool) -> Sample | None:
 def start_text(hello: Hello, capability: Capability) -> str:
     """Return what a client core is made from, as JSON text, less its token."""
     asked = with_short_device(msgspec.structs.replace(hello, token="", ticket=""))
-    return json.dumps(
-        {"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)}, allow_nan=False
-    )
+    table = {"hello": msgspec.to_builtins(asked), "capability": msgspec.to_builtins(capability)}
+    return json.dumps(table, allow_nan=False)
 
 
 def start_of(text: str) -> tuple[Hello, Capability]:

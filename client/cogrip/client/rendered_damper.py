@@ -3,10 +3,8 @@
 Settings are the server's, and the device is the client's: a client judges its own device with every seat it is given.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from math import floor, log10
+from typing import NamedTuple
 
 from cogrip.client.schemes import SCHEMES
 from cogrip.client.velocity import NOISE_N, Carried, largest_impedance
@@ -20,8 +18,7 @@ class OverloadError(DeviceError):
     """The settings of a seat ask a device for more than it carries; the text says the value that would do."""
 
 
-@dataclass(frozen=True, slots=True)
-class Damper:
+class Damper(NamedTuple):
     """The damper that a device itself renders: b of waves and passivity control, B of virtual coupling. key: of [coupling]."""
 
     symbol: str
@@ -35,22 +32,16 @@ def damper_of(coupling: Coupling) -> Damper:
     return Damper(symbol, key, getattr(coupling, key))
 
 
-def is_carried(seat: SeatSettings, record: Capability) -> bool:
-    """Return True where the device carries the damper that the seat asks for."""
-    most = largest_impedance(record, seat.rates.tick_s).impedance_nspm
-    return damper_of(seat.coupling).value_nspm <= most * (1.0 + ROUNDING)
-
-
 def refusal(seat: SeatSettings, record: Capability, section: str = "coupling") -> str:
     """Return why the device must not be driven so, with the value that would do; "" where it carries what is asked.
 
     section: of the settings, in which the value stands.
     """
-    if is_carried(seat, record):
-        return ""
     damper, tick_s = damper_of(seat.coupling), seat.rates.tick_s
     carried = largest_impedance(record, tick_s)
     most, symbol = carried.impedance_nspm, damper.symbol
+    if damper.value_nspm <= most * (1.0 + ROUNDING):
+        return ""
     fraction = damper.value_nspm * tick_s / record.apparent_mass_kg
     return (
         f"{seat.user}: {symbol} = {damper.value_nspm:g} N s/m is more than device {record.family}:{record.model} carries: "

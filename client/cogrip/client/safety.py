@@ -35,26 +35,22 @@ State = Literal["idle", "calibrating", "armed", "live", "degraded", "fault"]
 Transition = Literal["open", "calibrated", "go", "stale", "fresh", "rearm", "fail", "stop"]
 STATES: tuple[State, ...] = get_args(State)
 TRANSITIONS: Mapping[tuple[State, Transition], State] = {
-    ("idle", "open"): "calibrating",
-    ("calibrating", "calibrated"): "armed",
-    ("armed", "go"): "live",
-    ("live", "stale"): "degraded",
-    ("degraded", "fresh"): "live",
-    ("fault", "rearm"): "armed",
-    ("calibrating", "fail"): "fault",
-    ("armed", "fail"): "fault",
-    ("live", "fail"): "fault",
-    ("degraded", "fail"): "fault",
-    ("calibrating", "stop"): "idle",
-    ("armed", "stop"): "idle",
-    ("live", "stop"): "idle",
-    ("degraded", "stop"): "idle",
+    ("idle", "open"): "calibrating", ("calibrating", "calibrated"): "armed", ("armed", "go"): "live",
+    ("live", "stale"): "degraded", ("degraded", "fresh"): "live", ("fault", "rearm"): "armed",
+    ("calibrating", "fail"): "fault", ("armed", "fail"): "fault", ("live", "fail"): "fault", ("degraded", "fail"): "fault",
+    ("calibrating", "stop"): "idle", ("armed", "stop"): "idle", ("live", "stop"): "idle", ("degraded", "stop"): "idle",
     ("fault", "stop"): "idle",
-}
+}  # fmt: skip
 
 
 class Safety:
-    """One device's limits and state. `limit` once a tick; forces are shape (axes,) [N]."""
+    """One device's limits and state. `limit` once a tick; forces are shape (axes,) [N].
+
+    gain      of the ramp, 0 to 1
+    law_n     force of this tick before ramp and slope, as far as the device's peak lets it
+    limited   whether a limit held the force of this tick: peak, warm motors or slope; `derated` whether warm motors did
+    diverged  why this end has diverged, "" if it has not
+    """
 
     def __init__(self, capability: Capability, tick_s: float) -> None:
         self._tick_s = tick_s
@@ -70,18 +66,15 @@ class Safety:
         self._soft_n = SOFT_SLOPE_NPS * tick_s
         self._soft_ticks = round(SOFT_S / tick_s)
         self._soft_left = 0
-        self._gain = 0.0
-        self._good: Sequence[float] = (0.0,) * capability.axes
+        self.gain = 0.0
+        self.law_n: Sequence[float] = (0.0,) * capability.axes
         self._out: tuple[float, ...] = (0.0,) * capability.axes
         self._absent = 0.0
         self._at_limit = 0
         self._derated = 0
-        self.limited = False  # whether a limit held the force of this tick: peak, warm motors or slope
-        self.derated = False  # whether warm motors did
+        self.limited = self.derated = False
         self.state: State = "idle"
-        self.reason = ""
-        self.warning = ""
-        self.diverged = ""
+        self.reason = self.warning = self.diverged = ""
         self.counts: Counter[str] = Counter()
 
     def keep_to(self, capability: Capability) -> None:
@@ -106,8 +99,7 @@ class Safety:
         if reason or after in ("armed", "live"):
             self.reason = reason
         if name == "rearm":
-            self._gain = 0.0
-            self._absent = 0.0
+            self.gain = self._absent = 0.0
             self._at_limit = self._derated = 0  # the motors are as warm as they are
         return True
 
@@ -117,19 +109,9 @@ class Safety:
             self.note("fault")
 
     @property
-    def gain(self) -> float:
-        """Gain of the ramp, 0 to 1."""
-        return self._gain
-
-    @property
     def full(self) -> bool:
         """True while the force goes through unramped."""
-        return self._gain == 1.0
-
-    @property
-    def law_n(self) -> Sequence[float]:
-        """Force of this tick before ramp and slope, as far as the device's peak lets it."""
-        return self._good
+        return self.gain == 1.0
 
     @property
     def at_peak(self) -> bool:
@@ -139,7 +121,7 @@ class Safety:
     @property
     def quiet(self) -> bool:
         """True once no force is left on the hand."""
-        return self._gain == 0.0 and not any(self._out)
+        return self.gain == 0.0 and not any(self._out)
 
     def absent(self, ticks: int) -> None:
         """Enter another `ticks` ticks without a sample."""
@@ -149,9 +131,8 @@ class Safety:
         self._hold(ticks)
         self.note("absent sample")
         if self._absent >= self._stall_ticks:
-            self.fail(
-                f"device stall: more than {STALL_S * 1e3:g} ms without samples; check its cable and power, then re-arm"
-            )
+            span = f"more than {STALL_S * 1e3:g} ms"
+            self.fail(f"device stall: {span} without samples; check its cable and power, then re-arm")
 
     def check(self, ticks: int, position_m: Sequence[float], velocity_mps: Sequence[float]) -> bool:
         """Check a sample that came `ticks` ticks after the last one. Returns False where it must not be used."""
@@ -178,12 +159,12 @@ class Safety:
 
     def limit(self, force_n: Sequence[float] | None, gap: bool = False) -> tuple[float, ...]:
         """Return the force that may go to the motors for the law's wish, None for none. gap: the law's wave is missing."""
-        gain = self._gain
+        gain = self.gain
         if self.state == "live" and force_n is not None:
             gain = min(1.0, gain + self._rise)
         else:
             gain = max(0.0, gain - (self._drop if self.state == "fault" else self._fall))
-        self._gain = gain
+        self.gain = gain
         self.limited = self.derated = False
         if force_n is not None:
             size = hypot(*force_n) if len(force_n) > 1 else abs(force_n[0])
@@ -198,11 +179,11 @@ class Safety:
                     self._clipped(gain)
                 else:
                     self._at_limit = 0
-                self._good = force_n
+                self.law_n = force_n
             else:
                 self.note("non-finite force")
                 self.fail("the force law gave a number that is not finite; re-arm")
-        out = tuple(self._good) if gain == 1.0 else tuple([gain * value for value in self._good])
+        out = tuple(self.law_n) if gain == 1.0 else tuple([gain * value for value in self.law_n])
         if gap or self._soft_left:
             out = self._soften(out, gap)
         slewed = self._slew(out, self._slope_n, "slew limited")
@@ -211,6 +192,12 @@ class Safety:
         self._out = slewed
         self._warm(slewed)
         return slewed
+
+    def applied(self, force_n: tuple[float, ...]) -> None:
+        """Enter the force that the device applies in place of the one that `limit` returned: slope and heat go by this one."""
+        self.note("force limited by the device")
+        self.thermal.correct(*[sum([value * value for value in force]) for force in (self._out, force_n)])
+        self._out = force_n
 
     def _hold(self, ticks: int) -> None:
         """Enter ticks that were skipped: the last force was held over them, too."""
@@ -228,16 +215,16 @@ class Safety:
             if not self.warning:
                 self.note(WARNED)
                 self.warning = f"the motors get warm: soon no more than {self._continuous_n:g} N; hold less, or rest"
-        elif self.warning:
+        else:
             self.warning = ""
         if self.derated:
             self.note("thermally limited")
             self._derated += 1
             if self._derated > self._warm_ticks:
-                self.fail(
-                    f"the motors were asked for more than their {self._continuous_n:g} N for {WARM_S:g} s while warm; "
-                    "hold less and let them cool, then re-arm"
+                asked = (
+                    f"the motors were asked for more than their {self._continuous_n:g} N for {WARM_S:g} s while warm"
                 )
+                self.fail(f"{asked}; hold less and let them cool, then re-arm")
         elif self._derated:
             self._derated -= 1
 

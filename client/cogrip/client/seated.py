@@ -5,13 +5,14 @@ plays the wave that has come and gives the force to hold until the next tick. A 
 waves are entered all the same.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import dist, hypot
 
 from cogrip.client.coupling import AnyCoupling
 from cogrip.client.device_port import Cause, DevicePort, cure
 from cogrip.client.energy_ledger import EnergyLedger
-from cogrip.client.felt_stiffness import FeltStiffness
 from cogrip.client.hand_motion import HandMotion
 from cogrip.client.safety import Safety
 from cogrip.client.schemes import SCHEMES
@@ -23,16 +24,41 @@ from cogrip.protocol.settings import SeatSettings
 
 RELEASE_S = 0.5  # from `stop`, in which the line releases the object
 MOST_LOOP_S = 0.5  # for which the end waits until the server knows
+REST_S = 0.5  # for which frames must agree before a hand is at rest
 MakePort = Callable[[Capability, float], DevicePort]
 
 
+@dataclass(slots=True)
 class Peaks:
     """Largest force and change of force between two ticks [N], and the path from frame to frame [m]."""
 
-    __slots__ = ("force_n", "step_n", "travel_m")
+    force_n: float = 0.0
+    step_n: float = 0.0
+    travel_m: float = 0.0
 
-    def __init__(self) -> None:
-        self.force_n = self.step_n = self.travel_m = 0.0
+
+class FeltStiffness:
+    """Stiffness felt at rest: force over displacement, fed once a frame. resolution_m: of the device."""
+
+    def __init__(self, resolution_m: float, frame_s: float) -> None:
+        self.resolution_m = resolution_m
+        self._samples: deque[tuple[float, float]] = deque(maxlen=max(2, round(REST_S / frame_s)))
+
+    def add(self, depth_m: float, force_n: float) -> None:
+        """Take the depth pressed and the force along it."""
+        self._samples.append((depth_m, force_n))
+
+    def stiffness_npm(self) -> float | None:
+        """Return the mean force over the mean depth; None while the hand moves, or where nothing pushes back."""
+        count = len(self._samples)
+        if count != self._samples.maxlen:
+            return None
+        depths = [depth for depth, _ in self._samples]
+        depth, force = sum(depths) / count, sum([force for _, force in self._samples]) / count
+        moved = max(depths) - min(depths)
+        if depth <= 0.0 or force <= 0.0 or moved > max(2.0 * self.resolution_m, 1e-3 * depth):
+            return None
+        return force / depth
 
 
 class SeatedClient:
@@ -65,13 +91,15 @@ class SeatedClient:
             self.safety.event(event)
 
     def _fit(self) -> None:
-        """Go by the record's lag and the age of its samples."""
-        latency = self.capability.latency_ticks
-        self.ledger.set_latency(latency)
-        self.coupling.set_latency(latency)
-        self.coupling.fit(self.capability, self.port.lag_s)
+        """Go by the record's resolution and lag, and by the age of its samples."""
+        if self._felt is not None:
+            self._felt.resolution_m = self.capability.resolution_m
+        self.ledger.set_latency(self.capability.latency_ticks)
+        self._fit_coupling()
 
-    # Inputs
+    def _fit_coupling(self) -> None:
+        self.coupling.set_latency(self.capability.latency_ticks)
+        self.coupling.fit(self.capability, self.port.lag_s)
 
     def equip(self, capability: Capability) -> None:
         """Go by the record of a device that is open now."""
@@ -86,8 +114,7 @@ class SeatedClient:
         self.session_id = session_id
         self.coupling = coupling = self._scheme.make(self.settings)
         self.ledger.begin_line(coupling)
-        coupling.set_latency(self.capability.latency_ticks)
-        coupling.fit(self.capability, self.port.lag_s)
+        self._fit_coupling()
         if self._origin_m is not None:
             self._origin_m = self.hand.position_m
         ticks = self.tick % self._ticks_per_frame
@@ -110,7 +137,7 @@ class SeatedClient:
 
     def applied(self, force_n: tuple[float, ...]) -> None:
         """Enter the force that the device applies in place of the one that `act` returned: the hand feels this one."""
-        self.safety.note("force limited by the device")
+        self.safety.applied(force_n)
         self.force_n = force_n
 
     def receive(self, message: Frame | View, now_ns: int) -> None:
@@ -121,8 +148,6 @@ class SeatedClient:
             self.session.drop("unfit")
         elif coupling.newest > before:
             self.session.mark_fresh(now_ns)
-
-    # The first half of a tick
 
     def sense(self, tick: int, sample: Sample | None, now_ns: int) -> None:
         """Enter the ticks since the last call, with the sample read now."""
@@ -197,8 +222,6 @@ class SeatedClient:
             side = self.settings.side_sign
             self._felt.add(side * position_m[0], side * self.force_n[0])
 
-    # The second half
-
     def act(self, now_ns: int) -> tuple[float, ...]:
         """Return the force [N], shape (axes,), to hold until the next tick: F of P eq. 9, which loads the hand."""
         coupling, safety, session = self.coupling, self.safety, self.session
@@ -257,8 +280,6 @@ class SeatedClient:
         else:
             safety.event("stale", reason)
 
-    # What is known at the end
-
     @property
     def released(self) -> bool:
         """True once no force is left on the hand and the server knows that the line has released the object.
@@ -280,15 +301,14 @@ class SeatedClient:
         """Return all that this end knows. ticks: of its loop, as its driver counted them."""
         coupling, ledger, safety = self.coupling, self.ledger, self.safety
         loop = coupling.loop_frames()
+        predicted_npm = None if loop is None else self.settings.predicted_stiffness(loop, self._late_frames)
         return ClientAccount(
             position_m=self.hand.position_m,
             force_n=self.force_n,
             peak_force_n=self.peaks.force_n,
             travel_m=self.peaks.travel_m,
             felt_stiffness_npm=self._felt.stiffness_npm() if self._felt else None,
-            predicted_stiffness_npm=None
-            if loop is None
-            else self.settings.predicted_stiffness(loop, self._late_frames),
+            predicted_stiffness_npm=predicted_npm,
             down_margin_j=coupling.down_margin_j,
             device_leak_j=ledger.least_leak_j,
             down=ledger.count(),

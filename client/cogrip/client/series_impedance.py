@@ -34,14 +34,9 @@ class SeriesImpedance:
         return [v + RELAX_RAD_S * z for v, z in zip(velocity_mps, self.deflection_m, strict=True)]
 
     def port_velocity(
-        self,
-        velocity_mps: Sequence[float],
-        wave: Sequence[float],
-        impedance: float,
-        per_wave: float,
-        ratio: float,
+        self, velocity_mps: Sequence[float], wave: Sequence[float], impedance: float, per_wave: float, ratio: float,
         cut_n: Sequence[float] | None,
-    ) -> list[float]:
+    ) -> list[float]:  # fmt: skip
         """Return y_p of a tick, and move the deflection by the rest of the hand's velocity. per_wave: (1 - r) sqrt(2/b)."""
         deflection, tick_s = self.deflection_m, self._tick_s
         behind, most = [], 0.0

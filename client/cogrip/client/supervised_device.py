@@ -24,7 +24,6 @@ SETTLED_S = 0.03  # of samples without a gap, after which the velocity estimate 
 ARMING_S = 1.0
 MOST_GAP_TICKS = 3  # a gap of fewer is none: a reply may be missed now and then
 
-
 Verb = Literal["read", "write"]
 
 
@@ -158,10 +157,8 @@ class SupervisedDevice:
             or (len(velocity) != record.axes if velocity is not None else record.gives_velocity)
             or type(sample.age_ticks) is not int
         ):
-            kind = " and a velocity" if record.gives_velocity else ""
-            raise DeviceError(
-                f"{self._name}: gives {sample}, and its record says {record.axes} axes{kind}; correct its driver"
-            )
+            says = f"{record.axes} axes{' and a velocity' if record.gives_velocity else ''}"
+            raise DeviceError(f"{self._name}: gives {sample}, and its record says {says}; correct its driver")
 
     def _applied(self, force_n: tuple[float, ...]) -> None:
         """Report the force that the device applies in place of the one it was asked for."""
@@ -202,9 +199,8 @@ class SupervisedDevice:
             self._last = tick
         if tick - self._begun > ARMING_S * self._rate_hz:
             self._arming = False
-            self.refusal = (
-                f"the device gave no steady samples within {ARMING_S:g} s; check its cable and power, then re-arm"
-            )
+            span = f"{ARMING_S:g} s"
+            self.refusal = f"the device gave no steady samples within {span}; check its cable and power, then re-arm"
 
     def _fail(self, verb: Verb, error: Exception) -> None:
         """Latch a fault; an error other than DeviceError is a defect of the driver."""

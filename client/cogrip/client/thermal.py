@@ -3,18 +3,13 @@
 Symbols: F force given [N], F_c continuous force of the record [N], F_p peak [N], T tick [s], tau TIME_CONSTANT_S,
 t_f FADE_S [s], r = (F / F_c)^2 heating, h the winding's rise over that of F_c held for ever (0 cold, 1 as warm as it may be).
 
-A current i = F / k heats a winding of resistance R by R i^2, and heat leaves it in proportion to its rise: to first order
-
-    tau h' = r - h,        so h is the mean of r over the past, weighted by exp(-t / tau) / tau:
-
-h <= 1 says that the weighted RMS of the force is at most F_c, and that over any time W the mean of F^2 is at most
-F_c^2 (1 + tau / W). The limit keeps h <= 1 by letting the margin 1 - h shrink no faster than with the time constant t_f:
+To first order tau h' = r - h: h <= 1 says that the mean square of F, weighted by exp(-t / tau) / tau, is at most F_c^2. The
+limit keeps that by letting the margin 1 - h shrink no faster than with the time constant t_f:
 
     h' <= (1 - h) / t_f    <=>    F^2 <= F_c^2 (1 + (1 - h) g),    g = tau / t_f - 1
 
-It is above F_p until h comes within (r_p - 1) / g of 1, r_p = (F_p / F_c)^2, and falls from there to F_c: continuous,
-no steeper than F_p / (2 t_f). In ticks, with the force held, h += a (r - h), a = 1 - exp(-T / tau), is exact; h stays <= 1
-as a (1 + g) <= 1, that is T <= t_f about.
+In ticks, with the force held, h += a (r - h), a = 1 - exp(-T / tau), is exact; h stays <= 1 as a (1 + g) <= 1, that is
+T <= t_f about. docs/security.md says what that comes to.
 """
 
 from math import exp, inf, sqrt
@@ -51,6 +46,11 @@ class ThermalLimit:
         self.rise += self._share * (square / self._square - self.rise)
         self.limit_n = self._limit()
         self.warm = self.rise > (CALM_SHARE * self._warm_from if self.warm else self._warm_from)
+
+    def correct(self, entered: float, square: float) -> None:
+        """Replace the square that was entered last by the one of the force that acted [N^2]."""
+        self.rise += self._share * (square - entered) / self._square
+        self.limit_n = self._limit()
 
     def _limit(self) -> float:
         if self.rise <= self._acts_from:

@@ -3,20 +3,12 @@
 symbols: b impedance [N s/m], m apparent mass [kg], q one count [m], T tick [s], L age of a sample [ticks], mu memory,
 s = 1 - mu, F_q the largest jump of the force that one count may make [N]
 
-A damper of the estimate acts l = L + (1 + mu) / (1 - mu) ticks late; (1 + mu) / (1 - mu) is the estimate's own lag with the
-half tick that a force is held for, 1 for the plain difference of two samples. Slow motion feels b (x' - l T x''): being late
-takes b l T from the mass. Bounds:
+A damper of the estimate acts l = L + (1 + mu) / (1 - mu) ticks late, the hold counted. Bounds:
 
-    lag     b < m / (l T)               no more than there is: theory's b T_c / m < 1, for an estimate and for old samples
+    lag     b < m / (l T)               no more than there is: being late takes b l T from the mass
     noise   b < F_q T / (s^2 q)         one count moves the estimate by s^2 q / T
 
-More memory is quieter and later. A faster loop takes more, so that one count is no louder than at 1024 Hz, and is still
-earlier: with s ~ sqrt(T) the noise s^2 q / T stays, and the lag 2 T / s falls with sqrt(T).
-
-A bare device on its damper holds to b T / m = 2 (1 - mu^2) / (1 + mu^2) with L = 0, and to
-2 (sqrt(p^2 + s^3 (1 + mu)) - p) / s^2 with L = 1, p = 1 + mu - mu^2 (Jury's conditions on (z - 1) (z - mu)^2 z^(L-1) +
-b T / (2 m) s^2 (z + 1)); a line leaves less of that, and the lag bound is well inside. docs/velocity.md has the comparison
-that chose this estimator, and how far sessions really go.
+docs/velocity.md has the comparison that chose this estimator, its stability, and how far sessions really go.
 """
 
 from __future__ import annotations
@@ -42,11 +34,7 @@ Bound = Literal["lag", "noise", "record"]
 class AlphaBeta:
     """Critically damped alpha-beta (g-h) filter, one state pair an axis.
 
-    `memory` is the pole both errors decay with: alpha = 1 - memory^2, beta = (1 - memory)^2. An encoder step of q metres
-    moves the estimate by beta q / T; that times b is the noise the hand feels. The estimate lags by about
-    2 memory / (1 - memory) ticks, and lag in a damper gives energy: with 0.8 sessions of `sim:phantom` at b = 20 break into
-    oscillation below 0.1 kg, with 0.6 they are quiet at 0.045 kg (tests/sim/test_estimated_damping.py). Samples that are one
-    tick old want less, 0.5 at 0.075 kg: see `memory_for`.
+    memory: pole mu both errors decay with, alpha = 1 - mu^2, beta = (1 - mu)^2; more is quieter and later (`memory_for`)
     """
 
     __slots__ = ("_alpha", "_beta_rate", "_position", "_tick_s", "_velocity")
@@ -82,9 +70,8 @@ class AlphaBeta:
 def memory_for(capability: Capability, tick_s: float) -> float:
     """Return the memory of the client's estimator on this device.
 
-    At most MEMORY; less where that keeps WANTED_NSPM inside the lag bound, down to LEAST_MEMORY: with more sessions end sooner,
-    with less they go no further and noise grows (docs/velocity.md). In a loop faster than MEMORY_TICK_S s is that of
-    MEMORY_TICK_S times sqrt(T / MEMORY_TICK_S).
+    At most MEMORY; less where that keeps WANTED_NSPM inside the lag bound, down to LEAST_MEMORY. In a loop faster than
+    MEMORY_TICK_S s is that of MEMORY_TICK_S times sqrt(T / MEMORY_TICK_S): one count is no louder.
     """
     slow_s = max(tick_s, MEMORY_TICK_S)
     lag = capability.apparent_mass_kg / (WANTED_NSPM * slow_s) - capability.latency_ticks
@@ -108,25 +95,20 @@ class Carried:
     lag_ticks: float
 
 
-def impedance_bounds(capability: Capability, tick_s: float) -> dict[Bound, float]:
-    """Return each bound of b [N s/m]; "record" is the damping that the device's record advises."""
-    lag_s = tick_s * lag_ticks(capability, tick_s)
-    return {
-        "lag": capability.apparent_mass_kg / lag_s,
-        "noise": _noise_bound(capability, tick_s),
-        "record": capability.damping_nspm,
-    }
-
-
 def lag_ticks(capability: Capability, tick_s: float) -> float:
     """Return by how many ticks a damper acts late, with the hold. A device's own velocity counts as a plain difference."""
     memory = 0.0 if capability.gives_velocity else memory_for(capability, tick_s)
     return capability.latency_ticks + (1.0 + memory) / (1.0 - memory)
 
 
-def _noise_bound(capability: Capability, tick_s: float) -> float:
+def impedance_bounds(capability: Capability, tick_s: float) -> dict[Bound, float]:
+    """Return each bound of b [N s/m]; "record" is the damping that the device's record advises."""
     count_mps = (1.0 - memory_for(capability, tick_s)) ** 2 * capability.resolution_m / tick_s
-    return inf if capability.gives_velocity or count_mps == 0.0 else NOISE_N / count_mps
+    return {
+        "lag": capability.apparent_mass_kg / (tick_s * lag_ticks(capability, tick_s)),
+        "noise": inf if capability.gives_velocity or count_mps == 0.0 else NOISE_N / count_mps,
+        "record": capability.damping_nspm,
+    }
 
 
 def largest_impedance(capability: Capability, tick_s: float) -> Carried:

@@ -3,12 +3,10 @@
 F = K (x - x_o) + B (xdot - xdot_o) at the device rate, from the last object state received.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from math import inf
 
-from cogrip.client.coupling import Row
-from cogrip.client.latest_state_coupling import LatestStateCoupling
+from cogrip.client.coupling import DelayLine, LatestStateCoupling, Row
 from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Stamp, State
@@ -30,7 +28,7 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self._push = seat.side_sign if seat.one_sided else 0.0
         self._tick_s = seat.rates.tick_s
         self._last_force: Sequence[float] = (0.0,) * axes
-        self._late: deque[Sequence[float]] = deque(maxlen=0)  # forces of the last ticks where samples are old
+        self._late: DelayLine[Sequence[float]] = DelayLine()  # forces
         self._port_j = CompensatedSum()
         self.down_margin_j: float | None = None
         self.down_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
@@ -53,28 +51,18 @@ class VirtualCoupling(LatestStateCoupling[State]):
         return self.ramp_gain * sum([_spring_j(stiffness, e, peak) for e in self._stretch])
 
     def set_latency(self, ticks: int) -> None:
-        """Samples are `ticks` ticks old from now on: a displacement goes with the force that it was made against."""
-        self._late = deque([*[(0.0,) * len(self.sent)] * ticks, *self._late], maxlen=ticks)
-
-    def _entered(self) -> Sequence[float]:
-        """Return the force that belongs to the tick that is entered."""
-        late = self._late
-        if not late:
-            return self._last_force
-        force = late[0]
-        late.append(self._last_force)  # drops the oldest
-        return force
+        self._late.set_ticks(ticks, (0.0,) * len(self.sent))
 
     def elapse(self, mean_velocity_mps: Sequence[float], velocity_mps: Sequence[float], hold: float = 1.0) -> None:
         """Enter a tick. There is no wave that could release the object: `hold` changes nothing."""
         power = 0.0
         self._given_j.add(self._drag_w(mean_velocity_mps) * self._tick_s)
-        for force, speed in zip(self._entered(), mean_velocity_mps, strict=True):
+        for force, speed in zip(self._late.push(self._last_force), mean_velocity_mps, strict=True):
             power += force * speed
         self._port_j.add(power * self._tick_s)
 
     def elapse_absent(self) -> None:
-        self._entered()
+        self._late.push(self._last_force)
 
     def _drag_w(self, velocity_mps: Sequence[float]) -> float:
         """Return the power that the object's velocity gives the hand through the damper [W]."""
@@ -104,9 +92,8 @@ class VirtualCoupling(LatestStateCoupling[State]):
         self._rendered_npm = stiffness = min(self._stiffness, self.carried_nspm / self._lag_s if self._lag_s else inf)
         self.reduced = stiffness < self._stiffness or damping < self._damping
         self._stretch = stretch = [position_m[axis] - state[axis] for axis in range(axes)]
-        force = [
-            stiffness * stretch[axis] + damping * (velocity_mps[axis] - state[axes + axis]) for axis in range(axes)
-        ]
+        relative = [velocity_mps[axis] - state[axes + axis] for axis in range(axes)]
+        force = [stiffness * e + damping * v for e, v in zip(stretch, relative, strict=True)]
         self.local_n = [stiffness * position_m[axis] + damping * velocity_mps[axis] for axis in range(axes)]
         if self._push:
             inside = self._push * stretch[0] > 0.0
@@ -117,10 +104,9 @@ class VirtualCoupling(LatestStateCoupling[State]):
 
     def message(
         self, session: int, stamp: Stamp, origin_m: Row, position_m: Row, velocity_mps: Sequence[float]
-    ) -> State:  # fmt: skip
-        return State(
-            session, self._number, position_m, tuple(velocity_mps), self.port_j, self._receiver.acknowledged, stamp
-        )
+    ) -> State:
+        acknowledged = self._receiver.acknowledged
+        return State(session, self._number, position_m, tuple(velocity_mps), self.port_j, acknowledged, stamp)
 
     def receive(self, message: State) -> bool:
         if 2 * len(message.position_m) != len(self.object_state):

@@ -71,5 +71,5 @@ def place_text(address: Address) -> str:
     """Return an address as text."""
     if not isinstance(address, tuple) or len(address) < 2:
         return str(address)
-    host = str(address[0])
-    return f"[{host}]:{address[1]}" if ":" in host else f"{host}:{address[1]}"
+    host, port = address[:2]
+    return f"[{host}]:{port}" if ":" in str(host) else f"{host}:{port}"

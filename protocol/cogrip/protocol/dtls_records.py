@@ -124,9 +124,7 @@ class ClientRecords:
             return "" if epoch else "record in the clear"
         if kind == ALERT:
             return "" if epoch or size == 2 else "alert of no length"
-        if kind == CHANGE_CIPHER_SPEC and not epoch and size == 1:
-            if not self._exchanged:
-                return "record too early"
+        if kind == CHANGE_CIPHER_SPEC and not epoch and size == 1 and self._exchanged:
             self.state = "finishing"
             return ""
         if kind != HANDSHAKE:

@@ -6,7 +6,9 @@ middles, so they err by at most 1/32; the maximum is exact.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable
+from itertools import accumulate
 from typing import NamedTuple
 
 _SUB_BITS = 4
@@ -42,8 +44,7 @@ class DurationHistogram:
 
     def __init__(self) -> None:
         self._counts = [0] * _BINS
-        self.max_ns = 0
-        self.total_ns = 0
+        self.max_ns = self.total_ns = 0
 
     def add(self, value_ns: int) -> None:
         """Count one duration. Negative ones (a clock read a little early) count as 0."""
@@ -79,13 +80,8 @@ class DurationHistogram:
         rank = max(1, math.ceil(q * count / 100.0 - 1e-9))
         if rank >= count:
             return float(self.max_ns)
-        seen = 0
-        for index, held in enumerate(self._counts):
-            seen += held
-            if seen >= rank:
-                low, high = _edges(index)
-                return min((low + high - 1) / 2, float(self.max_ns))
-        raise AssertionError("unreachable: rank is at most count")
+        low, high = _edges(bisect_left(list(accumulate(self._counts)), rank))
+        return min((low + high - 1) / 2, float(self.max_ns))
 
     def merge(self, other: "DurationHistogram") -> None:
         """Add every duration of other."""
@@ -96,8 +92,7 @@ class DurationHistogram:
     def clear(self) -> None:
         """Remove all durations, for the next window of a running display."""
         self._counts = [0] * _BINS
-        self.max_ns = 0
-        self.total_ns = 0
+        self.max_ns = self.total_ns = 0
 
     def bins(self) -> list[Bin]:
         """Return the non-empty bins in rising order."""

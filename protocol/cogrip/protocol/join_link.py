@@ -154,18 +154,17 @@ def place_text(host: str, port: int) -> str:
 
 def check_host(host: str) -> None:
     """Check a host. Raises LinkError for what is neither a name nor an address."""
+    if not host:
+        raise LinkError("host: there is none; write a name or an address, such as 192.0.2.7")
     if ":" in host:
         try:
             IPv6Address(host)
         except AddressValueError:
             raise LinkError(f"host {_shown(host)}: that is no IPv6 address") from None
-        _, _, zone = host.partition("%")
-        if not zone or re.match(r"[A-Za-z0-9._~-]{1,40}\Z", zone):
-            return
-        raise LinkError(f"host {_shown(host)}: that is no IPv6 address with a zone") from None
-    if not host:
-        raise LinkError("host: there is none; write a name or an address, such as 192.0.2.7")
-    if not _HOST.match(host):
+        zone = host.partition("%")[2]
+        if zone and not re.match(r"[A-Za-z0-9._~-]{1,40}\Z", zone):
+            raise LinkError(f"host {_shown(host)}: that is no IPv6 address with a zone")
+    elif not _HOST.match(host):
         raise LinkError(f"host {_shown(host)}: write a name (letters, digits, . and -) or an address")
 
 

@@ -21,20 +21,16 @@ M = TypeVar("M", bound=Numbered)
 class StateReceiver(Generic[M]):
     """Keeps the newest state. One that arrives after a newer one, or is overtaken before it is popped, is late.
 
+    newest  number of the newest state received; -1 before the first
     latest  the state popped last, None before the first
     """
 
     def __init__(self) -> None:
-        self._newest = -1
+        self.newest = -1
         self._waiting: M | None = None
         self._received = self._applied = self._late = self._duplicate = 0
         self._seen = [-1] * HISTORY
         self.latest: M | None = None
-
-    @property
-    def newest(self) -> int:
-        """Number of the newest state received; -1 before the first."""
-        return self._newest
 
     @property
     def acknowledged(self) -> int:
@@ -43,7 +39,7 @@ class StateReceiver(Generic[M]):
 
     def receive(self, state: M) -> bool:
         """Take in one state. False, and nothing changed, if it is too far ahead or too old to be told from a duplicate."""
-        if not self._newest - HISTORY < state.number <= self._newest + FURTHEST_JUMP:
+        if not self.newest - HISTORY < state.number <= self.newest + FURTHEST_JUMP:
             return False
         slot = state.number % HISTORY
         if self._seen[slot] == state.number:
@@ -51,13 +47,11 @@ class StateReceiver(Generic[M]):
             return True
         self._seen[slot] = state.number
         self._received += 1
-        if state.number < self._newest:
+        overtaken = state.number < self.newest
+        if overtaken or self._waiting is not None:
             self._late += 1
-            return True
-        if self._waiting is not None:
-            self._late += 1
-        self._newest = state.number
-        self._waiting = state
+        if not overtaken:
+            self.newest, self._waiting = state.number, state
         return True
 
     def pop(self) -> bool:
@@ -71,12 +65,10 @@ class StateReceiver(Generic[M]):
     @property
     def lost(self) -> int:
         """States that have not arrived, as far as is known."""
-        return self._newest + 1 - (self._waiting is not None) - self._applied - self._late
+        return self.newest + 1 - (self._waiting is not None) - self._applied - self._late
 
     def count(self) -> LinkCount:
         """Return how many states met which fate."""
         waiting = self._waiting is not None
-        return LinkCount(
-            sent=self._newest + 1 - waiting, received=self._received, applied=self._applied, lost=self.lost, late=self._late,
-            duplicate=self._duplicate, pending=int(waiting),
-        )  # fmt: skip
+        sent = self.newest + 1 - waiting
+        return LinkCount(sent, self._received, self._applied, self.lost, self._late, self._duplicate, int(waiting))

@@ -114,11 +114,8 @@ class Link(LinkDirection, frozen=True, forbid_unknown_fields=True, omit_defaults
     @property
     def kept_back(self) -> tuple[str, ...]:
         """Keys in use that no welcome carries: a live session does not emulate them."""
-        return tuple(
-            f"link.{key}"
-            for key in ("outages", "trace")
-            if any(self._own(direction, key) for direction in ("up", "down"))
-        )
+        keys = ("outages", "trace")
+        return tuple(f"link.{key}" for key in keys if self._own("up", key) or self._own("down", key))
 
     def _own(self, direction: Direction, name: str) -> Any:
         """Return a value of one direction, else of both; None where neither has any."""

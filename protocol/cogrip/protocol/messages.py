@@ -255,10 +255,7 @@ def clipped(text: str, most: int = TEXT_BYTES) -> str:
 
 def shown(text: str) -> str:
     """Return a text of the other end with control characters, line ends and changes of the writing direction escaped: nothing
-    in it
-    moves a cursor, turns the text beside it, or looks like a line of ours."""
-    if text.isprintable():
-        return text
+    in it moves a cursor, turns the text beside it, or looks like a line of ours."""
     return "".join([each if each.isprintable() else each.encode("unicode_escape").decode() for each in text])
 
 

@@ -1,14 +1,7 @@
 """The session's two state machines, without I/O: who may send what in which state (`SPEC.md` section 4).
 
-    client   idle --connect--> connecting --welcome--> seated --leave--> leaving --farewell--> closed
-             connecting: a hello every HELLO_EVERY; refused, or no answer in GIVE_UP_NS: closed
-             seated: no datagram for QUIET_NS: resuming; farewell (server stops): closed
-             resuming: a hello with the ticket every HELLO_EVERY; welcome, or a datagram of the session: seated;
-             refused, or silence of RESUME_GIVE_UP_NS: closed
-    seat     free --hello--> seated --leave | silence of LOST_NS | server stops--> free
-             seated --hello with its ticket--> seated, at another address
-
 The two tables below are the only place that changes a state. A step that is not in the table leaves the state as it is.
+A client sends a hello every HELLO_EVERY_NS while it is connecting or, with its ticket, resuming.
 """
 
 from collections import Counter, deque
@@ -20,24 +13,7 @@ import msgspec
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import (
-    DEVICE_BYTES,
-    MAGIC,
-    NO_BOUND,
-    PROTOCOL_VERSION,
-    Farewell,
-    Frame,
-    Heartbeat,
-    Hello,
-    Leave,
-    Power,
-    Refuse,
-    Role,
-    State,
-    View,
-    Waves,
-    Welcome,
-)
+from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Frame, Heartbeat, Hello, Leave, Refuse, View, Welcome
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 HELLO_EVERY_NS = 250_000_000
@@ -53,7 +29,12 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
-FOR_CLIENTS = (Waves, State, Power, View)  # a tuple: a union would be made anew for every datagram
+FOR_CLIENTS = (
+    messages.Waves,
+    messages.State,
+    messages.Power,
+    View,
+)  # a tuple: a union would be made for every datagram
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
 ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received"]
@@ -216,17 +197,10 @@ class ClientSession:
         if isinstance(message, Refuse):
             if self._step("refuse"):
                 self.failed = f"the server refused: {messages.shown(message.reason)} [{messages.shown(message.code)}]"
-        elif before is not None and _is_other_seat(before, message):
+        elif fault := _unacceptable(before, message):
             if self._step("refuse"):
-                self.failed = "the server came back with another seat or other settings: join anew"
-                self.outbox.append(messages.encode(Leave(message.session, "not the seat that was left")))
-        elif message.role == "player" and message.settings.rates.device_hz < LEAST_DEVICE_HZ:
-            if self._step("refuse"):
-                self.failed = (
-                    f"the server asks for rates.device_hz = {message.settings.rates.device_hz}, at least {LEAST_DEVICE_HZ} is "
-                    "safe for a hand: raise it in the server's settings"
-                )
-                self.outbox.append(messages.encode(Leave(message.session, "device_hz is too low")))
+                goodbye, self.failed = fault
+                self.outbox.append(messages.encode(Leave(message.session, goodbye)))
         elif self._step("welcome"):
             if before is not None:
                 self._count_resumption(now_ns, message.session != before.session)
@@ -292,27 +266,33 @@ class ClientSession:
 def _resumption_hello(hello: Hello, welcome: Welcome) -> Hello:
     """Return the hello that asks for this very seat again."""
     name = welcome.settings.user if welcome.role == "player" else hello.name
-    return msgspec.structs.replace(
-        hello, room=welcome.settings.room, name=name, role=welcome.role, ticket=welcome.ticket
-    )  # fmt: skip
+    seat = {"room": welcome.settings.room, "name": name, "role": welcome.role, "ticket": welcome.ticket}
+    return msgspec.structs.replace(hello, **seat)
 
 
-def _is_other_seat(before: Welcome, after: Welcome) -> bool:
-    """Return whether a person cannot simply go on with the seat of this welcome."""
-    if before.role == after.role == "observer":
-        return False
-    return (before.role, before.settings) != (after.role, after.settings)
+def _unacceptable(before: Welcome | None, after: Welcome) -> tuple[str, str] | None:
+    """Return (reason for the leave, failure) where a person cannot take, or go on with, the seat of this welcome."""
+    both_observe = before is not None and before.role == after.role == "observer"
+    if before and not both_observe and (before.role, before.settings) != (after.role, after.settings):
+        return "not the seat that was left", "the server came back with another seat or other settings: join anew"
+    device_hz = after.settings.rates.device_hz
+    if after.role == "observer" or device_hz >= LEAST_DEVICE_HZ:
+        return None
+    return "device_hz is too low", (
+        f"the server asks for rates.device_hz = {device_hz}, at least {LEAST_DEVICE_HZ} is safe for a hand: raise it in the "
+        "server's settings"
+    )
 
 
 def make_hello(
     *, software: str, nonce: int, room: str, name: str, digest: str, device: str, axes: int, rate_hz: float,
-    force_n: float = NO_BOUND, speed_mps: float = NO_BOUND, role: Role = "player", token: str = "",
+    force_n: float = messages.NO_BOUND, speed_mps: float = messages.NO_BOUND, role: messages.Role = "player", token: str = "",
 ) -> Hello:  # fmt: skip
     """Return a hello. force_n, speed_mps: bounds of the device record; an infinite one is sent as NO_BOUND."""
-    return Hello(
-        MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, messages.clipped(device, DEVICE_BYTES), axes, rate_hz,
-        min(force_n, NO_BOUND), min(speed_mps, NO_BOUND), role, token,
-    )  # fmt: skip
+    address = messages.clipped(device, messages.DEVICE_BYTES)
+    bounds = min(force_n, messages.NO_BOUND), min(speed_mps, messages.NO_BOUND)
+    head = messages.MAGIC, PROTOCOL_VERSION, software, nonce, room, name, digest, address
+    return Hello(*head, axes, rate_hz, *bounds, role, token)
 
 
 def unfit(
@@ -329,10 +309,7 @@ def unfit(
     if hello.device_axes < axes:
         return "axes", f"device {hello.device} moves on {hello.device_axes} of the {axes} axes of this room"
     if hello.device_rate_hz < device_hz:
-        return (
-            "rate",
-            f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, {whose} = {device_hz}",
-        )
+        return "rate", f"device {hello.device} runs at {hello.device_rate_hz:g} Hz at most, {whose} = {device_hz}"
     return None
 
 

@@ -5,19 +5,14 @@ value, the bound and the cure. `seat_settings` returns what one user's client an
 """
 
 import hashlib
+from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, assert_never
 
 import msgspec
 
 from cogrip.protocol import decimation
-from cogrip.protocol.felt_stiffness import (
-    OutOfReachError,
-    compensated_stiffness,
-    felt_stiffness,
-    line_compliance,
-    reachable_stiffness,
-)
+from cogrip.protocol import felt_stiffness as felt
 from cogrip.protocol.line.concealment import Concealed
 from cogrip.protocol.line.delays import expected_frames, one_way
 from cogrip.protocol.link_profile import Link, LinkProfile, check_cap
@@ -40,10 +35,11 @@ Damping = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 Mass = Annotated[float, msgspec.Meta(ge=1e-6, le=1e3)]
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*\Z"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=40, pattern=NAME_PATTERN)]
+Watts = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
+RecordBound = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
 SeatNumber = Annotated[int, msgspec.Meta(ge=0, le=255)]
-
 
 HUMAN_POWER_W = 10.0  # of a hand on a hand-sized device, on average (docs/security.md)
 REMOTE_FORCE_N = 40.0  # as strong as the arms on the market
@@ -98,10 +94,9 @@ class Admission(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     devices: Literal["any", "listed"] = "any"  # listed: a seat takes the device named for it in [[users]] alone
     # of device records: those that claim more are refused, those without a bound get this one. None: any; encrypted, the
     # bounds of `for_remote_clients`
-    force_n: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
-    speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
-    # mean power of a seat; 0: F V of its record
-    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] = HUMAN_POWER_W
+    force_n: RecordBound | None = None
+    speed_mps: RecordBound | None = None
+    power_w: Watts = HUMAN_POWER_W  # mean power of a seat; 0: F V of its record
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -120,7 +115,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     encoder: Encoder | None = None
     compensate: bool | None = None
     device_hz: DeviceHz | None = None
-    power_w: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)] | None = None  # None: [admission]'s
+    power_w: Watts | None = None  # None: [admission]'s
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -188,8 +183,8 @@ class SeatSettings(msgspec.Struct, frozen=True, array_like=True):
             return None
         rendered = self.rendered_npm
         if self.follows:
-            rendered = reachable_stiffness(self.coupling.stiffness_npm, self.line_compliance(loop_frames))
-        return felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
+            rendered = felt.reachable_stiffness(self.coupling.stiffness_npm, self.line_compliance(loop_frames))
+        return felt.felt_stiffness(rendered, self.line_compliance(loop_frames + late_frames))
 
 
 def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Settings:
@@ -215,22 +210,19 @@ def resolve(table: Mapping[str, Any], overrides: Mapping[str, Any] | None = None
 def for_remote_clients(settings: Settings) -> Settings:
     """Return the settings of a room that other machines may join: device records have bounds in any case."""
     admission = settings.admission
-    bounded = msgspec.structs.replace(
-        admission,
-        force_n=REMOTE_FORCE_N if admission.force_n is None else admission.force_n,
-        speed_mps=REMOTE_SPEED_MPS if admission.speed_mps is None else admission.speed_mps,
-    )
+    force_n = REMOTE_FORCE_N if admission.force_n is None else admission.force_n
+    speed_mps = REMOTE_SPEED_MPS if admission.speed_mps is None else admission.speed_mps
+    bounded = msgspec.structs.replace(admission, force_n=force_n, speed_mps=speed_mps)
     return msgspec.structs.replace(settings, admission=bounded)
 
 
 def coupling_of(settings: Settings, user: User) -> Coupling:
     """Return [coupling] with this user's own values."""
-    own = {
-        name: getattr(user, name)
-        for name in ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate")
-        if getattr(user, name) is not None
-    }
-    return msgspec.structs.replace(settings.coupling, **own)
+    names = ("impedance_nspm", "stiffness_npm", "damping_nspm", "decimator", "encoder", "compensate")
+    own = {name: getattr(user, name) for name in names}
+    return msgspec.structs.replace(
+        settings.coupling, **{name: value for name, value in own.items() if value is not None}
+    )
 
 
 def not_passive(settings: Settings) -> str:
@@ -261,14 +253,12 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
     up, down = settings.link.direction("up"), settings.link.direction("down")
     rendered = coupling.stiffness_npm
     if coupling.compensate and coupling.kind == "wave":
-        frames = sum(
-            one_way(direction.delay_ms, expected_frames(settings.playout, direction, rates), rates).frames
-            for direction in (up, down)
-        )
+        held = [(each.delay_ms, expected_frames(settings.playout, each, rates)) for each in (up, down)]
+        frames = sum(one_way(delay_ms, playout_frames, rates).frames for delay_ms, playout_frames in held)
         compliance = _compliance(coupling, rates, frames * rates.frame_s)
         try:
-            rendered = compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
-        except OutOfReachError as error:
+            rendered = felt.compensated_stiffness(coupling.stiffness_npm, coupling.impedance_nspm, compliance)
+        except felt.OutOfReachError as error:
             raise SettingsError(f"users.{seat} ({user.name}): {error}") from None
         if rendered > MOST_RENDERED_NPM:
             raise SettingsError(
@@ -283,15 +273,11 @@ def seat_settings(settings: Settings, seat: int) -> SeatSettings:
 
 def digest(settings: Settings) -> str:
     """Return a fingerprint of everything the ends must agree on (not: hand, duration, emulated link)."""
-    shared = [
-        settings.rates.network_hz,
-        settings.object,
-        settings.playout,
-        [
-            (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
-            for user in settings.users
-        ],
+    users = [
+        (user.name, user.side, coupling_of(settings, user), rates_of(settings, user).device_hz)
+        for user in settings.users
     ]
+    shared = [settings.rates.network_hz, settings.object, settings.playout, users]
     return hashlib.sha256(msgspec.json.encode(shared, order="deterministic")).hexdigest()[:16]
 
 
@@ -300,32 +286,24 @@ def _compliance(coupling: Coupling, rates: Rates, round_trip_s: float) -> float:
     if coupling.server_step == "paper":
         # P's force is one frame old: it moves the proxy back by F T_n / b (theory section 4)
         lag -= 2.0 * rates.frame_s
-    return line_compliance(coupling.impedance_nspm, round_trip_s, lag)
+    return felt.line_compliance(coupling.impedance_nspm, round_trip_s, lag)
 
 
 def _check_fit(settings: Settings) -> None:
-    asked = [("rates.device_hz", settings.rates.device_hz)]
-    asked += [
-        (f"users.{number}.device_hz", user.device_hz) for number, user in enumerate(settings.users) if user.device_hz
-    ]
-    for key, device_hz in asked:
-        if why := misfit(device_hz, settings.rates.network_hz, key):
+    users = [(f"users.{place}", user.device_hz) for place, user in enumerate(settings.users)]
+    for key, device_hz in (("rates", settings.rates.device_hz), *users):
+        if device_hz and (why := misfit(device_hz, settings.rates.network_hz, f"{key}.device_hz")):
             raise SettingsError(why)
-    names = [user.name for user in settings.users]
-    for name in names:
-        if names.count(name) > 1:
-            raise SettingsError(f"users: the name {name!r} stands twice; give every user a name of their own")
+    ((name, times),) = Counter(user.name for user in settings.users).most_common(1)
+    if times > 1:
+        raise SettingsError(f"users: the name {name!r} stands twice; give every user a name of their own")
     kind = settings.coupling.kind
     if kind != "wave" and settings.coupling.server_step == "paper":
         raise SettingsError(
             f'coupling.server_step = "paper" is a step of the wave scheme; with coupling.kind = "{kind}" leave it "passive"'
         )
-    for section, direction in (
-        ("link", settings.link),
-        ("link.up", settings.link.up),
-        ("link.down", settings.link.down),
-    ):
-        check_cap(f"{section}.rate_kbps", direction.rate_kbps)
+    for where, link in (("link", settings.link), ("link.up", settings.link.up), ("link.down", settings.link.down)):
+        check_cap(f"{where}.rate_kbps", link.rate_kbps)
     for profile in (settings.link.direction("up"), settings.link.direction("down")):
         least = 1.0 / (1.0 - profile.loss)
         if profile.loss > 0.0 and profile.burst_frames > 1.0 and profile.burst_frames < least:

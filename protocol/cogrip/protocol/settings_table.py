@@ -39,21 +39,19 @@ def override(table: dict[str, Any], key: str, value: Any, only_user: str) -> Non
     *path, last = key.split(".")
     here: Any = table
     for depth, part in enumerate(path):
-        if isinstance(here, list):
-            here = _item(here, part, key)
-        else:
+        if isinstance(here, dict):
             here = here.setdefault(part, [{"name": only_user}] if part == "users" else {})
+        elif part.isdigit() and int(part) < len(here):
+            here = here[int(part)]
+        else:
+            raise SettingsError(
+                f"--set {key}: there is no user number {part} (users are numbered 0 to {len(here) - 1})"
+            )
         if not isinstance(here, (dict, list)):
             raise SettingsError(f"--set {key}: {'.'.join(path[: depth + 1])} is a value, not a section")
     if isinstance(here, list):
         raise SettingsError(f"--set {key}: name a user's number and key, for instance users.0.stiffness_npm")
     here[last] = value
-
-
-def _item(items: list[Any], part: str, key: str) -> Any:
-    if not part.isdigit() or int(part) >= len(items):
-        raise SettingsError(f"--set {key}: there is no user number {part} (users are numbered 0 to {len(items) - 1})")
-    return items[int(part)]
 
 
 def refuse_unknown(
@@ -81,9 +79,7 @@ def refuse_unknown(
 def _item_struct(kind: Any) -> type[msgspec.Struct] | None:
     """Return the struct type of a list's items, None where they are none: S of Annotated[tuple[S, ...], ...]."""
     for part in get_args(kind):
-        if isinstance(part, type) and issubclass(part, msgspec.Struct):
-            return part
-        found = _item_struct(part)
+        found = part if isinstance(part, type) and issubclass(part, msgspec.Struct) else _item_struct(part)
         if found is not None:
             return found
     return None

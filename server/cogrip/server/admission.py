@@ -1,5 +1,7 @@
-"""Admission: the answer to a hello. Who knows tokens and the date (an authenticator) is the driver's."""
+"""Admission: the answer to a hello. Who knows tokens and the date (an authenticator) is the driver's, and so is chance."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import msgspec
@@ -42,3 +44,19 @@ class AdmitAll:
 
     def admitted(self, grant: Grant) -> None:
         """Nothing is used up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """Everything that a server core has to ask for.
+
+    new_session    returns a random session number from 1 to 2^63 - 1
+    authenticator  admits hellos
+    new_ticket     returns a secret that resumes a session, "" where none is to be resumed
+    hash_ticket    returns what is kept of a ticket
+    """
+
+    new_session: Callable[[], int]
+    authenticator: Authenticator = field(default_factory=AdmitAll)
+    new_ticket: Callable[[], str] = str
+    hash_ticket: Callable[[str], str] = str

@@ -4,24 +4,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from cogrip.protocol import messages
+from cogrip.protocol.accounts import SeatAccount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave
 from cogrip.protocol.session import nonce_of, version_mismatch
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import Authenticator, Denied
+from cogrip.server import inputs
+from cogrip.server.admission import Denied, Outside
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.events import ServerEvent
-from cogrip.server.inputs import (
-    CloseLedger,
-    Idle,
-    Kick,
-    Restore,
-    Revoke,
-    ServerInput,
-    SocketFailed,
-    Stop,
-    UnbindAddress,
-)
 from cogrip.server.joining import Joining
 from cogrip.server.outputs import Outputs
 from cogrip.server.participants import Observer, Seat
@@ -35,40 +26,27 @@ FROM_CLIENTS = (*FRAMES, Heartbeat, Leave)
 
 
 class ServerCore:
-    """Routes datagrams, inputs and steps to rooms and their participants.
-
-    new_session    returns a random session number from 1 to 2^63 - 1: chance is the caller's
-    authenticator  admits hellos; everybody without one
-    new_ticket     returns a secret that resumes a session; without it no session can be resumed
-    hash_ticket    returns what is kept of a ticket
-    outputs        filled by the core: `outbox`, `events` and `dropped` are its parts
-    """
+    """Routes datagrams, inputs and steps to rooms and their participants. `outbox`, `events` and `dropped` are of `outputs`."""
 
     def __init__(
-        self,
-        rooms: Sequence[Settings],
-        software: str,
-        new_session: Callable[[], int],
-        authenticator: Authenticator | None = None,
-        new_ticket: Callable[[], str] = str,
-        hash_ticket: Callable[[str], str] = str,
-        outputs: Outputs | None = None,
+        self, rooms: Sequence[Settings], software: str, outside: Outside, outputs: Outputs | None = None
     ) -> None:
         self.rooms = [Room(settings) for settings in rooms]
         self._table = table = SeatTable(self.rooms)
         self._out = out = outputs or Outputs()
         self.outbox, self.events, self.dropped = out.outbox, out.events, out.dropped
         self._drop = out.drop
-        self._joining = Joining(table, out, software, new_session, authenticator, new_ticket, hash_ticket)
-        self._handlers: dict[type[ServerInput], Callable[[Any, int], int | None]] = {
-            Stop: self._stop,
-            SocketFailed: lambda given, _: out.drop(f"socket: {given.reason}"),
-            Kick: self._kick,
-            Revoke: self._revoke,
-            UnbindAddress: lambda given, _: table.release(given.address),
-            Restore: self._restore,
-            Idle: self._idle,
-            CloseLedger: lambda given, _: None,
+        self._joining = Joining(table, out, software, outside)
+        self._handlers: dict[type[inputs.ServerInput], Callable[[Any, int], int | None]] = {
+            inputs.Stop: self._stop,
+            inputs.SocketFailed: lambda given, _: out.drop(f"socket: {given.reason}"),
+            inputs.Kick: self._kick,
+            inputs.Revoke: self._revoke,
+            inputs.Expire: self._expire,
+            inputs.UnbindAddress: lambda given, _: table.release(given.address),
+            inputs.Restore: self._restore,
+            inputs.Idle: self._idle,
+            inputs.CloseLedger: lambda given, _: None,
         }
 
     @property
@@ -98,7 +76,7 @@ class ServerCore:
         """Return the state that a next server goes on from."""
         return [room.checkpoint() for room in self.rooms]
 
-    def handle(self, given: ServerInput, now_ns: int) -> int:
+    def handle(self, given: inputs.ServerInput, now_ns: int) -> int:
         """Handle an input. Returns how many sessions it ended, for `Kick` and `Revoke`.
 
         Raises CheckpointError for a `Restore` that does not fit, ValueError for an `Idle` that cannot be.
@@ -192,13 +170,13 @@ class ServerCore:
                 self._drop("stiffness word", adapter.withheld)
                 adapter.withheld = 0
 
-    def _idle(self, given: Idle, now_ns: int) -> None:
+    def _idle(self, given: inputs.Idle, now_ns: int) -> None:
         room = next((room for room in self.rooms if room.name == given.room), None)
         if room is None or not room.deserted:
             raise ValueError(f"{given.steps} idle steps of room {given.room!r}, which is not deserted")
         room.idle(given.steps)
 
-    def _restore(self, given: Restore, now_ns: int) -> None:
+    def _restore(self, given: inputs.Restore, now_ns: int) -> None:
         checkpoint = given.checkpoint
         room = next((room for room in self.rooms if room.name == checkpoint.room), self.rooms[0])
         room.restore(checkpoint, now_ns)
@@ -207,19 +185,26 @@ class ServerCore:
         text = f"{room.name}: restored: the object is at ({place}) mm, seats are kept for {', '.join(reserved) or 'nobody'}"
         self.events.append(ServerEvent("restored", text, room.name))
 
-    def _stop(self, given: Stop, now_ns: int) -> None:
+    def _stop(self, given: inputs.Stop, now_ns: int) -> None:
         for room in self.rooms:
             for seat in room.seats:
                 self._end_seat(room, seat, "stop", given.reason)
             for observer in list(room.observer_slots.observers.values()):
                 self._end_observer(room, observer, given.reason, "left", "left: the server stops")
 
-    def _kick(self, given: Kick, now_ns: int) -> int:
+    def _kick(self, given: inputs.Kick, now_ns: int) -> int:
         reason = f"kicked by the administrator{': ' if given.reason else ''}{given.reason}"
         return self._end(lambda room, who: who.name == given.user and given.room in ("", room.name), reason)
 
-    def _revoke(self, given: Revoke, now_ns: int) -> int:
+    def _revoke(self, given: inputs.Revoke, now_ns: int) -> int:
         return self._end(lambda _, who: bool(who.token) and who.token in given.tokens, "kicked: the token was revoked")
+
+    def _expire(self, given: inputs.Expire, now_ns: int) -> None:
+        """Void tickets: the next hello is judged by its token. Sessions go on until they end by themselves."""
+        for room in self.rooms:
+            for who in (*room.seats, *room.observer_slots.observers.values()):
+                if who.token in given.tokens:
+                    who.void_ticket()
 
     def _end(self, chosen: Callable[[Room, Seat | Observer], bool], reason: str) -> int:
         """End the chosen sessions, and let nobody resume them. Returns how many there were."""
@@ -231,7 +216,7 @@ class ServerCore:
                     self._end_seat(room, seat, "kick", reason)
                     self._out.report("kicked", room, seat, f"was {reason}")
                 elif seat.state == "free" and seat.ticket_hash and chosen(room, seat):
-                    seat.ticket_hash, seat.reserved_until_ns = "", None
+                    seat.void_ticket()
             for observer in list(room.observer_slots.observers.values()):
                 if chosen(room, observer):
                     count += 1
@@ -239,10 +224,12 @@ class ServerCore:
         return count
 
     def _end_seat(self, room: Room, seat: Seat, event: str, reason: str) -> None:
-        account = room.leave_seat(seat.number, event)
-        if account is not None:
-            seat.farewell = messages.encode(Farewell(seat.session, messages.clipped(reason), account, room.account()))
-            self.outbox.append((seat.address, seat.farewell))
+        if (account := room.leave_seat(seat.number, event)) is not None:
+            self._say_farewell(room, seat, account, messages.clipped(reason))
+
+    def _say_farewell(self, room: Room, seat: Seat, account: SeatAccount, reason: str) -> None:
+        seat.farewell = messages.encode(Farewell(seat.session, reason, account, room.account()))
+        self.outbox.append((seat.address, seat.farewell))
 
     def _end_observer(self, room: Room, observer: Observer, reason: str, event: str, words: str) -> None:
         address = observer.address
@@ -259,9 +246,8 @@ class ServerCore:
             self._repeat_farewell(seat, now_ns)
             return
         self._out.report("left", room, seat, f"left: {messages.shown(leave.reason)}")
-        seat.farewell = messages.encode(Farewell(seat.session, "goodbye", account, room.account()))
         seat.farewell_ns = now_ns
-        self.outbox.append((seat.address, seat.farewell))
+        self._say_farewell(room, seat, account, "goodbye")
 
     def _repeat_farewell(self, seat: Seat, now_ns: int) -> None:
         """Send the last farewell again, not at every message that comes late."""

@@ -35,6 +35,12 @@ class Revoke(msgspec.Struct, frozen=True, tag_field="kind", tag="revoke"):
     tokens: tuple[str, ...]
 
 
+class Expire(msgspec.Struct, frozen=True, tag_field="kind", tag="expire"):
+    """Let nobody resume what was taken with one of these tokens: their time is over. tokens: public ids, sorted."""
+
+    tokens: tuple[str, ...]
+
+
 class UnbindAddress(msgspec.Struct, frozen=True, tag_field="kind", tag="unbind_address"):
     """Release an address where another DTLS association speaks now: its holder keeps the seat and has to resume."""
 
@@ -58,7 +64,7 @@ class CloseLedger(msgspec.Struct, frozen=True, tag_field="kind", tag="close_ledg
     """End the session: a recorder writes the accounts of all rooms and seats."""
 
 
-ServerInput = Stop | SocketFailed | Kick | Revoke | UnbindAddress | Restore | Idle | CloseLedger
+ServerInput = Stop | SocketFailed | Kick | Revoke | Expire | UnbindAddress | Restore | Idle | CloseLedger
 
 decode = msgspec.json.Decoder(ServerInput).decode
 """Read an input from a recording. Raises msgspec.DecodeError (a ValueError)."""

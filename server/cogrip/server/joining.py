@@ -1,7 +1,5 @@
 """Answers to hellos: a seat, an observer slot, a session that is resumed, or a refusal."""
 
-from collections.abc import Callable
-
 from msgspec.structs import replace
 
 from cogrip.protocol import messages
@@ -9,7 +7,7 @@ from cogrip.protocol.channel import Address, place_text
 from cogrip.protocol.clock import Clock
 from cogrip.protocol.messages import PROTOCOL_VERSION, Hello, Role, Welcome
 from cogrip.protocol.session import refusal, version_mismatch
-from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
+from cogrip.server.admission import Denied, Grant, Outside
 from cogrip.server.events import ServerEvent
 from cogrip.server.outputs import Outputs
 from cogrip.server.participants import Observer, Seat
@@ -21,23 +19,11 @@ from cogrip.server.seat_limits import record_of
 class Joining:
     """Admission to the rooms of one server core. Parameters: see `ServerCore`."""
 
-    def __init__(
-        self,
-        table: SeatTable,
-        outputs: Outputs,
-        software: str,
-        new_session: Callable[[], int],
-        authenticator: Authenticator | None,
-        new_ticket: Callable[[], str],
-        hash_ticket: Callable[[str], str],
-    ) -> None:
+    def __init__(self, table: SeatTable, outputs: Outputs, software: str, outside: Outside) -> None:
         self._table = table
         self._out = outputs
         self._software = software
-        self._new_session = new_session
-        self._authenticator = authenticator or AdmitAll()
-        self._new_ticket = new_ticket
-        self._hash_ticket = hash_ticket
+        self._outside = outside
 
     def refuse(self, nonce: int, address: Address, denied: Denied) -> None:
         """Send a refusal, and report it."""
@@ -56,7 +42,7 @@ class Joining:
         elif hello.version != PROTOCOL_VERSION:
             self.refuse(hello.nonce, address, Denied(*version_mismatch(hello.version)))
         elif not (hello.ticket and self._resumed(hello, address, now_ns)):
-            grant = self._authenticator.admit(hello)
+            grant = self._outside.authenticator.admit(hello)
             if isinstance(grant, Denied):
                 self.refuse(hello.nonce, address, grant)
             elif grant.role == "observer" or hello.role == "observer":
@@ -90,7 +76,7 @@ class Joining:
 
     def _resumed(self, hello: Hello, address: Address, now_ns: int) -> bool:
         """Resume the session of a ticket, from this address on; False where the ticket is of none."""
-        place = self._table.by_ticket(self._hash_ticket(hello.ticket))
+        place = self._table.by_ticket(self._outside.hash_ticket(hello.ticket))
         if place is None:
             return False
         room, who = place
@@ -106,8 +92,11 @@ class Joining:
             return True
         elif who.state == "seated":
             room.resume_seat(who.number, now_ns)
+        elif denied := self._too_many_seats(room, who.token):
+            self.refuse(hello.nonce, address, denied)
+            return True
         else:
-            room.take_seat(who.number, self._new_session(), hello.nonce, now_ns, record_of(hello))
+            room.take_seat(who.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello))
         who.nonce, who.ticket = hello.nonce, hello.ticket
         self._table.bind(room, who, address)
         self._out.report("resumed", room, who, f"resumed from {place_text(address)}", address)
@@ -120,30 +109,36 @@ class Joining:
             self.refuse(hello.nonce, address, found)
             return
         room, seat = found
-        most = room.settings.admission.seats_per_token
-        if grant.token and self._table.count_by_token(grant.token) >= most:
-            reason = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
-            self.refuse(hello.nonce, address, Denied("token", reason))
+        if denied := self._too_many_seats(room, grant.token):
+            self.refuse(hello.nonce, address, denied)
             return
-        room.take_seat(seat.number, self._new_session(), hello.nonce, now_ns, record_of(hello))
+        room.take_seat(seat.number, self._outside.new_session(), hello.nonce, now_ns, record_of(hello))
         words = f"joined from {place_text(address)} with {messages.shown(hello.device)}"
         self._admit("joined", room, seat, grant, address, words)
+
+    def _too_many_seats(self, room: Room, token: str) -> Denied | None:
+        """Return a refusal where a token holds as many seats as the room lets it; None where one more may be taken."""
+        most = room.settings.admission.seats_per_token
+        if not token or self._table.count_by_token(token) < most:
+            return None
+        words = f"this token holds {most} seats already (admission.seats_per_token): ask for a link of your own"
+        return Denied("token", words)
 
     def _give_observer_slot(self, hello: Hello, grant: Grant, address: Address, now_ns: int) -> None:
         room = find_observer_slot(self._table.rooms, hello, grant)
         if isinstance(room, Denied):
             self.refuse(hello.nonce, address, room)
             return
-        observer = room.observer_slots.enter(self._new_session(), hello.nonce, now_ns)
+        observer = room.observer_slots.enter(self._outside.new_session(), hello.nonce, now_ns)
         self._admit("observes", room, observer, grant, address, f"observes from {place_text(address)}")
 
     def _admit(
         self, event: str, room: Room, who: Seat | Observer, grant: Grant, address: Address, words: str
     ) -> None:  # fmt: skip
         self._table.bind(room, who, address)
-        who.ticket, who.token = self._new_ticket(), grant.token
-        who.ticket_hash = self._hash_ticket(who.ticket)
-        self._authenticator.admitted(grant)
+        who.ticket, who.token = self._outside.new_ticket(), grant.token
+        who.ticket_hash = self._outside.hash_ticket(who.ticket)
+        self._outside.authenticator.admitted(grant)
         self._out.report(event, room, who, words, address)
         self._welcome(room, who)
 

@@ -29,7 +29,7 @@ from cogrip.protocol.session import SECONDS_OVER
 from cogrip.protocol.settings import Settings
 from cogrip.protocol.version import VERSION
 from cogrip.server import inputs
-from cogrip.server.admission import AdmitAll, Authenticator
+from cogrip.server.admission import AdmitAll, Authenticator, Outside
 from cogrip.server.events import UNAUTHENTICATED_EVENTS, ServerEvent
 from cogrip.server.rate_limit import Buckets, Budget
 from cogrip.server.recorder import WHO, RecordedServer, server_topics
@@ -103,10 +103,10 @@ class LiveServer:
             raise _cannot_listen(self.host, self.port, error) from None
         self._socket.setblocking(False)
         host, port = self._socket.getsockname()[:2]
-        self.core = RecordedServer(
-            self.rooms, VERSION, lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator,
-            lambda: secrets.token_urlsafe(16), ticket_hash,
-        )  # fmt: skip
+        outside = Outside(
+            lambda: secrets.randbelow(2**63 - 1) + 1, self.authenticator, lambda: secrets.token_urlsafe(16), ticket_hash
+        )
+        self.core = RecordedServer(self.rooms, VERSION, outside)
         try:
             self.channel = self.open_channel(self.core)
         except BaseException:  # there is no usable key
@@ -160,10 +160,10 @@ class LiveServer:
 
     def losses(self) -> dict[str, int]:
         """Return the counts of what is missing in the recording, by name."""
-        if self.recorder is None:
-            return {"recording stopped": 1} if self.record_at else {}
-        stopped = {"recording stopped": 1} if self.recorder.trouble else {}
-        return {**stopped, "not recorded": self.recorder.lost} if self.recorder.lost else stopped
+        recorder = self.recorder
+        stopped = bool(self.record_at) if recorder is None else bool(recorder.trouble)
+        counts = {"recording stopped": int(stopped), "not recorded": recorder.lost if recorder else 0}
+        return {name: count for name, count in counts.items() if count}
 
     @property
     def datagrams(self) -> tuple[int, int]:
@@ -220,17 +220,17 @@ class LiveServer:
         for events in (self.channel.events, self.core.events, self.events):
             while events:
                 event = events.popleft()
-                kind = event.event
-                if kind in UNAUTHENTICATED_EVENTS and not self._event_budget.take(
-                    UNAUTHENTICATED_EVENTS.index(kind), now_ns
-                ):
-                    self._withheld[kind] += 1
-                    continue
-                self.say(event)
+                if event.event not in UNAUTHENTICATED_EVENTS or self._may_say(event.event, now_ns):
+                    self.say(event)
+                else:
+                    self._withheld[event.event] += 1
         for kind in list(self._withheld):
-            if self._event_budget.take(UNAUTHENTICATED_EVENTS.index(kind), now_ns):
+            if self._may_say(kind, now_ns):
                 text = f"{self._withheld.pop(kind)} more of this kind ({kind}) were not said one by one"
                 self.say(ServerEvent(kind, text))
+
+    def _may_say(self, kind: str, now_ns: int) -> bool:
+        return self._event_budget.take(UNAUTHENTICATED_EVENTS.index(kind), now_ns)
 
     def _farewell(self) -> None:
         self.core.handle(inputs.Stop(f"the server was {self.stop.reason}"), time.monotonic_ns())

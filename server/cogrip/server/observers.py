@@ -47,13 +47,11 @@ class ObserverSlots:
         state = _within(MOST_STATE, world.position.tolist() + world.velocity.tolist())
         proxies = _within(MOST_M, [value for number in seats for value in world.proxy(number).tolist()])
         forces = _within(MOST_N, [value for number in seats for value in world.force[number].tolist()])
-        return [
-            (
-                each.address,
-                messages.encode(View(each.session, step, state, seats, proxies, forces, each.clock.stamp(now_ns))),
-            )
+        views = [
+            (each.address, View(each.session, step, state, seats, proxies, forces, each.clock.stamp(now_ns)))
             for each in self.observers.values()
         ]
+        return [(address, messages.encode(view)) for address, view in views]
 
 
 def _within(bound: float, values: list[float]) -> tuple[float, ...]:

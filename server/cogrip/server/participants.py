@@ -42,6 +42,10 @@ class Participant:
         self.last_received_ns = self.since_ns = now_ns
         self.clock = Clock()
 
+    def void_ticket(self) -> None:
+        """Let nobody resume this session."""
+        self.ticket_hash = ""
+
 
 class Observer(Participant):
     """One observer of a room."""
@@ -81,6 +85,10 @@ class Seat(Participant):
         self.farewell_ns = 0
         self.power_left = 1.0  # of the power's bucket, when the seat was left
         self.limited: dict[str, int] = {}  # limitations before the present port, by reason
+
+    def void_ticket(self) -> None:
+        super().void_ticket()
+        self.reserved_until_ns = None
 
     def close_seat_session(self) -> None:
         """Keep the accounts of the session before; of too many, drop the most passive session."""

@@ -1,16 +1,21 @@
 """Port: the server's end of one person's line, between the messages of a coupling scheme and the world."""
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 from cogrip.protocol.accounts import LinkCount, PlayoutAccount
+from cogrip.protocol.latest_state import StateReceiver
 from cogrip.protocol.line.energy_reserve import EnergyReserve
+from cogrip.protocol.line.energy_sums import rounding_fraction
+from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Frame, Stamp
+from cogrip.protocol.settings import SeatSettings
 
 Row = tuple[float, ...]
 
 
-class Port(Protocol):
+class Port(ABC):
     """Takes in one kind of message, gives the world a row a step, and sends its answer back.
 
     origin, hand   hand before its first frame and after its newest [m]; None before the first
@@ -19,57 +24,76 @@ class Port(Protocol):
     loops          delays of the loop over the last second; None where no stiffness adapts to them
     """
 
-    origin: Row | None
-    hand: Row | None
-    up_margin_j: float | None
-    up_reserve: EnergyReserve
-    loops: LoopMeter | None
+    up_margin_j: float | None = 0.0
+    loops: LoopMeter | None = None
+    _receiver: LineReceiver | StateReceiver[Any]
 
+    def __init__(self, seat: SeatSettings) -> None:
+        self._axes = seat.object.axes
+        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
+        self.origin: Row | None = None
+        self.hand: Row | None = None
+        self.up_reserve = EnergyReserve(seat.rates.network_hz)
+
+    @abstractmethod
     def receive(self, message: Any) -> bool:
         """Take in a frame, of the scheme's message type; False for one that cannot be of this line."""
 
+    @abstractmethod
     def pop(self, frames: int) -> Row:
         """Return the row to step with; `frames` > 1 if the loop missed frames - 1 steps."""
 
+    @abstractmethod
     def push(self, row: Row) -> None:
         """Send the world's answer to a step."""
 
+    @abstractmethod
     def message(self, session: int, stamp: Stamp, object_state: Row, port_j: float) -> Frame:
         """Return the message of this step. object_state: position [m], then velocity [m/s]."""
 
+    @abstractmethod
     def port_in_j(self) -> float | None:
         """Return the energy that had gone in at the client's port up to the frame just popped, where it is known."""
 
     @property
+    @abstractmethod
     def neutral(self) -> Row:
         """Answer to a step that did not count."""
 
     @property
     def made_j(self) -> float:
         """Energy that went into the line here so far."""
+        return 0.0
 
     @property
     def used_j(self) -> float:
         """Energy that came out of the line here so far."""
+        return 0.0
 
     @property
+    @abstractmethod
     def rounding_j(self) -> float:
         """Error that rounding alone can make in the energy ledger of both directions."""
 
     @property
     def power_left(self) -> float:
         """Level of the power's bucket, of 1."""
+        return 1.0
 
     @property
+    @abstractmethod
     def limited(self) -> dict[str, int]:
         """Limitations so far, by reason."""
 
     @property
     def lost(self) -> int:
         """Frames that were sent and never came."""
-
-    def playout_account(self) -> PlayoutAccount | None:
-        """Return the account of the jitter buffer; None without one."""
+        return self._receiver.lost
 
     def count(self) -> LinkCount:
         """Return the counts of the line up."""
+        return self._receiver.count()
+
+    def playout_account(self) -> PlayoutAccount | None:
+        """Return the account of the jitter buffer; None without one."""
+        return None

@@ -9,7 +9,6 @@ Per axis, energies in J: F force of the coupling [N], w velocity of the proxy [m
               `up_margin_j` is the least of it
 """
 
-from cogrip.protocol.line.energy_reserve import EnergyReserve
 from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.messages import Power, Stamp
 from cogrip.protocol.passivity_control import CHARGE_DOWN_J, LENT_J
@@ -20,7 +19,10 @@ from cogrip.server.state_port import LatestStatePort
 
 
 class PowerPort(LatestStatePort[Power]):
-    """See `Port`. To the world goes the proxy's aim and the energy for it, back go force and energy."""
+    """See `Port`. To the world goes the proxy's aim and the energy for it, back go force and energy.
+
+    up_reserve is W, the least of all axes.
+    """
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
@@ -32,8 +34,6 @@ class PowerPort(LatestStatePort[Power]):
         self._in = [CompensatedSum() for _ in range(axes)]
         self._out = [CompensatedSum() for _ in range(axes)]
         self._force = (0.0,) * axes
-        self.up_margin_j: float | None = 0.0
-        self.up_reserve = EnergyReserve(seat.rates.network_hz)  # W, the least of all axes
 
     def receive(self, message: Power) -> bool:
         return message.of_axes(self._axes) and self._accept(message)

@@ -33,9 +33,7 @@ class Limits(NamedTuple):
 
 LIMITS = Limits()
 HELLOS = Budget(4, 8)  # of one participant: a client says hello four times a second
-ADDRESS_SLOTS = (
-    65536  # an address that shares one with an attacker's is shut out with it: one in 260 beside 250 of them
-)
+ADDRESS_SLOTS = 65536  # one that shares a slot with an attacker's is shut out with it: one in 260 beside 250 of them
 PEER_SLOTS = 4096
 SEATED_NS = 3_600_000_000_000  # somebody at this address had a seat so lately
 NEW_NS = 30_000_000_000  # an address that was let through once is new no more for so long

@@ -12,13 +12,12 @@ import msgspec
 from cogrip.protocol.accounts import TickCount
 from cogrip.protocol.channel import Address
 from cogrip.protocol.messages import Hello
-from cogrip.protocol.recording.core_recorder import CoreRecorder
 from cogrip.protocol.recording.derived import derived_topics
 from cogrip.protocol.recording.records import Answer, Datagram, Event, Ledger, SeatStep, Step
 from cogrip.protocol.recording.secrets import without_secrets
-from cogrip.protocol.recording.sink import ObservedQueue, topics
+from cogrip.protocol.recording.sink import CoreRecorder, ObservedQueue, topics
 from cogrip.protocol.settings import Settings
-from cogrip.server.admission import AdmitAll, Authenticator, Denied, Grant
+from cogrip.server.admission import Authenticator, Denied, Grant, Outside
 from cogrip.server.core import ServerCore
 from cogrip.server.events import ServerEvent
 from cogrip.server.inputs import CloseLedger, Idle, ServerInput
@@ -48,34 +47,11 @@ class RecordedServer(CoreRecorder, ServerCore):
     timing  of each room, set by the driver before a step: lateness [us], work of the step before [us], skipped steps
     """
 
-    def __init__(
-        self,
-        rooms: Sequence[Settings],
-        software: str,
-        new_session: Callable[[], int],
-        authenticator: Authenticator | None = None,
-        new_ticket: Callable[[], str] = str,
-        hash_ticket: Callable[[str], str] = str,
-    ) -> None:
-        """See `ServerCore`: each answer of the callables is recorded."""
+    def __init__(self, rooms: Sequence[Settings], software: str, outside: Outside) -> None:
         CoreRecorder.__init__(self)
-        self._hash_ticket = hash_ticket
-
-        def recorded_session() -> int:
-            session = new_session()
-            self.put(ANSWER, Answer(session=session))
-            return session
-
-        def recorded_ticket() -> str:
-            ticket = new_ticket()
-            self.put(ANSWER, Answer(ticket=hash_ticket(ticket)))
-            return ticket
-
-        recorded_admission = RecordedAuthenticator(authenticator or AdmitAll(), self)
+        self._hash_ticket = outside.hash_ticket
         outputs = Outputs(ObservedQueue(self._put_sent), ObservedQueue(self._put_event))
-        ServerCore.__init__(
-            self, rooms, software, recorded_session, recorded_admission, recorded_ticket, hash_ticket, outputs
-        )  # fmt: skip
+        ServerCore.__init__(self, rooms, software, self._recorded(outside), outputs)
         self.start = start_text(rooms, software)
         self.timing = {room.name: (0, 0, 0) for room in self.rooms}
         self._address_texts: dict[Address, str] = {}
@@ -83,6 +59,22 @@ class RecordedServer(CoreRecorder, ServerCore):
         self._step_topic = {room.name: len(KINDS) + number for number, room in enumerate(self.rooms)}
         for room in self.rooms:
             self.count_ticks(room, room.ticks)
+
+    def _recorded(self, outside: Outside) -> Outside:
+        """Return the same, with every answer recorded."""
+
+        def new_session() -> int:
+            session = outside.new_session()
+            self.put(ANSWER, Answer(session=session))
+            return session
+
+        def new_ticket() -> str:
+            ticket = outside.new_ticket()
+            self.put(ANSWER, Answer(ticket=outside.hash_ticket(ticket)))
+            return ticket
+
+        authenticator = RecordedAuthenticator(outside.authenticator, self)
+        return Outside(new_session, authenticator, new_ticket, outside.hash_ticket)
 
     def count_ticks(self, room: Room, count: Callable[[], TickCount]) -> None:
         """Set the source of a room's tick count: the loop that steps it."""

@@ -104,9 +104,7 @@ class Room:
     def limited(self, number: int) -> dict[str, int]:
         """Return how often a seat was limited so far, by reason."""
         seat = self.seats[number]
-        counts = Counter(seat.limited)
-        counts.update(seat.port.limited if seat.port else {})
-        return dict(counts)
+        return dict(Counter(seat.limited) + Counter(seat.port.limited if seat.port else {}))
 
     def free(self, number: int, now_ns: int) -> bool:
         """Return whether a newcomer may have this seat."""

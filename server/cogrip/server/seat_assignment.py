@@ -51,17 +51,20 @@ class SeatTable:
 
     def roster(self) -> list[Place]:
         """Return everybody in a session: seats, then observers."""
-        places: list[Place] = [(room, seat) for room in self.rooms for seat in room.seats if seat.state == "seated"]
-        places += [(room, each) for room in self.rooms for each in room.observer_slots.observers.values()]
-        return places
+        return [
+            *((room, seat) for room in self.rooms for seat in room.seats if seat.state == "seated"),
+            *self._observers(),
+        ]
 
     def by_ticket(self, ticket_hash: str) -> Place | None:
         """Return the seat, or else the observer slot, that a ticket resumes."""
         if not ticket_hash:
             return None
         seats: Iterator[Place] = ((room, seat) for room in self.rooms for seat in room.seats)
-        observers = ((room, each) for room in self.rooms for each in room.observer_slots.observers.values())
-        return next((place for place in chain(seats, observers) if place[1].ticket_hash == ticket_hash), None)
+        return next((place for place in chain(seats, self._observers()) if place[1].ticket_hash == ticket_hash), None)
+
+    def _observers(self) -> Iterator[Place]:
+        return ((room, each) for room in self.rooms for each in room.observer_slots.observers.values())
 
     def count_by_token(self, token: str) -> int:
         """Return how many seats were taken with this token and are not left."""
@@ -76,9 +79,8 @@ def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) ->
     if grant.user and hello.name not in ("", grant.user):
         return Denied("name", f"this token is for the seat of {grant.user!r}, not of {hello.name!r}; leave --name out")
     if grant.device and not hello.device.startswith(grant.device):
-        return Denied(
-            "device", f"this token is for {grant.device}, and {hello.device} is claimed; join with the device it is for"
-        )
+        claimed = f"and {hello.device} is claimed; join with the device it is for"
+        return Denied("device", f"this token is for {grant.device}, {claimed}")
     name = hello.name or grant.user
     misfit: Denied | None = None
     for room in among:
@@ -93,10 +95,8 @@ def find_seat(rooms: Sequence[Room], hello: Hello, grant: Grant, now_ns: int) ->
     names = [seat.name for room in among for seat in room.seats]
     if name and name not in names:
         return Denied("name", f"no seat is kept for {name!r}; seats are: {', '.join(names)}")
-    reserved_ns = [
-        room.reserved_ns(seat.number, now_ns) for room in among for seat in room.seats if name in ("", seat.name)
-    ]
-    return _none_free(name, reserved_ns)
+    fit = [(room, seat.number) for room in among for seat in room.seats if name in ("", seat.name)]
+    return _none_free(name, [room.reserved_ns(number, now_ns) for room, number in fit])
 
 
 def _none_free(name: str, reserved_ns: Sequence[int]) -> Denied:
@@ -110,11 +110,11 @@ def _none_free(name: str, reserved_ns: Sequence[int]) -> Denied:
     if not kept:
         return Denied("full", f"the room is full: all {len(reserved_ns)} seats are taken")
     span = f"{kept[0]} s" if kept[0] == kept[-1] else f"{kept[0]} to {kept[-1]} s"
-    words = (
-        f"the room has no free seat: {len(reserved_ns) - len(kept)} taken, {len(kept)} kept for another {span} for someone "
-        "who lost their connection; try again then"
+    taken, lost = (
+        len(reserved_ns) - len(kept),
+        f"{len(kept)} kept for another {span} for someone who lost their connection",
     )
-    return Denied("full", words)
+    return Denied("full", f"the room has no free seat: {taken} taken, {lost}; try again then")
 
 
 def find_observer_slot(rooms: Sequence[Room], hello: Hello, grant: Grant) -> Room | Denied:

@@ -54,9 +54,8 @@ class SeatLimits(msgspec.Struct, frozen=True):
 
 def record_of(hello: Hello) -> Record:
     """Return the device record of a hello."""
-    return Record(
-        hello.device, hello.device_axes, hello.device_rate_hz, hello.device_force_n, hello.device_speed_mps
-    )  # fmt: skip
+    axes, rate_hz = hello.device_axes, hello.device_rate_hz
+    return Record(hello.device, axes, rate_hz, hello.device_force_n, hello.device_speed_mps)
 
 
 def limits_of(record: Record, settings: Settings, number: int) -> SeatLimits:
@@ -92,7 +91,23 @@ def kind_of_device(address: str) -> str:
     return address.partition("?")[0].partition("#")[0]
 
 
-class WaveLimiter:
+class PowerBucket:
+    """Token bucket of energy: fills by `power_w`, holds that of BURST_S. counts: limitations by reason."""
+
+    def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
+        """power_left: initial level, of 1."""
+        self._refill_j = limits.power_w * frame_s
+        self._burst_j = limits.power_w * BURST_S
+        self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def fullness(self) -> float:
+        """Level, of 1."""
+        return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
+
+
+class WaveLimiter(PowerBucket):
     """Bounds forward waves: `limit` one before the step, `book` the returned wave after it. Waves [sqrt(W)], shape (axes,).
 
     A step may take in at most the energy of the last returned wave and what the bucket holds. So the energy taken in up to any
@@ -101,22 +116,13 @@ class WaveLimiter:
     """
 
     def __init__(self, impedance_nspm: float, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
-        """power_left: initial level of the bucket, of 1."""
+        super().__init__(frame_s, limits, power_left)
         largest = wave_of(impedance_nspm, limits.speed_mps, limits.force_n)
         self._largest_square = largest * largest
         self._half_frame_s = 0.5 * frame_s
-        self._refill_j = limits.power_w * frame_s
-        self._burst_j = limits.power_w * BURST_S
-        self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
         self._brought = 0.0  # |u|^2 of this step
         self._returned = 0.0  # |v|^2 of the last step
         self.taken_j = 0.0  # energy by which waves were limited
-        self.counts: Counter[str] = Counter()
-
-    @property
-    def fullness(self) -> float:
-        """Level of the bucket, of 1."""
-        return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
 
     def limit(self, wave: Row) -> Row:
         square = 0.0
@@ -146,7 +152,7 @@ class WaveLimiter:
         self._returned = square
 
 
-class EnergyLimiter:
+class EnergyLimiter(PowerBucket):
     """Bounds the energy that comes out of a line: `limit` it before a step, `book` the net energy after it. Rows in J.
 
     The bucket is that of `WaveLimiter`: a line brings in at most power * (time + BURST_S), whatever its client claims to have
@@ -154,18 +160,9 @@ class EnergyLimiter:
     """
 
     def __init__(self, frame_s: float, limits: SeatLimits, power_left: float = 1.0) -> None:
-        """power_left: initial level of the bucket, of 1."""
-        self._refill_j = limits.power_w * frame_s
-        self._burst_j = limits.power_w * BURST_S
-        self._level_j = self._burst_j * power_left if self._burst_j < inf else inf
+        super().__init__(frame_s, limits, power_left)
         self._held = False  # the bucket bounds this step, not what was received
         self._allowed_j = 0.0
-        self.counts: Counter[str] = Counter()
-
-    @property
-    def fullness(self) -> float:
-        """Level of the bucket, of 1."""
-        return self._level_j / self._burst_j if 0.0 < self._burst_j < inf else 1.0
 
     def limit(self, left_j: Sequence[float]) -> Row:
         """Return the bound of each axis: an even part of what the bucket holds at most."""

@@ -107,23 +107,17 @@ class SnapshotMaker:
         self._least: dict[str, tuple[Number, Number]] = {room.name: (None, None) for room in rooms}
         self._next = 0
 
-    def make(
-        self,
-        uptime_s: float,
-        *dropped: Mapping[str, int],
-        rtt_ns: Mapping[tuple[str, int], int] | None = None,
-        datagrams: tuple[int, int] | None = None,
-    ) -> Snapshot:
+    def make(self, uptime_s: float, *dropped: Mapping[str, int], datagrams: tuple[int, int] | None = None) -> Snapshot:
         """Return a snapshot.
 
-        dropped: counts by reason, of core, channel and recording; the same reason is summed. rtt_ns: by room and seat
-        number. datagrams: (received, sent) at the socket.
+        dropped: counts by reason, of core, channel and recording; the same reason is summed.
+        datagrams: (received, sent) at the socket.
         """
         self._refresh()
         counts: Counter[str] = Counter()
         for some in dropped:
             counts.update(some)
-        rooms = tuple([self._room(room, rtt_ns or {}) for room in self._rooms])
+        rooms = tuple([self._room(room) for room in self._rooms])
         received, sent = datagrams or (None, None)
         return Snapshot(self._software, uptime_s, rooms, dict(counts), received, sent)
 
@@ -134,10 +128,10 @@ class SnapshotMaker:
             self._times[name] = times(ticks.lateness), times(ticks.work)
             self._next = (self._next + 1) % len(self._rooms)
 
-    def _room(self, room: "Room", rtt_ns: Mapping[tuple[str, int], int]) -> RoomSnapshot:
+    def _room(self, room: "Room") -> RoomSnapshot:
         name, ticks = room.name, self._ticks[room.name]
         late, work = self._times[name]
-        seats = [_seat(room, number, rtt_ns.get((name, number))) for number in range(len(room.seats))]
+        seats = [_seat(room, number) for number in range(len(room.seats))]
         up_j, line_j = self._least[name]
         for seat in seats:
             up_j, line_j = _lesser(up_j, seat.up_margin_j), _lesser(line_j, seat.line_margin_j)
@@ -161,14 +155,13 @@ def times(histogram: DurationHistogram) -> Times:
     )
 
 
-def _seat(room: "Room", number: int, rtt_ns: int | None) -> SeatSnapshot:
+def _seat(room: "Room", number: int) -> SeatSnapshot:
     seat, limited = room.seats[number], room.limited(number)
     port, last = seat.port, seat.last
     if port is not None:
-        rtt_s = _seconds(rtt_ns)
         clock, stiffness = seat.clock, room.world.stiffness_of(number) if seat.on_object else None
         return SeatSnapshot(
-            seat.name, True, port.count(), rtt_s, port.up_margin_j, seat.line_margin_j, limited,
+            seat.name, True, port.count(), _seconds(seat.rtt_ns), port.up_margin_j, seat.line_margin_j, limited,
             _seconds(clock.return_ns), _seconds(clock.forward_ns), _seconds(clock.offset_ns), stiffness,
             port.up_reserve.now_j, seat.line_reserve.now_j,
         )  # fmt: skip

@@ -2,33 +2,24 @@
 
 from typing import Generic, TypeVar
 
-from cogrip.protocol.accounts import LinkCount
 from cogrip.protocol.latest_state import StateReceiver
-from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import rounding_fraction
-from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Power, Stamp, State
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.port import Row
+from cogrip.server.port import Port, Row
 from cogrip.server.seat_limits import SeatLimits, StateLimiter
 
 M = TypeVar("M", State, Power)
 
 
-class LatestStatePort(Generic[M]):
+class LatestStatePort(Port, Generic[M]):
     """Takes in states that a hand can have, and keeps the newest."""
 
-    loops: LoopMeter | None = None  # no stiffness adapts
-
     def __init__(self, seat: SeatSettings, limits: SeatLimits) -> None:
-        self._axes = seat.object.axes
+        super().__init__(seat)
         self._states = StateLimiter(seat.rates.frame_s, limits)
         self._receiver: StateReceiver[M] = StateReceiver()
         self._number = -1
         self._fresh = False
-        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
-        self.origin: Row | None = None
-        self.hand: Row | None = None
 
     def _origin(self, message: M) -> Row:
         """Return the hand before this first message."""
@@ -58,28 +49,15 @@ class LatestStatePort(Generic[M]):
         """Return the energy that had gone in at the client's port, less what came out, where a new message reports it."""
         return self._receiver.latest.port_j if self._fresh and self._receiver.latest else None
 
-    @property
-    def lost(self) -> int:
-        return self._receiver.lost
-
-    def playout_account(self) -> None:
-        """There is no jitter buffer."""
-
-    def count(self) -> LinkCount:
-        return self._receiver.count()
-
 
 class StatePort(LatestStatePort[State]):
-    """Port of virtual coupling: the newest device state in, the object's state out."""
+    """Port of virtual coupling: the newest device state in, the object's state out. No ledger is kept of one direction."""
 
-    power_left = 1.0  # there is no such bucket
+    up_margin_j = None
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
         super().__init__(seat, limits)
         self._row: Row = (0.0,) * (2 * self._axes)
-        self.made_j = self.used_j = 0.0
-        self.up_margin_j: float | None = None
-        self.up_reserve = EnergyReserve(seat.rates.network_hz)  # never seen: no ledger is kept of one direction
 
     def receive(self, message: State) -> bool:
         return len(message.position_m) == self._axes and self._accept(message)

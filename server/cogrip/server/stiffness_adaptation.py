@@ -25,21 +25,8 @@ class StiffnessAdapter:
     """
 
     __slots__ = (
-        "_aim",
-        "_every",
-        "_frames",
-        "_goal",
-        "_grows",
-        "_last_report",
-        "_loops",
-        "_report_every",
-        "_reports",
-        "_seat",
-        "_seen",
-        "_used",
-        "reached",
-        "reported",
-        "withheld",
+        "_aim", "_every", "_frames", "_goal", "_grows", "_last_report", "_loops", "_report_every", "_reports", "_seat", "_seen",
+        "_used", "reached", "reported", "withheld",
     )  # fmt: skip
 
     def __init__(self, seat: SeatSettings, loops: LoopMeter) -> None:

@@ -27,9 +27,7 @@ NameOrAny = Annotated[str, msgspec.Meta(max_length=40, pattern=_NAME_OR_ANY)]
 DeviceOrAny = Annotated[str, msgspec.Meta(max_length=DEVICE_BYTES, pattern=r"^[ -~]*\Z")]
 Note = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*\Z")]  # it is printed on terminals
 UnixSeconds = Annotated[int, msgspec.Meta(ge=0, le=253_402_300_799)]  # to the end of the year 9999
-ClockSeconds = Annotated[
-    int, msgspec.Meta(ge=-62_135_596_800, le=253_402_300_799)
-]  # of a clock that may be wrong: years 1 to 9999
+ClockSeconds = Annotated[int, msgspec.Meta(ge=-62_135_596_800, le=253_402_300_799)]  # of a clock that may be wrong
 TokenState = Literal["good", "used", "expired", "revoked"]
 
 
@@ -58,15 +56,17 @@ class Token(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     revoked: ClockSeconds | None
     note: Note
 
+    def expired(self, now_s: float) -> bool:
+        """Return whether its time is over."""
+        return self.expires is not None and now_s >= self.expires
+
     def state(self, now_s: float) -> TokenState:
         """Return whether it admits anyone, else why not."""
         if self.revoked is not None:
             return "revoked"
         if self.once and self.used is not None:
             return "used"
-        if self.expires is not None and now_s >= self.expires:
-            return "expired"
-        return "good"
+        return "expired" if self.expired(now_s) else "good"
 
 
 class StartLink(msgspec.Struct, frozen=True):
@@ -132,16 +132,13 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def revoke(self, ident: str, now_s: float) -> "TokenBook":
         """Return the book with this token revoked; an earlier date stays. Raises UnknownTokenError."""
         token = self.find(ident)
-        if token.revoked is not None:
-            return self
-        return self._with(msgspec.structs.replace(token, revoked=int(now_s)))
+        return self if token.revoked is not None else self._with(msgspec.structs.replace(token, revoked=int(now_s)))
 
     def use(self, ident: str, now_s: float) -> "TokenBook":
         """Return the book after an admission by this token: a one-time token is used up. Raises UnknownTokenError."""
         token = self.find(ident)
-        if not token.once or token.used is not None:
-            return self
-        return self._with(msgspec.structs.replace(token, used=int(now_s)))
+        kept = not token.once or token.used is not None
+        return self if kept else self._with(msgspec.structs.replace(token, used=int(now_s)))
 
     def admit(self, token: str, role: Role, room: str, now_s: float) -> Grant | Denied:
         """Answer a hello with this token, in constant time; an observer's token admits observers only."""
@@ -197,9 +194,8 @@ class TokenBook(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return self.tokens
         dead = [token.id for token in self.tokens if not token.start and token.state(now_s) != "good"][:excess]
         if len(dead) < excess:
-            raise TokenError(
-                f"there are {len(self.tokens)} tokens, and at most {MOST_TOKENS} are kept; revoke some first"
-            )
+            have = len(self.tokens)
+            raise TokenError(f"there are {have} tokens, and at most {MOST_TOKENS} are kept; revoke some first")
         return tuple(token for token in self.tokens if token.id not in dead)
 
 

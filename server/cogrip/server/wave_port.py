@@ -1,37 +1,33 @@
 """Port of the wave scheme: plays forward waves to the world within the seat's limits, sends the returning waves back."""
 
-from cogrip.protocol.accounts import LinkCount, PlayoutAccount
-from cogrip.protocol.line.energy_reserve import EnergyReserve
-from cogrip.protocol.line.energy_sums import CompensatedSum, rounding_fraction
+from cogrip.protocol.accounts import PlayoutAccount
+from cogrip.protocol.line.energy_sums import CompensatedSum
 from cogrip.protocol.line.receiver import LineReceiver
 from cogrip.protocol.line.sender import LineSender
 from cogrip.protocol.loop_meter import LoopMeter
 from cogrip.protocol.messages import Stamp, Waves
 from cogrip.protocol.settings import SeatSettings
-from cogrip.server.port import Row
+from cogrip.server.port import Port, Row
 from cogrip.server.seat_limits import SeatLimits, WaveLimiter
 
 MOST_M = 1e3  # from the middle of a person's own frame
 
 
-class WavePort:
+class WavePort(Port):
     """See `Port`. Rows are waves [sqrt(W)], shape (axes,)."""
 
     def __init__(self, seat: SeatSettings, limits: SeatLimits, power_left: float = 1.0) -> None:
-        axes, playout, frame_s = seat.object.axes, seat.playout, seat.rates.frame_s
+        super().__init__(seat)
+        axes, playout, frame_s = self._axes, seat.playout, seat.rates.frame_s
         self._half_frame_s = 0.5 * frame_s
-        self._receiver = LineReceiver(axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment)
+        self._receiver: LineReceiver = LineReceiver(
+            axes, playout.frames, frame_s, playout.tank_mj * 1e-3, playout.concealment
+        )
         self._sender = LineSender(axes, playout.redundancy)
         self._limiter = WaveLimiter(seat.coupling.impedance_nspm, frame_s, limits, power_left)
-        self._axes = axes
         self._port_j: float | None = None
         self._sent_j = 0.0  # energy of the forward waves at their sender, as last reported
         self._made_j = CompensatedSum()
-        self._rounding = rounding_fraction(seat.rates.ticks_per_frame)
-        self.origin: Row | None = None
-        self.hand: Row | None = None
-        self.up_margin_j: float | None = 0.0
-        self.up_reserve = EnergyReserve(seat.rates.network_hz)
         self.loops = LoopMeter(seat.rates.network_hz) if seat.follows else None
 
     def receive(self, message: Waves) -> bool:
@@ -110,12 +106,5 @@ class WavePort:
         acknowledged = self._receiver.acknowledged
         return Waves(session, first, waves, total, squares, self.made_j, port_j, acknowledged, stamp, object_state)
 
-    @property
-    def lost(self) -> int:
-        return self._receiver.lost
-
-    def playout_account(self) -> PlayoutAccount | None:
+    def playout_account(self) -> PlayoutAccount:
         return self._receiver.playout_account()
-
-    def count(self) -> LinkCount:
-        return self._receiver.count()

@@ -14,7 +14,7 @@ from cogrip.protocol.recording.reader import Message, open_recording
 from cogrip.protocol.recording.records import kind_of
 from cogrip.protocol.recording.writer import RecordingWriter
 
-from tests.bench.loads.process_memory import memory_kb
+from tests.bench.loads.process_memory import own_memory_kb
 
 SETTLED_S = 60.0  # what the writer keeps at all it has by then
 
@@ -69,4 +69,4 @@ def _again(messages: Sequence[Message], until_ns: int) -> Iterator[Message]:
 
 
 def _memory_mb() -> float:
-    return (memory_kb(os.getpid()) or 0.0) * 1024 / 1e6
+    return own_memory_kb() * 1024 / 1e6

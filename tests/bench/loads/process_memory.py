@@ -73,6 +73,15 @@ def memory_kb(process: int) -> float | None:
         return None
 
 
+def own_memory_kb() -> int:
+    """Resident memory of this process; where the system does not tell, the most it ever held."""
+    if (now_kb := memory_kb(os.getpid())) is not None:
+        return round(now_kb)
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
 def _parent_of(entry: Path) -> int:
     try:
         return int(entry.joinpath("stat").read_text().rpartition(")")[2].split()[1])

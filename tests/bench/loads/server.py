@@ -39,6 +39,7 @@ from cogrip.server.unencrypted_channel import UnencryptedListener
 
 from tests.bench.children import start_python
 from tests.bench.loads.people import Echoed, Load, Person, make_people, room_name
+from tests.bench.loads.process_memory import own_memory_kb
 
 Kind = Literal["echo", "unencrypted", "encrypted"]
 HOST = "127.0.0.1"
@@ -175,7 +176,7 @@ def serve(job: Job) -> None:
             pacer.work.clear()
         counts = [seat.port.count() for room in server.core.rooms for seat in room.seats if seat.port]
         return Reading(
-            time.monotonic_ns(), time.process_time_ns(), memory_kb(), lateness.summary_us(), work.summary_us(),
+            time.monotonic_ns(), time.process_time_ns(), own_memory_kb(), lateness.summary_us(), work.summary_us(),
             lateness.count, pacers[0].skipped, {**server.drops(), **server.losses()}, len(server.core.roster()),
             sum(count.lost for count in counts), sum(count.late for count in counts), said[0], tuple(trouble),
         )  # fmt: skip
@@ -244,7 +245,7 @@ def echo(job: Job) -> None:
             pacer.lateness.clear()
             pacer.work.clear()
             return Reading(
-                time.monotonic_ns(), time.process_time_ns(), memory_kb(), late, work, ticks, pacer.skipped
+                time.monotonic_ns(), time.process_time_ns(), own_memory_kb(), late, work, ticks, pacer.skipped
             )  # fmt: skip
 
         asked = Asked(job, read, stop)
@@ -262,16 +263,6 @@ def echo(job: Job) -> None:
             pacer.done()
             asked.look(time.monotonic_ns())
         release(measures)
-
-
-def memory_kb() -> int:
-    """Return the memory that this process holds now; where the system does not say, the most it ever held."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
-    except (OSError, ValueError):
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _print(what: msgspec.Struct) -> None:

@@ -8,8 +8,7 @@ from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.io import punctuality
 from cogrip.protocol.io.punctuality import Machine, Punctuality
@@ -68,7 +67,7 @@ def _lateness_table(found: Sequence[Punctuality]) -> Table:
         if first and previous_hz is not None:
             table.add_row()
         previous_hz = each.rate_hz
-        word = punctuality.verdict(each)
+        word = each.verdict
         note = f" [dim]({len(each.refused)} refused)[/]" if each.refused else ""
         table.add_row(
             f"{each.rate_hz} Hz" if first else "",

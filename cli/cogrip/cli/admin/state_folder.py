@@ -8,9 +8,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.protocol.join_link import DEFAULT_PORT
-from cogrip.server.io.control import Answer, Kick, Who, ask
+from cogrip.server.io.control import Answer, Kick, NotRunningError, Who, ask
 from cogrip.server.io.state_folder import (
     NoStateError,
     ServerRecord,
@@ -27,12 +27,15 @@ Port = Annotated[int, Parameter(help="The server's port, which names its state f
 
 def state_at(state: Path | None, port: int = DEFAULT_PORT) -> StateFolder:
     """Return the folder. Raises BadInput where there is none, Problem where it is not fit for use."""
-    if not 0 < port < 65536:
-        raise BadInput(f"--port {port} is outside 1 to 65535")
+    with Problem.of(StateError), BadInput.of(NoStateError):
+        return find_folder(_path(state, port))
+
+
+def _path(state: Path | None, port: int) -> Path:
+    within("--port", port, 1, 65535)
     path = state_path(state, port)
     assert path is not None  # the port is not 0
-    with Problem.of(StateError), BadInput.of(NoStateError):
-        return find_folder(path)
+    return path
 
 
 def server_at(folder: StateFolder) -> ServerRecord | None:
@@ -41,16 +44,25 @@ def server_at(folder: StateFolder) -> ServerRecord | None:
         return read_server(folder)
 
 
-def answer_of(command: str, order: Who | Kick, folder: StateFolder) -> Answer:
-    """Return the running server's answer. Raises BadInput for an unknown room, Problem where it refuses or does not run."""
-    server = server_at(folder)
-    if server is not None:
-        check_known("--room", order.room, list(server.rooms), "room")
-    with Problem.of(StateError):
+def answer_of(command: str, order: Who | Kick, state: Path | None, port: int) -> tuple[Answer, Path]:
+    """Return the running server's answer, and its state folder.
+
+    Raises BadInput for an unknown room, Problem where the server refuses or does not run.
+    """
+    path = _path(state, port)
+    try:
+        folder = find_folder(path)
+        if (server := read_server(folder)) is not None:
+            check_known("--room", order.room, list(server.rooms), "room")
         answer = ask(folder, order)
+    except (NoStateError, NotRunningError):
+        cure = "start it, or name the right one by --state or --port"
+        raise Problem(f"no server is running with the state in {path}; {cure}") from None
+    except StateError as error:
+        raise Problem(str(error)) from None
     if not answer.ok:
         raise Problem(f"{command}: {answer.text}")
-    return answer
+    return answer, path
 
 
 def check_words(what: str, text: str, most: int) -> None:

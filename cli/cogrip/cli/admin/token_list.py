@@ -6,11 +6,10 @@ from typing import Any
 
 from rich.table import Table
 
-from cogrip.cli.admin.state_folder import Port, State, state_at
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.admin.state_folder import Port, State, server_at, state_at
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import Problem
-from cogrip.cli.terminal.tables import Fitted, columns_table, has_width
+from cogrip.cli.terminal.tables import Fitted, columns_table
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.server.io.state_folder import StateError
 from cogrip.server.io.token_file import TokenFile
@@ -30,6 +29,10 @@ def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = N
     folder = state_at(state, port)
     with Problem.of(StateError):
         tokens = TokenFile(folder).load().tokens
+    server = server_at(folder)
+    if server is not None and not server.fingerprint:
+        note = f"note: the server with the state in {folder.path} is unencrypted, and asks nobody for a token"
+        make_console(stderr=True, soft_wrap=True).print(note)
     now_s = time.time()
     if json is not None:
         write_json({"folder": str(folder.path), "tokens": [_as_json(token, now_s) for token in tokens]}, json)
@@ -37,10 +40,7 @@ def token_list(*, state: State = None, port: Port = DEFAULT_PORT, json: Json = N
     if not tokens:
         make_console(stderr=True, soft_wrap=True).print(f"no tokens in {folder.path}")
         return 0
-    console = make_console()
-    if not has_width(console):
-        console.width = _PIPED_WIDTH
-    console.print(token_tables(tokens, now_s))
+    make_console(piped_width=_PIPED_WIDTH).print(token_tables(tokens, now_s))
     return 0
 
 

@@ -10,8 +10,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from cogrip.cli.admin.state_folder import Port, State, check_known, check_words, server_at, state_at
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.registry import schemes
 from cogrip.protocol.join_link import DEFAULT_PORT, JoinLink, LinkError, split_place

@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
-from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words, state_at
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.tables import Fitted, clock, columns_table, has_width
+from cogrip.cli.admin.state_folder import Port, State, answer_of, check_words
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.tables import Fitted, clock, columns_table
 from cogrip.protocol.join_link import DEFAULT_PORT
 from cogrip.protocol.messages import shown
 from cogrip.server.io.control import MOST_WORD, Who
@@ -30,15 +29,12 @@ def who(*, room: str = "", state: State = None, port: Port = DEFAULT_PORT, json:
         Of this room only.
     """
     check_words("who: --room", room, MOST_WORD)
-    folder = state_at(state, port)
-    answer = answer_of("who", Who(room), folder)
+    answer, folder = answer_of("who", Who(room), state, port)
     if json is not None:
         people = [{name: getattr(each, name) for name in RosterEntry.__struct_fields__} for each in answer.people]
-        write_json({"folder": str(folder.path), "people": people, "said": answer.text}, json)
+        write_json({"folder": str(folder), "people": people, "said": answer.text}, json)
         return 0
-    console = make_console(soft_wrap=True)
-    if not has_width(console):
-        console.width = _PIPED_WIDTH
+    console = make_console(soft_wrap=True, piped_width=_PIPED_WIDTH)
     if answer.people:
         console.print(people_tables(answer.people))
     console.print(answer.text)

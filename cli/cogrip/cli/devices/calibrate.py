@@ -7,7 +7,7 @@ from rich.console import Console
 
 from cogrip.cli.devices.conform import Clock
 from cogrip.cli.devices.opened_arm import arm_at, termination_raised, wait_for_enter
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.arm.driver import ArmDevice
 from cogrip.devices.arm.identification import RATE_HZ, force_within, identify
@@ -74,7 +74,7 @@ def _identify(arm: ArmDevice, address: str, console: Console, *, yes: bool) -> i
         path = CalibrationStore().keep_losses(arm.losses(found.damping_nspm, found.friction_n, _now()))
     console.print(
         f"{arm.model.record.model}: its mechanism takes at least {found.damping_nspm:.3g} N s/m of damping and "
-        f"{found.friction_n:.3g} N of friction, anywhere in its workspace",
+        f"{found.friction_n:.3g} N of friction, anywhere in its workspace"
     )
     console.print(f"kept in {path}; sessions count on it from now on. Delete it if the mechanism changes")
     return 0

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cogrip.cli.devices.opened_arm import arm_at, termination_raised, wait_for_enter
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.arm.check import Measured, Row, verdict

@@ -3,8 +3,8 @@
 import time
 
 from cogrip.cli.devices.opened_arm import wait_for_enter
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.output import make_console
+from cogrip.cli.terminal.problem import BadInput, Problem, within
 from cogrip.devices.conformance import CHECKS, Subject, UnfitError
 from cogrip.devices.device import Device, DeviceError, defects_named
 from cogrip.devices.registry import axes_of, is_real, make, record_of
@@ -65,9 +65,7 @@ def device_conform(address: str, /, *, axes: int | None = None, rate_hz: int = 1
 def _try(device: Device, address: str, rate_hz: int) -> None:
     """Open and close the device. Raises BadInput, or Problem."""
     with Problem.of(DeviceError):
-        most_hz = record_of(device, address).rate_hz
-        if not 1 <= rate_hz <= most_hz:
-            raise BadInput(f"--rate-hz {rate_hz} is outside 1 to {most_hz}")
+        within("--rate-hz", rate_hz, 1, record_of(device, address).rate_hz)
         with defects_named(repr(address), "open"):
             device.open(rate_hz)
         with defects_named(repr(address), "close"):

@@ -1,6 +1,6 @@
 """`cogrip devices find`: the devices that are plugged in here."""
 
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.devices.device import DeviceError
 from cogrip.devices.io.plugged_in import FINDERS
 

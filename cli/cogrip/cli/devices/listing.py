@@ -9,14 +9,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import Capability, DeviceError
 from cogrip.devices.registry import (
     FAMILIES,
-    MOST_AXES,
     Listing,
     axes_of,
     broken,
@@ -26,7 +24,7 @@ from cogrip.devices.registry import (
     make,
     record_of,
 )  # fmt: skip
-from cogrip.devices.settings import parse_address
+from cogrip.devices.settings import MOST_AXES, parse_address
 
 NOT_RUN = "not yet run on hardware"
 _LAST = ("emulated", "replay")  # in a list, behind real devices; sim: stands first
@@ -54,8 +52,7 @@ def device_list(
     axes
         Count of axes to make them with, 1 to 3.
     """
-    if not 1 <= axes <= MOST_AXES:
-        raise BadInput(f"--axes {axes} is outside 1 to {MOST_AXES}")
+    within("--axes", axes, 1, MOST_AXES)
     with BadInput.of(DeviceError):
         listings, summaries = describe(axes=axes), families()
         listings = _named(name, listings, axes) if name else listings

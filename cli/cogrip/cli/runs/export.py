@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from cogrip.cli.runs.run_folder import opened
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.sim.runs.export import ExportError, Format
 from cogrip.sim.runs.export import export as export_run
@@ -32,11 +32,8 @@ def export(run: Path, /, *, to: Format, out: Path | None = None, datagrams: bool
     records = opened(run)
     console, errors = make_console(soft_wrap=True), make_console(stderr=True, soft_wrap=True)
     into = out or records.folder
-    try:
-        with errors.status("exporting"), BadInput.of(ExportError):
-            tables = export_run(records, to, into, datagrams=datagrams)
-    except OSError as error:
-        raise Problem(f"{error.filename or into}: cannot be written: {error.strerror or error}") from None
+    with Problem.of_files(into, doing="cannot be written: "), errors.status("exporting"), BadInput.of(ExportError):
+        tables = export_run(records, to, into, datagrams=datagrams)
     for path, rows in tables:
         console.print(f"{path}: {rows} row{'' if rows == 1 else 's'}")
     ends = [*records.clients.values(), *([records.server] if records.server else [])]

@@ -8,10 +8,9 @@ from typing import Any
 from rich.cells import cell_len
 from rich.text import Text
 
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.problem import BadInput
-from cogrip.cli.terminal.tables import has_width, padded, shortened
+from cogrip.cli.terminal.tables import padded, shortened
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.messages import shown
 from cogrip.sim.runs.judgement import Tone
@@ -40,16 +39,14 @@ def runs(folder: Path = Path("runs"), /, *, json: Json = None) -> int:
     """
     if not folder.is_dir():
         raise BadInput(f"{folder}: there is no such folder; name the one that holds your runs, or make a run first")
-    try:
+    with BadInput.of_files(folder, doing="cannot be read: "):
         found = list_runs(folder, is_being_written)
-    except OSError as error:
-        raise BadInput(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if json:
         write_json({"folder": str(folder), "runs": [_record(run) for run in found]}, json)
         return 0
     if found:
-        console = make_console(soft_wrap=True)
-        for line in lines_of(found, console.width if has_width(console) else _PIPED_WIDTH, datetime.now(UTC)):
+        console = make_console(soft_wrap=True, piped_width=_PIPED_WIDTH)
+        for line in lines_of(found, console.width, datetime.now(UTC)):
             console.print(line)
     else:
         make_console(stderr=True).print(f"no runs in {folder}")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.merge import merge as merge_recordings
@@ -21,19 +21,16 @@ def merge(*folders: Path, out: Path) -> int:
     console = make_console(soft_wrap=True)
     if len(folders) < 2:
         raise BadInput("merge: name at least two folders, the server's and a client's")
-    try:
-        alignments = merge_recordings(folders, out)
-    except (RecordingError, FileNotFoundError) as error:
-        raise BadInput(str(error)) from None
-    except FileExistsError:
-        raise BadInput(f"--out {out} exists already; name a new folder") from None
-    except OSError as error:
-        raise BadInput(f"{error.filename or out}: {error.strerror}") from None
+    with BadInput.of_files(out, RecordingError):
+        try:
+            alignments = merge_recordings(folders, out)
+        except FileExistsError:
+            raise BadInput(f"--out {out} exists already; name a new folder") from None
     for each in alignments:
         bound_ms = (each.most_ns - each.least_ns) * 0.5e-6
         console.print(
             f"{each.file}: {each.add_ns * 1e-6:+.3f} ms to the server's clock, by {each.by} "
-            f"(datagrams bound it to ±{bound_ms:.1f} ms)",
+            f"(datagrams bound it to ±{bound_ms:.1f} ms)"
         )
     console.print(f"merged: {out}; see `cogrip report {out}`")
     return 0

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.protocol.io.recorder import is_being_written
 from cogrip.protocol.recording.folder import recordings_of
@@ -22,7 +22,7 @@ def recover(file: Path, /) -> int:
         A .mcap file; of a run folder, every recording in it that was not closed.
     """
     console = make_console(soft_wrap=True)
-    try:
+    with BadInput.of_files(file, RecordingError):
         if not file.exists():
             raise BadInput(f"{file}: there is no such file; name a run folder or a .mcap file")
         if file.is_dir():
@@ -37,13 +37,10 @@ def recover(file: Path, /) -> int:
         for each in broken:
             if is_being_written(each):
                 raise Problem(f"{each} is still being written; end its session first")
-            console.print(words(each, recover_recording(each)))
-    except (RecordingError, FileNotFoundError) as error:
-        raise BadInput(str(error)) from None
-    except FileExistsError as error:
-        raise BadInput(f"{error.filename} exists already; remove it to recover anew") from None
-    except OSError as error:
-        raise BadInput(f"{error.filename or file}: {error.strerror}") from None
+            try:
+                console.print(words(each, recover_recording(each)))
+            except FileExistsError as error:
+                raise BadInput(f"{error.filename} exists already; remove it to recover anew") from None
     return 0
 
 

@@ -13,8 +13,7 @@ from cogrip.cli.runs.run_folder import new_run_folder, opened
 from cogrip.cli.runs.summary_table import verdict_lines
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.settings_file import override, try_hands
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides, Runs
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say as say_lines
@@ -32,6 +31,7 @@ from cogrip.sim.runs.replay.what_if import what_if as other_world
 from cogrip.sim.runs.traces import describe
 from cogrip.sim.runs.verdict import succeeded
 
+UNCHANGED = "unchanged, in the laboratory"
 WORTH_WORKERS_BYTES = 8_000_000
 
 
@@ -153,9 +153,9 @@ def _what_if(
     records: RunRecords, overrides: tuple[str, ...], hands: Hands, allow_unstable: bool, runs: Path, console: Console
 ) -> int:
     changes = dict(override(text) for text in overrides)
-    worlds = {f"what if {label(changes)}": (changes, "")}
+    worlds = {f"with {label(changes)}" if changes else UNCHANGED: (changes, "")}
     if changes and not records.virtual:  # so that the effect of virtual time alone can be seen
-        worlds = {"unchanged, in the laboratory": ({}, "unchanged"), **worlds}
+        worlds = {UNCHANGED: ({}, "unchanged"), **worlds}
     with BadInput.of(RecordingError, SettingsError):
         made = {name: other_world(records, changes, hands) for name, (changes, _) in worlds.items()}
     for name, world in made.items():

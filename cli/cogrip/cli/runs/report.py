@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cogrip.cli.runs.compared_table import compared_table
 from cogrip.cli.runs.recover import recover_unclosed
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.comparison import ComparisonError, Difference, labels_of

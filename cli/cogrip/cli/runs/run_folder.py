@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.sim.runs.folder import make_run_folder, write_summary
@@ -38,13 +38,9 @@ def opened(path: Path) -> "RunRecords":
     from cogrip.cli.runs.recover import recover_unclosed  # readers of recordings, which no live session needs
     from cogrip.sim.runs.records import open_run
 
-    try:
+    with BadInput.of_files(path, RecordingError):
         recover_unclosed(path, make_console(stderr=True, soft_wrap=True))
         return open_run(path)
-    except (RecordingError, FileNotFoundError) as error:
-        raise BadInput(str(error)) from None
-    except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}") from None
 
 
 def leave_files(folder: Path | None, summary: dict[str, Any], console: Console, *, shown: bool, report: bool) -> None:

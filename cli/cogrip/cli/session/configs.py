@@ -6,7 +6,7 @@ from cyclopts import App
 from rich.table import Table
 
 from cogrip.cli.session.shipped_settings import SUFFIX, no_such_settings, shipped, shipped_names, summary_of
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 
 configs = App(name="configs")

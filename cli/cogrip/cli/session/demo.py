@@ -16,9 +16,9 @@ from cogrip.cli.session.children import end_all, how_ended, listening_port, star
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.settings_file import load, try_hands, with_people
 from cogrip.cli.session.shipped_settings import shipped
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.flag_errors import above_zero
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
+from cogrip.cli.terminal.problem import above_zero
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.runs.folder import SETTINGS, SUMMARY, client_log, read_accounts, write_settings, write_summary

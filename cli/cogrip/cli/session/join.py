@@ -25,11 +25,10 @@ from cogrip.cli.session.joined_device import (
 from cogrip.cli.session.live_views import JoinView, drawing
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.flag_errors import above_zero
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.problem import BadInput, Problem, above_zero
 from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
@@ -138,11 +137,7 @@ def join(
     arm, address = make_joined(settings, name, device, axes)
     check_hand(*make_joined(settings, name, device, axes), name, seconds)
     rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
-    with (
-        on_signals(stop),
-        closing(target.paths(insecure)) as paths,
-        LiveScreen(console.print) as screen,
-    ):
+    with on_signals(stop), closing(target.paths(insecure)) as paths, LiveScreen(console.print) as screen:
         say = screen.say
         files = _Files(runs, into, record, screen, drawn=not quiet and may_draw(console))
         client = LiveClient(

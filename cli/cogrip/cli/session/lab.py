@@ -7,8 +7,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, check_settings
 from cogrip.cli.session.settings_file import load, refuse_real, try_hands, with_people
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_text
+from cogrip.cli.terminal.output import Json, make_console, write_text
 from cogrip.cli.terminal.parameters import Config, Devices, Hands, Overrides, Runs
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.runs.folder import summary_text

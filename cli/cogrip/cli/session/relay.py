@@ -3,9 +3,8 @@
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from io import StringIO
-from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 from rich.console import Console
@@ -13,22 +12,20 @@ from rich.table import Table
 
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.settings_file import from_flags, load
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Overrides
-from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.cli.terminal.tables import Fitted, has_width, plain_table, wrapped
+from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
+from cogrip.cli.terminal.tables import Fitted, plain_table, wrapped
 from cogrip.cli.terminal.tables import say as say_lines
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT, LinkError, split_place
 from cogrip.protocol.link_profile import Direction, Link
 from cogrip.protocol.network_profiles import ProfileName
-from cogrip.sim.session.configured_link import configured_link
 from cogrip.sim.session.delay_trace import TraceError, read_trace
 from cogrip.sim.session.io.relay_loop import LiveRelay, PlaceError, RelayError
-from cogrip.sim.session.link import LinkEmulator
-from cogrip.sim.session.outage_script import ScriptError, read_script
+from cogrip.sim.session.link import LinkEmulator, configured_link
+from cogrip.sim.session.outages import ScriptError, read_script
 from cogrip.sim.session.relay import Relay
 
 RELAY_PORT = DEFAULT_PORT + 1
@@ -88,30 +85,32 @@ def relay(
         Time of silence after which a flow ends.
     seconds
         Stop after this time.
-    json
-        Write the answer as JSON to this file (- for standard output).
     """
     link, seed = _link(config, overrides, profile, seed, {"up": up_trace, "down": down_trace})
     script: Mapping[Direction, Sequence[tuple[float, float]]] = {"up": (), "down": ()}
     if outages is not None:
         with BadInput.of(ScriptError, where="--outages "):
             script = read_script(outages)
-    _check(flows, idle_s, seconds)
+    within("--flows", flows, 1, MOST_FLOWS)
+    within("--idle-s", idle_s, 1, 1_000_000)
+    some_time(seconds, "relay")
 
     def make_link(number: int, direction: Direction, origin_ns: int) -> LinkEmulator:
         return configured_link(link, direction, f"{seed}/{number}/{direction}", script[direction], origin_ns)
 
-    console = make_console(soft_wrap=True, stderr=json == "-")
-    if not has_width(console):
-        console.width = PIPED_WIDTH
+    console = make_console(soft_wrap=True, stderr=json == "-", piped_width=PIPED_WIDTH)
     lines = LogLines(stream=sys.stderr if json == "-" else sys.stdout)
-    say = _over_status(lines, console)
     stop = Stop()
-    core = Relay(make_link, flows, round(idle_s * 1e9))
-    live = LiveRelay(
-        core, _place("--listen", listen, RELAY_PORT), _place("--to", to, DEFAULT_PORT), stop,
-        say, seconds=seconds,
-    )  # fmt: skip
+
+    def say(text: str) -> None:
+        """Say it, wrapped, in place of the status on a terminal."""
+        if console.is_terminal:
+            lines.put(CLEAR)
+        for line in wrapped(text, console).split("\n"):
+            lines.say(line)
+
+    core, near, far = Relay(make_link, flows, round(idle_s * 1e9)), _place("--listen", listen), _place("--to", to)
+    live = LiveRelay(core, near, far, stop, say, seconds=seconds)
     if console.is_terminal:
         live.each_second = lambda now_ns: lines.put(status(live, console.size.width))
     with on_signals(stop):
@@ -133,18 +132,6 @@ def relay(
     if json is not None:
         write_json({"profile": link.profile, "seed": seed, "link": _described(link), **_summary(live)}, json)
     return 0
-
-
-def _over_status(lines: LogLines, console: Console) -> Callable[[str], None]:
-    """Return a function that says a line, wrapped, in place of the status on a terminal."""
-
-    def say(text: str) -> None:
-        if console.is_terminal:
-            lines.put(CLEAR)
-        for line in wrapped(text, console).split("\n"):
-            lines.say(line)
-
-    return say
 
 
 def _link(
@@ -175,8 +162,9 @@ def _link(
     return settings.link, settings.seed
 
 
-def _place(flag: str, text: str, port: int) -> tuple[str, int]:
+def _place(flag: Literal["--listen", "--to"], text: str) -> tuple[str, int]:
     """Return host and port of HOST:PORT. Raises BadInput."""
+    port = RELAY_PORT if flag == "--listen" else DEFAULT_PORT
     if flag == "--listen" and text.endswith(":0"):  # a free one
         text, port = text[:-2], 0
     try:
@@ -184,15 +172,6 @@ def _place(flag: str, text: str, port: int) -> tuple[str, int]:
     except LinkError as error:
         raise BadInput(f"{flag} {error}; write HOST:PORT, such as 127.0.0.1:{port or RELAY_PORT}") from None
     return host, port if given is None else given
-
-
-def _check(flows: int, idle_s: float, seconds: float | None) -> None:
-    if not 1 <= flows <= MOST_FLOWS:
-        raise BadInput(f"--flows {flows} is outside 1 to {MOST_FLOWS}")
-    if not 1.0 <= idle_s <= 1e6:
-        raise BadInput(f"--idle-s {idle_s:g} is outside 1 to 1000000")
-    if seconds is not None and not 0.0 < seconds < inf:
-        raise BadInput(f"--seconds {seconds:g} is no time to relay: give more than 0, or leave it out")
 
 
 def _described(link: Link) -> dict[str, Any]:
@@ -203,10 +182,10 @@ def _described(link: Link) -> dict[str, Any]:
 
 
 def _say_network(link: Link, script: Mapping[Direction, Sequence[Any]], say: Callable[[str], None]) -> None:
-    words = {direction: _words(link, direction, len(script[direction])) for direction in DIRECTIONS}
-    for direction in DIRECTIONS:
-        say(f"{direction}: {words[direction]}")
-    if set(words.values()) == {NOTHING}:
+    words = [_words(link, direction, len(script[direction])) for direction in DIRECTIONS]
+    for direction, text in zip(DIRECTIONS, words, strict=True):
+        say(f"{direction}: {text}")
+    if set(words) == {NOTHING}:
         say("no network is emulated: give --profile NAME, --set link.KEY=VALUE or a settings file")
 
 
@@ -246,26 +225,19 @@ def status(live: LiveRelay, width: int) -> str:
 
 def _summary(live: LiveRelay) -> dict[str, Any]:
     core = live.relay
-    return {
-        "listen": place_text(live.bound),
-        "to": place_text(live.far),
-        "seconds": live.elapsed_s,
-        "stopped": live.stop.reason,
-        "flows": [
-            {"number": each.number, "address": place_text(each.address)}
-            | {lane.direction: lane.counters() for lane in each.lanes}
-            for each in core.flows.values()
-        ],
-        "totals": {direction: core.totals(direction) for direction in DIRECTIONS},
-        "late_us": {
-            direction: {name: value if late.count else None for name, value in late.summary_us((50, 99, 99.9)).items()}
-            for direction, late in core.late.items()
-        },
-        "flows_begun": core.begun,
-        "flows_expired": core.expired,
-        "strangers": core.beyond_limit,
-        "trouble": live.counts,
+    flows = [
+        {"number": each.number, "address": place_text(each.address), **{lane.direction: lane.counters() for lane in each.lanes}}
+        for each in core.flows.values()
+    ]  # fmt: skip
+    late_us = {
+        direction: {name: value if late.count else None for name, value in late.summary_us((50, 99, 99.9)).items()}
+        for direction, late in core.late.items()
     }
+    return {
+        "listen": place_text(live.bound), "to": place_text(live.far), "seconds": live.elapsed_s, "stopped": live.stop.reason,
+        "flows": flows, "totals": {direction: core.totals(direction) for direction in DIRECTIONS}, "late_us": late_us,
+        "flows_begun": core.begun, "flows_expired": core.expired, "strangers": core.beyond_limit, "trouble": live.counts,
+    }  # fmt: skip
 
 
 def flows_table(live: LiveRelay) -> Fitted:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,10 +12,10 @@ from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
 from cogrip.cli.session.server_state import authenticator_of, channel_of, held_folder, publish
-from cogrip.cli.terminal.console import make_console
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.problem import BadInput, Problem, some_time, within
 from cogrip.protocol.channel import place_text
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.join_link import DEFAULT_PORT
@@ -120,14 +119,9 @@ def serve(
         try:
             feed = None if metrics is None else open_metrics(metrics, say)
             housekeeping = Housekeeping(
-                server,
-                say,
-                folder=state_folder,
-                authenticator=authenticator,
-                metrics=feed,
-                software=VERSION,
+                server, say, folder=state_folder, authenticator=authenticator, metrics=feed, software=VERSION,
                 fresh=fresh,
-            )
+            )  # fmt: skip
         except (MetricsError, StateError) as error:
             server.close()
             raise Problem(str(error)) from None
@@ -177,10 +171,9 @@ def _check_flags(
         raise BadInput(
             "--public is for the links of an encrypted server: add --host ADDRESS or --seal, or leave it out"
         )
-    if metrics is not None and not 0 <= metrics <= 65535:
-        raise BadInput(f"--metrics {metrics} is outside 0 to 65535")
-    if seconds is not None and not 0.0 < seconds < inf:
-        raise BadInput(f"--seconds {seconds:g} is no time to serve: give more than 0, or leave it out")
+    if metrics is not None:
+        within("--metrics", metrics, 0, 65535)
+    some_time(seconds, "serve")
 
 
 def _host(host: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cogrip.cli.session.before_run import together
 from cogrip.cli.session.settings_file import load
-from cogrip.cli.terminal.problem import BadInput
+from cogrip.cli.terminal.problem import BadInput, within
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.settings import Settings, not_passive
 from cogrip.server.events import ServerEvent
@@ -21,8 +21,7 @@ def rooms_of(config: Sequence[Path], overrides: Sequence[str], port: int, into: 
         raise BadInput(
             "serve: name at least one settings file, or one that comes with cogrip (`cogrip configs`), such as demo"
         )
-    if not 0 <= port <= 65535:
-        raise BadInput(f"--port {port} is outside 0 to 65535")
+    within("--port", port, 0, 65535)
     rooms = [load(path, overrides) for path in config]
     for path, room in zip(config, rooms, strict=True):
         if kept := room.link.kept_back:

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from cogrip.cli.session.shipped_settings import SUFFIX, is_name, no_such_settings, shipped, shipped_names
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
 from cogrip.devices.for_user import try_for

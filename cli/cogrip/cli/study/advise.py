@@ -9,8 +9,7 @@ from rich.text import Text
 
 from cogrip.cli.session.settings_file import load, with_people
 from cogrip.cli.study.analysis_query import AS_IT_STANDS, Query
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Devices, Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.devices.device import DeviceError
@@ -164,59 +163,45 @@ def _change(settings: Settings, advice: Advice, checked: Check | None) -> Change
     return found
 
 
+_USER = {  # keys of the answer: attributes of `UserAdvice`
+    "name": "name", "asked_stiffness_npm": "asked_npm", "felt_stiffness_npm": "felt_npm", "free_mass_kg": "free_mass_kg",
+    "compensated_stiffness_npm": "compensated_npm", "enough_impedance_nspm": "enough_impedance_nspm",
+    "b_tc_over_m": "b_tc_over_m", "advised_damping_nspm": "advised_damping_nspm",
+    "largest_impedance_nspm": "largest_impedance_nspm", "impedance_bound": "impedance_bound",
+}  # fmt: skip
+
+
+def _users(advice: Advice, checked: Check | None, keys: Iterable[str]) -> list[dict[str, Any]]:
+    return [
+        {key: getattr(user, _USER[key]) for key in keys} | {"laboratory_felt_npm": _felt_in(checked, user.name)}
+        for user in advice.users
+    ]
+
+
 def _record(advice: Advice, session: LinearSession, change: Change | None, checked: Check | None) -> dict[str, Any]:
     findings = [*advice.findings, *_seen(checked)]
+    users = _users(advice, checked, _USER)
+    for number, user in enumerate(users):
+        user["delay_ms"] = {f"{each.direction} {each.name}": 1e3 * each.delay_s for each in budget(session, number)}
     return {
-        "scheme": advice.verdict.scheme,
-        "stable": advice.verdict.stable,
-        "spectral_radius": advice.verdict.spectral_radius,
-        "radius_without_structural": advice.verdict.decaying,
-        "largest_stable_stiffness_npm": advice.limit.stiffness_npm,
-        "stiffness_npm": advice.stiffness_npm,
-        "conditions": AS_IT_STANDS.conditions,
-        "users": [
-            {
-                "name": user.name,
-                "asked_stiffness_npm": user.asked_npm,
-                "felt_stiffness_npm": user.felt_npm,
-                "laboratory_felt_npm": _felt_in(checked, user.name),
-                "free_mass_kg": user.free_mass_kg,
-                "compensated_stiffness_npm": user.compensated_npm,
-                "enough_impedance_nspm": user.enough_impedance_nspm,
-                "b_tc_over_m": user.b_tc_over_m,
-                "advised_damping_nspm": user.advised_damping_nspm,
-                "largest_impedance_nspm": user.largest_impedance_nspm,
-                "impedance_bound": user.impedance_bound,
-                "delay_ms": {f"{each.direction} {each.name}": 1e3 * each.delay_s for each in budget(session, number)},
-            }
-            for number, user in enumerate(advice.users)
-        ],
+        "scheme": advice.verdict.scheme, "stable": advice.verdict.stable,
+        "spectral_radius": advice.verdict.spectral_radius, "radius_without_structural": advice.verdict.decaying,
+        "largest_stable_stiffness_npm": advice.limit.stiffness_npm, "stiffness_npm": advice.stiffness_npm,
+        "conditions": AS_IT_STANDS.conditions, "users": users,
         "findings": [{"topic": each.topic, "level": each.level, "text": each.text} for each in findings],
-        "warnings": [finding.text for finding in findings if finding.warns],
-        "laboratory": _judged(checked),
+        "warnings": [finding.text for finding in findings if finding.warns], "laboratory": _judged(checked),
         "change": {"set": change.setting, "effect": change.effect} if change else None,
-    }
+    }  # fmt: skip
 
 
 def _stiffest_record(found: Stiffest, checked: Check | None) -> dict[str, Any]:
     return {
         "set": [Change.written(key, value) for key, value in found.overrides.items()],
-        "damper_nspm": found.damper_nspm,
-        "stiffness_npm": found.stiffness_npm,
-        "felt_stiffness_npm": found.felt_npm,
-        "largest_stable_stiffness_npm": found.limit.stiffness_npm,
-        "bounded_by": found.bounded,
+        "damper_nspm": found.damper_nspm, "stiffness_npm": found.stiffness_npm, "felt_stiffness_npm": found.felt_npm,
+        "largest_stable_stiffness_npm": found.limit.stiffness_npm, "bounded_by": found.bounded,
         "laboratory": _judged(checked),
-        "users": [
-            {
-                "name": user.name,
-                "felt_stiffness_npm": user.felt_npm,
-                "laboratory_felt_npm": _felt_in(checked, user.name),
-                "free_mass_kg": user.free_mass_kg,
-            }
-            for user in found.advice.users
-        ],
-    }
+        "users": _users(found.advice, checked, ("name", "felt_stiffness_npm", "free_mass_kg")),
+    }  # fmt: skip
 
 
 def _in_sessions(checked: Check | None) -> str:

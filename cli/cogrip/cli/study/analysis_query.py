@@ -1,6 +1,5 @@
 """The query that the analysis commands share: settings, scheme, delays; and their notes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +7,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from cogrip.cli.session.settings_file import load
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import Json, make_console
+from cogrip.cli.terminal.parameters import Overrides
 from cogrip.cli.terminal.problem import BadInput
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
@@ -22,10 +22,6 @@ from cogrip.sim.analysis.linear_session import (
     rounding_notes,
     scheme_overrides,
 )  # fmt: skip
-
-DelayFrames = Annotated[
-    float | None, Parameter(help="Delay of each direction in network frames, in place of the file's link and playout.")
-]
 
 
 @Parameter(name="*")
@@ -51,6 +47,8 @@ class Query:
         ),
     ] = True
 
+    overrides: Overrides = ()
+
     @property
     def conditions(self) -> str:
         """Return the conditions under which an answer holds."""
@@ -58,18 +56,10 @@ class Query:
         hands = "simulated hands hold on" if self.hands else "nobody holds the devices"
         return f"{velocity}; {hands}; constant delays, lasting contact; no jitter, loss, friction or encoder steps"
 
-    def settings(self, config: Path, overrides: Sequence[str]) -> Settings:
+    def settings(self, config: Path) -> Settings:
         """Return the file's settings as a session of the scheme; `--set` overrides both. Raises BadInput."""
         of_scheme = [f"{key}={value}" for key, value in scheme_overrides(self.scheme).items()] if self.scheme else []
-        return load(config, [*of_scheme, *overrides])
-
-    def model(self, config: Path, overrides: Sequence[str], delay_frames: float | None) -> LiftedModel:
-        """Return the lifted model, and note how delays were rounded. Raises BadInput where there is none."""
-        settings = self.settings(config, overrides)
-        with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
-            session = linear_session(settings, delay_frames=delay_frames, hands=self.hands, estimated=self.estimated)
-        self.tell_rounding(session)
-        return LiftedModel(session)
+        return load(config, [*of_scheme, *self.overrides])
 
     @staticmethod
     def tell_rounding(*sessions: LinearSession) -> None:
@@ -79,4 +69,26 @@ class Query:
             say(console, f"note: {note}")
 
 
-AS_IT_STANDS = Query()
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ModelQuery(Query):
+    """The lifted model of that session at one delay."""
+
+    delay_frames: Annotated[
+        float | None,
+        Parameter(help="Delay of each direction in network frames, in place of the file's link and playout."),
+    ] = None
+    json: Json = None
+
+    def model(self, config: Path) -> LiftedModel:
+        """Return the model, and note how delays were rounded. Raises BadInput where there is none."""
+        settings = self.settings(config)
+        with BadInput.of(ModelError, DeviceError, where=f"{config}: "):
+            session = linear_session(
+                settings, delay_frames=self.delay_frames, hands=self.hands, estimated=self.estimated
+            )
+        self.tell_rounding(session)
+        return LiftedModel(session)
+
+
+AS_IT_STANDS = ModelQuery()

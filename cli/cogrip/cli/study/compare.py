@@ -12,11 +12,10 @@ from rich.text import Text
 from cogrip.cli.runs.run_folder import new_run_folder
 from cogrip.cli.session.before_run import AllowUnstable, check_compared, check_plausible
 from cogrip.cli.session.settings_file import load, try_hands, with_people
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.parameters import Hands, Overrides, Runs
-from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.cli.terminal.tables import Fitted, has_width, plain_table
+from cogrip.cli.terminal.output import Json, make_console, write_json
+from cogrip.cli.terminal.parameters import Hands, Overrides, Runs, Workers
+from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
+from cogrip.cli.terminal.tables import Fitted, plain_table
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.settings import Settings
 from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
@@ -42,7 +41,7 @@ def compare(
     hands: Hands = (),
     overrides: Overrides = (),
     allow_unstable: AllowUnstable = False,
-    workers: int | None = None,
+    workers: Workers = None,
     out: Path | None = None,
     runs: Runs = Path("runs"),
     json: Json = None,
@@ -66,15 +65,12 @@ def compare(
         Methods, with commas between: wave (ours), paper, coupling, tdpa.
     seeds
         How many sessions of each: a seed is that of the network's losses and of hand tremor, the same for all methods.
-    workers
-        Worker processes; else one for each processor.
     out
         The comparison's folder, new or to be resumed; else runs/TIME-compare-NAME.
     """
     console = make_console(stderr=True, soft_wrap=True)
     asked = _prepare(config, overrides, hands, methods, profiles, seeds)
-    if workers is not None and workers < 1:
-        raise BadInput(f"--workers {workers} must be at least 1")
+    at_least_one("--workers", workers)
     check_compared(_sessions(asked), allow_unstable)
     path = out or new_run_folder(runs, f"compare-{asked.base['name']}")
     with BadInput.of(FolderError, where="--out: "), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
@@ -155,10 +151,7 @@ def _write(asked: Comparison, folder: ExperimentFolder, json: str | None, consol
     if json:
         write_json(finite(summary), json)
     if json != "-":
-        shown = make_console()
-        if not has_width(shown):  # a pipe has no width of its own
-            shown = make_console(width=_PIPED_WIDTH)
-        shown.print(methods_table(summary))
+        make_console(piped_width=_PIPED_WIDTH).print(methods_table(summary))
     where = console if json == "-" else make_console(soft_wrap=True)
     where.print(f"report: {folder.path / REPORT}")
     return bool(_failed(summary, console)) or ours_failed(summary)

@@ -5,27 +5,16 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, DelayFrames, Query
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.parameters import Config, Overrides
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery
+from cogrip.cli.terminal.output import make_console, write_json
+from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.sim.analysis.delay_budget import budget, total_s
 from cogrip.sim.analysis.feel import conditions
 from cogrip.sim.analysis.linear_session import LinearSession
 
 
-def feel(
-    config: Config,
-    /,
-    *,
-    user: int = 0,
-    query: Query = AS_IT_STANDS,
-    delay_frames: DelayFrames = None,
-    out: Path | None = None,
-    overrides: Overrides = (),
-    json: Json = None,
-) -> int:
+def feel(config: Config, /, *, user: int = 0, query: ModelQuery = AS_IT_STANDS, out: Path | None = None) -> int:
     """Print felt stiffness, damping and inertia at low frequency, and the delay budget; with --out the impedance to 64 Hz.
 
     In free motion without contact, alone with the object, on a wall, and with everybody else holding on (300 N/m, 5 N s/m).
@@ -37,11 +26,11 @@ def feel(
     out
         Folder for feel.png, .svg and .csv: rendered and ideal impedance over frequency.
     """
-    session = query.model(config, overrides, delay_frames).session
+    session = query.model(config).session
     if not 0 <= user < len(session.people):
         raise BadInput(f"--user {user}: users are numbered 0 to {len(session.people) - 1}")
-    if json:
-        write_json(_record(session, user), json)
+    if query.json:
+        write_json(_record(session, user), query.json)
     else:
         _tell(session, user)
     if out is not None:

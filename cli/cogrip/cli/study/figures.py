@@ -1,14 +1,17 @@
 """`cogrip figures`: the paper's figures from the lifted model and from sessions, and further ones."""
 
 from pathlib import Path
+from typing import Annotated
 
-from cogrip.cli.terminal.console import make_console
+from cyclopts import Parameter
+
+from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.sim.analysis.figures.page import save_page
 from cogrip.sim.analysis.figures.registry import FIGURES
 
 
-def figures(*names: str, out: Path = Path("figures")) -> int:
+def figures(*names: Annotated[str, Parameter(required=False)], out: Path = Path("figures")) -> int:
     """Draw the paper's figures, and ours beside them.
 
     P's Fig. 4, 5 and 6, the three schemes side by side, their dependence on masses, and the decimators, each as PNG, SVG, and

@@ -4,10 +4,9 @@ from pathlib import Path
 
 from cyclopts import App
 
-from cogrip.cli.study.analysis_query import AS_IT_STANDS, DelayFrames, Query
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
-from cogrip.cli.terminal.parameters import Config, Overrides
+from cogrip.cli.study.analysis_query import AS_IT_STANDS, ModelQuery, Query
+from cogrip.cli.terminal.output import make_console, write_json
+from cogrip.cli.terminal.parameters import Config
 from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.cli.terminal.tables import say
 from cogrip.devices.device import DeviceError
@@ -20,27 +19,19 @@ _SCHEMES = {"passive": "passive scheme", "paper": "the paper's scheme", "couplin
 
 
 @stability.command
-def radius(
-    config: Config,
-    /,
-    *,
-    query: Query = AS_IT_STANDS,
-    delay_frames: DelayFrames = None,
-    overrides: Overrides = (),
-    json: Json = None,
-) -> int:
+def radius(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     """Print the spectral radius of the lifted model of one network frame (P eq. 36).
 
     Eigenvalues that the structure puts at 1 are counted by name: with any, the whole map's radius is at least 1. "Stable"
     looks at all the others.
     """
-    found = verdict(query.model(config, overrides, delay_frames))
-    if json:
+    found = verdict(query.model(config))
+    if query.json:
         answer = {
             "scheme": found.scheme, "spectral_radius": found.spectral_radius, "structural": len(found.structural),
             "states": found.states, "stable": found.stable,
         }  # fmt: skip
-        write_json(answer, json)
+        write_json(answer, query.json)
         return 0
     console = make_console()
     say(console, f"{_SCHEMES[found.scheme]}: {'stable' if found.stable else 'NOT stable'}")
@@ -51,26 +42,17 @@ def radius(
 
 
 @stability.command
-def limit(
-    config: Config,
-    /,
-    *,
-    query: Query = AS_IT_STANDS,
-    delay_frames: DelayFrames = None,
-    overrides: Overrides = (),
-    json: Json = None,
-) -> int:
+def limit(config: Config, /, *, query: ModelQuery = AS_IT_STANDS) -> int:
     """Print the largest stiffness up to which the session is stable.
 
     All users' stiffnesses grow together, in the proportion they have in the settings; the answer is the largest of them.
     """
-    model = query.model(config, overrides, delay_frames)
+    model = query.model(config)
     with BadInput.of(ValueError, where=f"{config}: "):
         found = largest_stable(model)
-    if json:
-        write_json(
-            {"largest_stable_stiffness_npm": found.stiffness_npm, "searched_to_npm": found.searched_to_npm}, json
-        )
+    if query.json:
+        answer = {"largest_stable_stiffness_npm": found.stiffness_npm, "searched_to_npm": found.searched_to_npm}
+        write_json(answer, query.json)
         return 0
     if found.stiffness_npm is None:
         text = f"stable at any stiffness up to {found.searched_to_npm:g} N/m"
@@ -96,7 +78,6 @@ def region(
     delays_frames: str = "0,1,2,4",
     to_npm: str = "",
     grid: int = 0,
-    overrides: Overrides = (),
 ) -> int:
     """Draw the stable region in the plane of the first two users' stiffnesses, at several delays: PNG, SVG, CSV and JSON.
 
@@ -118,7 +99,7 @@ def region(
     from cogrip.sim.analysis.figures.region import extent, frames, region_page, region_record
     from cogrip.sim.analysis.region import regions
 
-    settings = query.settings(config, overrides)
+    settings = query.settings(config)
     delays = _numbers(delays_frames, "--delays-frames")
     box = _sides(to_npm) if to_npm else None
     with BadInput.of(ModelError, DeviceError):

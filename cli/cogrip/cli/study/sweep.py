@@ -10,10 +10,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cogrip.cli.session.before_run import check_plausible
 from cogrip.cli.session.settings_file import load, try_hands
-from cogrip.cli.terminal.console import make_console
-from cogrip.cli.terminal.json_answer import Json, write_json
+from cogrip.cli.terminal.output import Json, make_console, write_json
 from cogrip.cli.terminal.parameters import Config, Overrides
-from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.cli.terminal.parameters import Workers as WorkerCount
+from cogrip.cli.terminal.problem import BadInput, Problem, at_least_one
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.sim.experiments.experiment import Workers
 from cogrip.sim.experiments.folder import ExperimentFolder, FolderError
@@ -37,7 +37,7 @@ def sweep(
     measure: Annotated[tuple[str, ...], Parameter(negative="")] = DEFAULT,
     overrides: Overrides = (),
     out: Path | None = None,
-    jobs: int | None = None,
+    workers: Annotated[WorkerCount, Parameter(name=["--workers", "--jobs"])] = None,
     json: Json = None,
     cluster: Literal["ray"] | None = None,
     address: str = "",
@@ -58,8 +58,6 @@ def sweep(
         lifted.felt_stiffness_npm, ...), for which no session is run. Repeatable.
     out
         The sweep's folder; else `sweeps/<name>-<digest>`, the digest being that of the query.
-    jobs
-        Worker processes; else one for each processor.
     cluster
         Run the cases on a Ray cluster instead (needs the extra `cluster`).
     address
@@ -68,7 +66,7 @@ def sweep(
     console = make_console(stderr=True, soft_wrap=True)
     asked = _prepare(config, overrides, vary, measure)
     stop = Stop()
-    workers = _workers(cluster, address, jobs, stop)
+    pool = _pool(cluster, address, workers, stop)
     path = out or Path("sweeps") / f"{asked.grid.base['name']}-{asked.digest}"
     with BadInput.of(FolderError, where="--out: "), Problem.of(OSError, where=f"--out {path}: cannot be written: "):
         folder = ExperimentFolder(path, asked)
@@ -79,7 +77,7 @@ def sweep(
         console=console, transient=True,
     ) as bar:  # fmt: skip
         task = bar.add_task("cases", total=asked.grid.cases)
-        with Problem.of(ClusterError), workers as these:
+        with Problem.of(ClusterError), pool as these:
             report = run_experiment(asked, folder, these, lambda finished: bar.update(task, completed=finished))
     return _report(report, folder.path, _draw(asked, folder, console), stop, json, console)
 
@@ -94,14 +92,13 @@ def _prepare(config: Path, overrides: tuple[str, ...], vary: tuple[str, ...], me
         return prepare(settings, axes, measure)
 
 
-def _workers(cluster: str | None, address: str, jobs: int | None, stop: Stop) -> AbstractContextManager[Workers]:
-    if jobs is not None and jobs < 1:
-        raise BadInput(f"--jobs {jobs} must be at least 1")
+def _pool(cluster: str | None, address: str, workers: int | None, stop: Stop) -> AbstractContextManager[Workers]:
+    at_least_one("--workers", workers)
     if cluster:
         return RayWorkers(address, stop)
     if address:
         raise BadInput(f"--address {address}: is for a cluster; give --cluster ray with it")
-    return LocalWorkers(jobs, stop)
+    return LocalWorkers(workers, stop)
 
 
 def _draw(asked: Sweep, folder: ExperimentFolder, console: Console) -> list[Path]:

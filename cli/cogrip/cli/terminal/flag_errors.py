@@ -12,7 +12,6 @@ from cyclopts import (
     UnusedCliTokensError,
 )  # fmt: skip
 
-from cogrip.cli.terminal.problem import BadInput
 from cogrip.protocol.join_link import is_link, is_secret
 from cogrip.protocol.setting_errors import expects
 
@@ -41,12 +40,6 @@ def words_of(error: CycloptsError, commands: tuple[str, ...] = ()) -> str:
         name, lacks = (error.keyword, "needs a value") if error.keyword else (error.argument.name, "is missing")
         return f"{where}{name} {lacks}{see}"
     return f"{where}{error}"
-
-
-def above_zero(flag: str, value: float | None) -> None:
-    """Raise BadInput for a number that is not above 0, and finite."""
-    if value is not None and not 0.0 < value < float("inf"):
-        raise BadInput(expects(flag, "a number above 0", value))
 
 
 def _coerced(error: CoercionError, token: Any) -> str:

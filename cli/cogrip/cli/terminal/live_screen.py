@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, RenderableType
 
-from cogrip.cli.terminal.console import make_console
+from cogrip.cli.terminal.output import make_console
 
 if TYPE_CHECKING:
     from rich.live import Live

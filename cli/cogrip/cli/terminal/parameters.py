@@ -28,6 +28,7 @@ Devices = Annotated[
         help="Device address of the first, second ... person in place of the settings' (`cogrip devices`). Repeatable.",
     ),
 ]
+Workers = Annotated[int | None, Parameter(help="Worker processes; else one for each processor.")]
 Runs = Annotated[Path, Parameter(help="Folder in which the run's own folder is made.")]
 Report = Annotated[bool, Parameter(help="Write report.html and plots at the end.")]
 Record = Annotated[bool, Parameter(help="Record the session; every replay, report and verification needs it.")]

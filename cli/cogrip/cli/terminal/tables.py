@@ -1,6 +1,5 @@
 """Tables and lines that fit the terminal: numbers and words are never cut, further lines are indented."""
 
-import os
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -9,6 +8,8 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
+
+from cogrip.cli.terminal.output import has_width
 
 INDENT = "  "
 _NATURAL = 10_000  # columns: more than any table wants
@@ -42,9 +43,12 @@ def plain_table(
     left: int = 1,
     gap: int = 1,
     styles: Sequence[str] = (),
+    title: str | None = None,
 ) -> Table:
     """Return a table whose cells are never wrapped: `left` columns of words, then numbers. styles: one for each row."""
-    table = Table(box=None, header_style="dim", padding=(0, gap, 0, 0), pad_edge=False)
+    table = Table(
+        title=title, title_justify="left", box=None, header_style="dim", padding=(0, gap, 0, 0), pad_edge=False
+    )
     for number, heading in enumerate(headings):
         table.add_column(Text(heading), justify="left" if number < left else "right", no_wrap=True)
     for number, row in enumerate(rows):
@@ -106,11 +110,6 @@ def padded(text: str, width: int, *, right: bool = False) -> str:
     if missing <= 0:
         return text
     return " " * missing + text if right else set_cell_size(text, width)
-
-
-def has_width(console: Console) -> bool:
-    """Return whether the output has a width: a pipe or a file has none."""
-    return console.is_terminal or "COLUMNS" in os.environ
 
 
 def wrapped(text: str, console: Console, indent: str = INDENT) -> str:

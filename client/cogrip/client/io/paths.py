@@ -137,7 +137,7 @@ class Paths:
     def counted(self) -> dict[str, int]:
         """Count what went wrong on sockets and channels so far, by name."""
         counts = self._counts.copy()
-        for path in self.paths:
+        for path in self._migration.paths:
             counts.update(path.channel.dropped)
         return dict(counts)
 
@@ -215,9 +215,7 @@ class Paths:
             self._close(*self._migration.paths)
 
     def _close(self, *paths: NetworkPath | None) -> None:
-        for path in paths:
-            if path is None:
-                continue
+        for path in filter(None, paths):
             path.channel.close(PEER)
             self._flush(path)
             self._counts.update(path.channel.dropped)

@@ -20,6 +20,7 @@ from cryptography.x509.oid import NameOID
 
 KEY_FILE = "server.key"
 CERTIFICATE_FILE = "server.crt"
+NEW = "new ones are made, and links change"
 LASTS = timedelta(days=30 * 365)
 BACKDATED = timedelta(days=1)
 COMMON_NAME = "cogrip"
@@ -51,8 +52,7 @@ def load(folder: Path) -> Identity:
     key = _key(folder)
     if had_key and not path.exists():
         raise CertificateError(
-            f"{folder / KEY_FILE} is there and {path} is not; put the certificate back, or delete {KEY_FILE}: "
-            "new ones are made, and links change"
+            f"{folder / KEY_FILE} is there and {path} is not; put the certificate back, or delete {KEY_FILE}: {NEW}"
         )
     try:
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
@@ -90,7 +90,7 @@ def _key(folder: Path) -> ec.EllipticCurvePrivateKey:
     if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
         raise CertificateError(
             f"{path} belongs to user {found.st_uid}, who knows it, and this is user {os.geteuid()}; run this as the former, or "
-            f"delete it and {CERTIFICATE_FILE}: new ones are made, and links change"
+            f"delete it and {CERTIFICATE_FILE}: {NEW}"
         )
     if mode & 0o077:
         raise CertificateError(
@@ -103,8 +103,8 @@ def _key(folder: Path) -> ec.EllipticCurvePrivateKey:
         key = None
     if not isinstance(key, ec.EllipticCurvePrivateKey) or not isinstance(key.curve, ec.SECP256R1):
         raise CertificateError(
-            f"{path} holds no EC P-256 key without a passphrase; put the right one back, or delete it and "
-            f"{CERTIFICATE_FILE}: new ones are made, and links change"
+            f"{path} holds no EC P-256 key without a passphrase; put the right one back, or delete it and {CERTIFICATE_FILE}: "
+            f"{NEW}"
         )
     return key
 
@@ -113,8 +113,7 @@ def _new_key(path: Path) -> ec.EllipticCurvePrivateKey:
     certificate = path.with_name(CERTIFICATE_FILE)
     if certificate.exists():
         raise CertificateError(
-            f"{certificate} is there and {path} is not; put the key back, or delete {CERTIFICATE_FILE}: "
-            "new ones are made, and links change"
+            f"{certificate} is there and {path} is not; put the key back, or delete {CERTIFICATE_FILE}: {NEW}"
         )
     key = ec.generate_private_key(ec.SECP256R1())
     pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())

@@ -24,19 +24,13 @@ WRONG_CERTIFICATE = "the certificate is not the one of the link"
 NO_CIPHER = "the two ends share no cipher: ECDHE with ECDSA and an AEAD is needed"
 NO_VERSION = "the other end does not speak DTLS 1.2"
 CLOSED = "the other end closed the DTLS association"
-ERROR_TEXTS = (  # (part of OpenSSL's text, our text); the first part that is found counts
-    ("alert unknown ca", NOT_TRUSTED),
-    ("alert bad certificate", NOT_TRUSTED),
-    ("certificate verify failed", WRONG_CERTIFICATE),
-    ("handshake failure", NO_CIPHER),
-    ("insufficient security", NO_CIPHER),
-    ("no shared cipher", NO_CIPHER),
-    ("no suitable signature algorithm", NO_CIPHER),
-    ("protocol version", NO_VERSION),
-    ("unsupported protocol", NO_VERSION),
-    ("wrong version number", NO_VERSION),
-    ("alert", "the other end broke the handshake off"),
-)
+ERROR_TEXTS = {  # our text -> parts of OpenSSL's text; the first text of which a part is found counts
+    NOT_TRUSTED: ("alert unknown ca", "alert bad certificate"),
+    WRONG_CERTIFICATE: ("certificate verify failed",),
+    NO_CIPHER: ("handshake failure", "insufficient security", "no shared cipher", "no suitable signature algorithm"),
+    NO_VERSION: ("protocol version", "unsupported protocol", "wrong version number"),
+    "the other end broke the handshake off": ("alert",),
+}
 OTHER_ERROR = "the handshake went wrong"
 FINAL = (NOT_TRUSTED, WRONG_CERTIFICATE, NO_CIPHER, NO_VERSION)  # another handshake would end in the same way
 
@@ -83,14 +77,15 @@ def _context() -> SSL.Context:
 class Association:
     """One DTLS association. A server's begins with `listen`, a client's with `connect`. Send what `pop_datagrams` returns.
 
-    ready   messages can be sent
-    failed  why the association cannot go on, "" while it can
+    connection  of OpenSSL, over memory
+    ready       messages can be sent
+    failed      why the association cannot go on, "" while it can
     """
 
-    __slots__ = ("_connection", "_pending", "failed", "ready")
+    __slots__ = ("_pending", "connection", "failed", "ready")
 
     def __init__(self, context: SSL.Context, *, server: bool = False) -> None:
-        self._connection = connection = SSL.Connection(context, None)
+        self.connection = connection = SSL.Connection(context, None)
         connection.set_ciphertext_mtu(MAX_DATAGRAM_BYTES)
         if server:
             connection.set_accept_state()
@@ -101,13 +96,15 @@ class Association:
         self.failed = ""
 
     def connect(self) -> None:
-        """Begin a client's handshake."""
+        """Begin a client's handshake; as `accept` answer the ClientHello that `listen` has accepted."""
         self._handshake()
         self._drain()
 
+    accept = connect
+
     def listen(self, datagram: bytes) -> bool:
         """Answer a ClientHello without keeping any of it. True if its cookie fits: go on with `accept`."""
-        connection = self._connection
+        connection = self.connection
         fits = False
         with suppress(SSL.Error, ValueError):  # no ClientHello, or one without a cookie that fits
             connection.bio_write(datagram)
@@ -121,16 +118,11 @@ class Association:
                 connection.DTLSv1_listen()
         return fits
 
-    def accept(self) -> None:
-        """Answer the ClientHello that `listen` has accepted."""
-        self._handshake()
-        self._drain()
-
     def feed(self, datagram: bytes) -> Sequence[bytes]:
         """Return the messages of a datagram. OpenSSL is asked after each of them, or a last flight that was lost stays lost."""
         if self.failed or not datagram:
             return ()
-        connection, before = self._connection, self.ready
+        connection, before = self.connection, self.ready
         try:
             connection.bio_write(datagram)
             if not before:
@@ -148,7 +140,7 @@ class Association:
     def _more(self, messages: list[bytes]) -> list[bytes]:
         try:
             while True:
-                messages.append(self._connection.recv(READ_BYTES))
+                messages.append(self.connection.recv(READ_BYTES))
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
         self._drain()
@@ -159,8 +151,8 @@ class Association:
         if not self.ready or self.failed:
             return b""
         try:
-            self._connection.send(message)
-            return self._connection.bio_read(READ_BYTES)
+            self.connection.send(message)
+            return self.connection.bio_read(READ_BYTES)
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
             return b""
@@ -178,8 +170,8 @@ class Association:
         if self.failed:
             return
         try:
-            if self._connection.DTLSv1_get_timeout() is not None:
-                self._connection.DTLSv1_handle_timeout()
+            if self.connection.DTLSv1_get_timeout() is not None:
+                self.connection.DTLSv1_handle_timeout()
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
         self._drain()
@@ -188,18 +180,18 @@ class Association:
         """Close the association and tell the other end, where it can understand that."""
         if self.ready and not self.failed:
             with suppress(SSL.Error, ValueError):  # the other end may be gone
-                self._connection.shutdown()
+                self.connection.shutdown()
             self._drain()
         self.failed = self.failed or "closed"
 
     def peer_fingerprint(self) -> str:
         """Return the fingerprint of the other end's certificate, "" if it has shown none."""
-        certificate = self._connection.get_peer_certificate(as_cryptography=True)
+        certificate = self.connection.get_peer_certificate(as_cryptography=True)
         return fingerprint_of(certificate.public_bytes(Encoding.DER)) if certificate else ""
 
     def _handshake(self) -> None:
         try:
-            self._connection.do_handshake()
+            self.connection.do_handshake()
             self.ready = True
         except (SSL.Error, ValueError) as error:
             self._handle_error(error)
@@ -215,7 +207,7 @@ class Association:
     def _drain(self) -> None:
         try:
             while True:
-                self._pending.append(self._connection.bio_read(READ_BYTES))
+                self._pending.append(self.connection.bio_read(READ_BYTES))
         except (SSL.Error, ValueError):
             pass  # no more
 
@@ -223,29 +215,25 @@ class Association:
 def error_text(error: Exception) -> str:
     """Return one of a bounded number of texts for an error of OpenSSL."""
     said = str(error).lower()
-    return next((text for part, text in ERROR_TEXTS if part in said), OTHER_ERROR)
+    return next((text for text, parts in ERROR_TEXTS.items() if any(part in said for part in parts)), OTHER_ERROR)
 
 
 def packed(records: bytes) -> list[bytes]:
     """Return datagrams of whole records, as few as hold them: a memory BIO runs records together."""
-    datagrams = []
-    begin = here = 0
-    while here + RECORD_HEADER_BYTES <= len(records):
-        end = here + RECORD_HEADER_BYTES + int.from_bytes(records[here + 11 : here + 13], "big")
-        if end - begin > MAX_DATAGRAM_BYTES and here > begin:
-            datagrams.append(records[begin:here])
-            begin = here
-        here = end
-    if begin < len(records):
-        datagrams.append(records[begin:])
-    return datagrams
+    datagrams = [b""]
+    while records:
+        end = RECORD_HEADER_BYTES + int.from_bytes(records[11:13], "big")
+        if datagrams[-1] and len(datagrams[-1]) + end > MAX_DATAGRAM_BYTES:
+            datagrams.append(b"")
+        datagrams[-1] += records[:end]
+        records = records[end:]
+    return datagrams if datagrams[0] else []
 
 
 def is_client_hello(datagram: bytes) -> bool:
     """Return whether a datagram begins like a ClientHello: an unencrypted DTLS handshake record."""
-    return len(datagram) > RECORD_HEADER_BYTES and datagram[0] == HANDSHAKE and (
-        datagram[1] == 0xFE and not datagram[3] and not datagram[4] and datagram[13] == CLIENT_HELLO
-    )  # fmt: skip
+    begins = datagram[:2] == bytes([HANDSHAKE, 0xFE]) and datagram[3:5] == b"\0\0"
+    return begins and len(datagram) > RECORD_HEADER_BYTES and datagram[RECORD_HEADER_BYTES] == CLIENT_HELLO
 
 
 def client_random(datagram: bytes) -> bytes:

@@ -72,15 +72,14 @@ class DtlsClient:
         if not 20 <= datagram[0] <= 23:
             self._receive_unencrypted(datagram)
             return ()
+        received = association.feed(datagram)
         if self._ready:
-            received = association.feed(datagram)
             if not received:
                 self._drop("not of this seal")
                 if association.failed:
                     self._handle_failure()
                 self._send_pending(association)
             return received
-        received = association.feed(datagram)
         if self._send_pending(association):  # only what brings the handshake on counts as an answer
             self._answered_ns = now_ns
         if association.ready and not association.failed:

@@ -21,41 +21,29 @@ SPIN_NS = 60_000
 class Pacer:
     """Deadlines of one loop or room at rate_hz, counted from t0_ns on `clock` (ns); `sleep` takes seconds.
 
-    Either call `wait()`, or, with several pacers in one thread, sleep to the smallest `next_due_ns` and `take(now)`.
+    Either call `wait()`, or, with several pacers in one thread, sleep to the smallest `next_due_ns` (of the next tick) and
+    `take(now)`.
     """
 
     __slots__ = (
-        "_clock", "_deadline_ns", "_next", "_sleep", "_started_ns", "late_ns", "lateness", "rate_hz", "run", "skipped",
+        "_clock", "_next", "_sleep", "_started_ns", "late_ns", "lateness", "next_due_ns", "rate_hz", "run", "skipped",
         "spin_ns", "t0_ns", "work",
     )  # fmt: skip
 
     def __init__(
-        self,
-        rate_hz: int,
-        t0_ns: int,
-        *,
-        first: int = 0,
-        spin_ns: int = SPIN_NS,
-        clock: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], object] = time.sleep,
-    ) -> None:
+        self, rate_hz: int, t0_ns: int, *, first: int = 0, spin_ns: int = SPIN_NS,
+        clock: Callable[[], int] = time.monotonic_ns, sleep: Callable[[float], object] = time.sleep,
+    ) -> None:  # fmt: skip
         """`first` is the first tick to run: tick_at(now) + 1 joins a timeline already under way without skips."""
         if rate_hz < 1:
             raise ValueError(f"rate_hz {rate_hz} is below 1: give whole ticks a second")
         if spin_ns < 0:
             raise ValueError(f"spin_ns {spin_ns} is negative: give 0 to sleep only")
-        self.rate_hz = rate_hz
-        self.t0_ns = t0_ns
-        self.spin_ns = spin_ns
-        self.run = 0
-        self.skipped = 0
-        self.late_ns = 0
-        self.lateness = DurationHistogram()
-        self.work = DurationHistogram()
-        self._clock = clock
-        self._sleep = sleep
-        self._next = first
-        self._deadline_ns = self.due_ns(first)
+        self.rate_hz, self.t0_ns, self.spin_ns = rate_hz, t0_ns, spin_ns
+        self.run = self.skipped = self.late_ns = 0
+        self.lateness, self.work = DurationHistogram(), DurationHistogram()
+        self._clock, self._sleep, self._next = clock, sleep, first
+        self.next_due_ns = self.due_ns(first)
         self._started_ns: int | None = None
 
     def due_ns(self, tick: int) -> int:
@@ -67,39 +55,34 @@ class Pacer:
         return ((now_ns - self.t0_ns + 1) * self.rate_hz - 1) // 1_000_000_000
 
     @property
-    def next_due_ns(self) -> int:
-        """Due time of the next tick, in ns of the clock."""
-        return self._deadline_ns
-
-    @property
     def due(self) -> int:
         """Ticks that were due so far: run + skipped."""
         return self.run + self.skipped
 
     def take(self, now_ns: int) -> int | None:
         """Return the tick to run at now_ns, None when none is due yet. Applies the overrun policy, starts `work`."""
-        if now_ns < self._deadline_ns:
+        if now_ns < self.next_due_ns:
             return None
         tick = self._next
         following_ns = self.due_ns(tick + 1)
-        self.lateness.add(now_ns - self._deadline_ns)
+        self.lateness.add(now_ns - self.next_due_ns)
         if now_ns > following_ns:  # more than one period late
             newest = self.tick_at(now_ns)
             self.skipped += newest - tick
             tick = newest
-            self._deadline_ns = self.due_ns(tick)
+            self.next_due_ns = self.due_ns(tick)
             following_ns = self.due_ns(tick + 1)
-        self.late_ns = now_ns - self._deadline_ns
+        self.late_ns = now_ns - self.next_due_ns
         self.run += 1
         self._next = tick + 1
-        self._deadline_ns = following_ns
+        self.next_due_ns = following_ns
         self._started_ns = now_ns
         return tick
 
     def wait(self) -> int:
         """Sleep, then spin, to the next deadline and return its tick; return at once when it is late already."""
         clock = self._clock
-        deadline_ns = self._deadline_ns
+        deadline_ns = self.next_due_ns
         now_ns = clock()
         while now_ns < deadline_ns:
             remaining_ns = deadline_ns - self.spin_ns - now_ns

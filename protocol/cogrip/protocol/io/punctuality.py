@@ -12,8 +12,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from timeit import timeit
 
 from cogrip.protocol.histogram import DurationHistogram
 from cogrip.protocol.io import realtime
@@ -52,6 +53,14 @@ class Punctuality:
     def skipped_share(self) -> float:
         """Skipped ticks / due ticks."""
         return self.skipped / self.due if self.due else math.nan
+
+    @property
+    def verdict(self) -> str:
+        """`in reach`: p99 within a quarter period and at most 0.1 % skipped; `marginal`: within one period and 1 %."""
+        period_us, p99_us = 1e6 / self.rate_hz, self.lateness_us["p99"]
+        if p99_us <= period_us / 4 and self.skipped_share <= 0.001:
+            return "in reach"
+        return "marginal" if p99_us <= period_us and self.skipped_share <= 0.01 else "out of reach"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +103,11 @@ def observe(rate_hz: int, names: Sequence[str], seconds: float, spin_ns: int, se
     kept: list[object] = [None] * 256
     try:
         pacer = Pacer(rate_hz, time.monotonic_ns() + 2_000_000, spin_ns=spin_ns)
-        last = int(seconds * rate_hz) - 1
-        while True:
+        tick, last = -1, int(seconds * rate_hz) - 1
+        while tick < last:
             tick = pacer.wait()
             _tick_work(kept, tick)
             pacer.done()
-            if tick >= last:
-                break
     finally:
         realtime.release(measures)
     refused = {measure.name: measure.detail for measure in measures if not measure.granted}
@@ -133,29 +140,21 @@ def loopback_us(rounds: int = 2000) -> dict[str, float] | None:
     """
     trips = DurationHistogram()
     try:
-        _round_trips(trips, rounds)
+        with socket.socket(type=socket.SOCK_DGRAM) as near, socket.socket(type=socket.SOCK_DGRAM) as far:
+            for end in (near, far):
+                end.bind(("127.0.0.1", 0))
+                end.settimeout(1.0)
+            near.connect(far.getsockname())
+            far.connect(near.getsockname())
+            for _ in range(rounds):
+                start_ns = time.monotonic_ns()
+                near.send(bytes(200))
+                far.send(far.recv(2048))
+                near.recv(2048)
+                trips.add(time.monotonic_ns() - start_ns)
     except OSError:
         return None
     return trips.summary_us()
-
-
-def _round_trips(trips: DurationHistogram, rounds: int) -> None:
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as near,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far,
-    ):
-        for end in (near, far):
-            end.bind(("127.0.0.1", 0))
-            end.settimeout(1.0)
-        near.connect(far.getsockname())
-        far.connect(near.getsockname())
-        payload = bytes(200)
-        for _ in range(rounds):
-            start_ns = time.monotonic_ns()
-            near.send(payload)
-            far.send(far.recv(2048))
-            near.recv(2048)
-            trips.add(time.monotonic_ns() - start_ns)
 
 
 def _read(path: str) -> str | None:
@@ -173,10 +172,7 @@ def _preemption(version: str) -> str | None:
     chosen = _read("/sys/kernel/debug/sched/preempt")  # "none voluntary (full)"
     if chosen and "(" in chosen:
         return f"dynamic, now {chosen[chosen.index('(') + 1 : chosen.index(')')]}"
-    for model in ("PREEMPT_DYNAMIC", "PREEMPT"):
-        if model in version:
-            return model
-    return None
+    return next((model for model in ("PREEMPT_DYNAMIC", "PREEMPT") if model in version), None)
 
 
 def _virtual() -> bool | None:
@@ -189,10 +185,7 @@ def _virtual() -> bool | None:
 
 def _clock_read_ns() -> float:
     """Return the mean cost of reading the clock in ns."""
-    start_ns = time.monotonic_ns()
-    for _ in range(10_000):
-        time.monotonic_ns()
-    return (time.monotonic_ns() - start_ns) / 10_000
+    return timeit(time.monotonic_ns, number=10_000) * 1e5
 
 
 def _permissions() -> tuple[str, str]:
@@ -201,21 +194,20 @@ def _permissions() -> tuple[str, str]:
         return ("no, only used on Linux",) * 2
     import resource
 
-    rtprio = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    memlock = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
-    if realtime.has_capability(realtime.CAP_SYS_NICE):
-        fifo = "yes, by capability"
-    elif rtprio == resource.RLIM_INFINITY:
-        fifo = "yes, rtprio limit unlimited"
-    else:
-        fifo = f"{'yes' if rtprio >= realtime.PRIORITY else 'no'}, rtprio limit {rtprio}"
-    if realtime.has_capability(realtime.CAP_IPC_LOCK):
-        lock = "yes, by capability"
-    elif memlock == resource.RLIM_INFINITY:
-        lock = "yes, memlock limit unlimited"
-    else:
-        lock = f"no, memlock limit {memlock // 1024} KiB"
-    return fifo, lock
+    def permission(capability: int, limit: str, most: int, granted: bool, shown: str) -> str:
+        if realtime.has_capability(capability):
+            return "yes, by capability"
+        if most == resource.RLIM_INFINITY:
+            return f"yes, {limit} limit unlimited"
+        return f"{'yes' if granted else 'no'}, {limit} limit {shown}"
+
+    rtprio, memlock = resource.getrlimit(resource.RLIMIT_RTPRIO)[0], resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+    fifo = permission(realtime.CAP_SYS_NICE, "rtprio", rtprio, rtprio >= realtime.PRIORITY, str(rtprio))
+    return fifo, permission(realtime.CAP_IPC_LOCK, "memlock", memlock, False, f"{memlock // 1024} KiB")
+
+
+def _load() -> float | None:
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
 def examine() -> Machine:
@@ -232,7 +224,7 @@ def examine() -> Machine:
         clock_source=_read("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
         clock_resolution_ns=time.get_clock_info("monotonic").resolution * 1e9,
         clock_read_ns=_clock_read_ns(),
-        load_1min=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        load_1min=_load(),
         fifo_permission=fifo,
         lock_permission=lock,
         loopback_us=loopback_us(),
@@ -241,18 +233,7 @@ def examine() -> Machine:
 
 def after(machine: Machine) -> Machine:
     """Return `machine` with the load at the end of a survey."""
-    return replace(machine, load_after=os.getloadavg()[0] if hasattr(os, "getloadavg") else None)
-
-
-def verdict(found: Punctuality) -> str:
-    """Return `in reach`: p99 within a quarter period and at most 0.1 % skipped; `marginal`: within one period and 1 %."""
-    period_us = 1e6 / found.rate_hz
-    p99_us = found.lateness_us["p99"]
-    if p99_us <= period_us / 4 and found.skipped_share <= 0.001:
-        return "in reach"
-    if p99_us <= period_us and found.skipped_share <= 0.01:
-        return "marginal"
-    return "out of reach"
+    return replace(machine, load_after=_load())
 
 
 WORDS = ("in reach", "marginal", "out of reach")
@@ -263,7 +244,7 @@ def verdicts(found: Sequence[Punctuality]) -> dict[int, str]:
     words: dict[int, str] = {}
     worst = 0
     for each in sorted((each for each in found if each.setup == ALL), key=lambda each: each.rate_hz):
-        worst = max(worst, WORDS.index(verdict(each)))
+        worst = max(worst, WORDS.index(each.verdict))
         words[each.rate_hz] = WORDS[worst]
     return words
 
@@ -285,11 +266,11 @@ def advise(machine: Machine, found: Sequence[Punctuality]) -> list[str]:
     for rate_hz, each in sorted(together.items()):
         word = words[rate_hz]
         late = f"p99 {each.lateness_us['p99']:.0f} us, period {1e6 / rate_hz:.0f} us, {each.skipped_share:.2%} skipped{under}"
-        if word != verdict(each):
+        if word != each.verdict:
             advice.append(f"{rate_hz} Hz is {word}, as a slower rate is, though it came in time itself ({late}).")
         elif word == "in reach":
             bare = plain.get(rate_hz)
-            also = "" if bare is None or verdict(bare) == word else "; plain sleep is not enough"
+            also = "" if bare is None or bare.verdict == word else "; plain sleep is not enough"
             advice.append(f"{rate_hz} Hz is in reach with every measure granted here ({late}){also}.")
         elif busy is not None:
             advice.append(f"{rate_hz} Hz was {word} ({late}): what a quiet machine reaches is not known by this.")
@@ -325,7 +306,7 @@ def _main(arguments: Sequence[str]) -> int:
         found = observe(int(rate_hz), [n for n in names.split(",") if n], float(seconds), int(spin_ns), setup)
     except KeyboardInterrupt:
         return 130
-    print(json.dumps({name: getattr(found, name) for name in Punctuality.__slots__}))
+    print(json.dumps(asdict(found)))
     return 0
 
 

@@ -11,6 +11,7 @@ import os
 import struct
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 PRIORITY = 40
@@ -24,10 +25,6 @@ LATENCY_FILE = "/dev/cpu_dma_latency"
 LIMITS_FILE = "/etc/security/limits.d/90-cogrip.conf"
 
 
-def _nothing() -> None:
-    """Undo a measure that changed nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class Measure:
     """One real-time measure as it turned out; `detail` is the setting, or why not and the cure."""
@@ -35,18 +32,15 @@ class Measure:
     name: str
     granted: bool
     detail: str
-    undo: Callable[[], None] = field(default=_nothing, repr=False, compare=False)
+    undo: Callable[[], None] = field(default=lambda: None, repr=False, compare=False)
 
 
 def has_capability(bit: int) -> bool:
     """Return whether this process holds Linux capability `bit` (effective); False where that cannot be read."""
-    try:
-        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
-            for line in status:
-                if line.startswith("CapEff:"):
-                    return bool(int(line.split()[1], 16) >> bit & 1)
-    except OSError:
-        pass
+    with suppress(OSError), open("/proc/self/status", encoding="ascii", errors="replace") as status:
+        for line in status:
+            if line.startswith("CapEff:"):
+                return bool(int(line.split()[1], 16) >> bit & 1)
     return False
 
 
@@ -54,7 +48,7 @@ def _unavailable(name: str, why: str) -> Measure:
     return Measure(name, False, f"not available: {why}")
 
 
-def _libc_call(name: str, *arguments: int) -> int:
+def libc_call(name: str, *arguments: int) -> int:
     """Call a C library function on unsigned longs. Raises OSError on -1, AttributeError when it does not exist."""
     function = getattr(ctypes.CDLL(None, use_errno=True), name)
     function.restype = ctypes.c_int
@@ -67,19 +61,18 @@ def _libc_call(name: str, *arguments: int) -> int:
 
 def _timer_slack(_priority: int) -> Measure:
     """Let the kernel's timer wake this thread within 1 ns of the request, not within its usual 50 us."""
-    name = "timer-slack"
     if sys.platform != "linux":
-        return _unavailable(name, f"timer slack is a Linux setting, this is {sys.platform}")
+        return _unavailable("timer-slack", f"timer slack is a Linux setting, this is {sys.platform}")
     try:
-        before_ns = _libc_call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0)
-        _libc_call("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
+        before_ns = libc_call("prctl", _PR_GET_TIMERSLACK, 0, 0, 0, 0)
+        libc_call("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
     except (OSError, AttributeError) as error:
-        return _unavailable(name, f"prctl: {error}")
+        return _unavailable("timer-slack", f"prctl: {error}")
 
     def undo() -> None:  # a real-time thread reads as 0, and 0 sets the default: the right way back for both
-        _libc_call("prctl", _PR_SET_TIMERSLACK, before_ns, 0, 0, 0)
+        libc_call("prctl", _PR_SET_TIMERSLACK, before_ns, 0, 0, 0)
 
-    return Measure(name, True, f"1 ns instead of {before_ns} ns", undo)
+    return Measure("timer-slack", True, f"1 ns instead of {before_ns} ns", undo)
 
 
 def _gc_frozen(_priority: int) -> Measure:
@@ -115,13 +108,13 @@ def _memory_locked(_priority: int) -> Measure:
     if unlimited:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (before[1], before[1]))
     try:
-        _libc_call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
+        libc_call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
     except (OSError, AttributeError) as error:
         resource.setrlimit(resource.RLIMIT_MEMLOCK, before)
         return _unavailable(name, f"mlockall: {error}")
 
     def undo() -> None:
-        _libc_call("munlockall")
+        libc_call("munlockall")
         resource.setrlimit(resource.RLIMIT_MEMLOCK, before)
 
     return Measure(name, True, "all present and future pages", undo)

@@ -41,15 +41,15 @@ def is_being_written(path: Path) -> bool:
 
 
 class Recorder:
-    """A `Sink` of one loop. Make it with `open_recorder`."""
+    """A `Sink` of one loop: `process` writes what it puts into `ring`. Make it with `open_recorder`."""
 
-    __slots__ = ("_count", "_process", "_reported", "_ring", "_say", "_unsaved", "path", "trouble")
+    __slots__ = ("_count", "_reported", "_say", "_unsaved", "path", "process", "ring", "trouble")
 
     def __init__(self, path: Path, ring: Ring, process: subprocess.Popen[bytes], say: Callable[[str], None]) -> None:
         self.path = path
         self.trouble = ""
-        self._ring = ring
-        self._process = process
+        self.ring = ring
+        self.process = process
         self._say = say
         self._count = 0
         self._reported = False
@@ -58,40 +58,40 @@ class Recorder:
     @property
     def lost(self) -> int:
         """Messages that did not fit into the ring; after `close`, all that are not in the file, whatever the reason."""
-        return self._ring.lost if self._unsaved is None else self._unsaved
+        return self.ring.lost if self._unsaved is None else self._unsaved
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         """Put a message into the ring (`Sink.put`)."""
-        self._ring.put(topic, time_ns, payload)
+        self.ring.put(topic, time_ns, payload)
         self._count += 1
         if self._count % _CHECK_EVERY == 0:
             self._check_writer()
 
     def _check_writer(self) -> None:
         if not self.trouble:
-            self.trouble = self._ring.said
-            if not self.trouble and self._process.poll():
+            self.trouble = self.ring.said
+            if not self.trouble and self.process.poll():
                 self.trouble = "its writer was ended from outside; what it had written can be recovered"
             if self.trouble:
                 self._say(f"recording of {self.path.name} has stopped: {self.trouble}")
-        if self._ring.lost and not self._reported:
+        if self.ring.lost and not self._reported:
             self._reported = True
             if not self.trouble:
                 self._say(f"recording of {self.path.name} is too slow: messages are left out, and counted")
 
     def close(self) -> None:
         """Wait until everything is written."""
-        self._ring.finish()
-        assert self._process.stdin is not None
-        self._process.stdin.close()
+        self.ring.finish()
+        assert self.process.stdin is not None
+        self.process.stdin.close()
         try:
-            self._process.wait(END_LIMIT_S)
+            self.process.wait(END_LIMIT_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+            self.process.kill()
+            self.process.wait()
         self._check_writer()
-        self._unsaved = self._count - self._ring.saved
-        self._ring.close()
+        self._unsaved = self._count - self.ring.saved
+        self.ring.close()
 
 
 def ring_for(rate_hz: int) -> int:
@@ -108,16 +108,15 @@ def open_recorder(
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        say(f"this session is not recorded: {path}: {error.strerror}; choose another folder with --runs")
-        return None
-    try:
         out = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
-    except FileExistsError:
-        say(f"this session is not recorded: {path} exists, and no recording is overwritten")
-        return None
     except OSError as error:
-        say(f"this session is not recorded: {path}: {error.strerror}; choose another folder with --runs")
+        exists = isinstance(error, FileExistsError) and path.exists()
+        why = (
+            " exists, and no recording is overwritten"
+            if exists
+            else f": {error.strerror}; choose another folder with --runs"
+        )
+        say(f"this session is not recorded: {path}{why}")
         return None
     with suppress(OSError):
         lock(out)

@@ -15,19 +15,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, cast
 
-import msgspec
-
 from cogrip.protocol.io.recorder import lock
 from cogrip.protocol.io.ring import Ring
 from cogrip.protocol.recording.header import header_of
 from cogrip.protocol.recording.records import Clock, Gap
+from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.recording.writer import RecordingWriter
 
 TAKE_EVERY_S = 0.05
 FLUSH_EVERY_S = 0.2
 CLOCK_EVERY_S = 1.0
 MOST_HELD_BYTES = 1 << 20
-_encode = msgspec.json.Encoder().encode
 
 
 class WholePieces:
@@ -53,14 +51,14 @@ class WholePieces:
 
     def flush(self) -> None:
         held, self._held = self._held, bytearray()
-        piece, whole = memoryview(held), len(held)
+        piece = memoryview(held)
         try:
             while piece:
                 piece = piece[os.write(self.fd, piece) :]
         except OSError:
             os.ftruncate(self.fd, self._at)
             raise
-        self._at += whole
+        self._at += len(held)
 
 
 class Task:
@@ -107,7 +105,7 @@ class Task:
             return
         self._dated = self._put
         now_ns = time.monotonic_ns()
-        self._try(self._writer.put, self._clock, now_ns, _encode(Clock(now_ns, time.time_ns())))
+        self._try(self._writer.put, self._clock, now_ns, encode(Clock(now_ns, time.time_ns())))
 
     def flush(self) -> None:
         self._try(self._writer.flush)
@@ -115,6 +113,7 @@ class Task:
         self._count()
 
     def _keep_the_file(self) -> None:
+        """Put the file back if it was removed meanwhile, else count nothing of it as saved."""
         if self._gone or os.name != "posix" or os.fstat(self._stream.fd).st_nlink:
             return
         try:
@@ -129,15 +128,11 @@ class Task:
             self.ring.saved = self._put
 
     def _rescue(self) -> None:
-        """Restore the file, which was removed meanwhile, from its descriptor.
-
-        Raises OSError where that fails: what a disk had room for stays there and can be recovered, but is not counted.
-        """
+        """Restore the file from its descriptor. Raises OSError: what a disk had room for stays there, and is not counted."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
         try:
-            size = os.fstat(self._stream.fd).st_size
-            done = 0
+            done, size = 0, os.fstat(self._stream.fd).st_size
             while done < size:
                 done += os.sendfile(fd, self._stream.fd, done, size - done)
             os.dup2(fd, self._stream.fd)
@@ -159,7 +154,7 @@ class Task:
 
     def _note_gap(self, messages: int) -> None:
         self._lost += messages
-        self._try(self._writer.put, self._gap, self._last_ns, _encode(Gap(messages, "the ring was full")))
+        self._try(self._writer.put, self._gap, self._last_ns, encode(Gap(messages, "the ring was full")))
 
 
 def main(arguments: list[str]) -> int:
@@ -169,9 +164,8 @@ def main(arguments: list[str]) -> int:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     source = sys.stdin.buffer
     task = Task(Ring(int(arguments[0])), int(arguments[1]), json.loads(source.readline()))
-    ring = task.ring
     flushed = anchored = 0.0
-    while not ring.finished:
+    while not task.ring.finished:
         now = time.monotonic()
         task.take()
         if now - anchored >= CLOCK_EVERY_S:

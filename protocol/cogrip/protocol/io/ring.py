@@ -123,8 +123,8 @@ class Ring:
 
     @property
     def said(self) -> str:
-        length = self._counters[_SAID]
-        return self._map[_TEXT : _TEXT + length].decode("utf-8", "replace") if length else ""
+        """The reader's report, "" if there is none."""
+        return self._map[_TEXT : _TEXT + self._counters[_SAID]].decode("utf-8", "replace")
 
     def close(self) -> None:
         self._counters.release()

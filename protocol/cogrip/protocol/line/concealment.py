@@ -134,10 +134,8 @@ class Elastic:
         return out
 
     def _recover(self) -> None:
-        if self.quality < 1.0:
-            self.quality += self._smoothing * (1.0 - self.quality)
-            if self.quality > FULL_QUALITY:
-                self.quality = 1.0
+        quality = self.quality + self._smoothing * (1.0 - self.quality)
+        self.quality = quality if quality <= FULL_QUALITY else 1.0
 
     def compensate(self, row: Row, deficit: Row, reserve: Row, last: Row, gap: bool) -> Row:
         smoothing, added = self._smoothing, self._added
@@ -171,9 +169,5 @@ class Elastic:
         return added
 
 
-CONCEALMENTS: dict[str, Callable[[int, float], Concealment]] = {
-    "zero": Zero,
-    "repaid": Compensated,
-    "tank": Tank,
-    "elastic": Elastic,
-}
+Maker = Callable[[int, float], Concealment]
+CONCEALMENTS: dict[str, Maker] = {"zero": Zero, "repaid": Compensated, "tank": Tank, "elastic": Elastic}

@@ -106,10 +106,9 @@ def _late(frames: int, quickest: int | None, direction: Direction, frame_ms: flo
     Datagram j after the frame's own brings it in time if it is not lost and its delay is at most (frames - j) T_n.
     """
     loss = direction.loss
+    enter = stay = loss
     if direction.burst_frames > 1.0:
         enter, stay = loss / (direction.burst_frames * (1.0 - loss)), 1.0 - 1.0 / direction.burst_frames
-    else:
-        enter = stay = loss
     good, bad = 1.0 - loss, loss  # probability of the chain's states with the frame not there
     for sent in range(redundancy if quickest is None else min(redundancy, frames - quickest + 1)):
         slack_ms = (frames - sent) * frame_ms - direction.delay_ms

@@ -17,8 +17,10 @@ HISTORY = 1024  # frames for which the receiver still knows what it had played
 class WaveLedger:
     """Ledger of one direction. Rows have shape (axes,).
 
-    settled    number of the newest frame whose totals are in use
-    disturbed  something is lost, or may be: before that nothing is compensated
+    settled           number of the newest frame whose totals are in use
+    settled_fillings  squares of the fillings before it [W]
+    lost_squares      squares lost before it, less these and what may be rounding [W]
+    disturbed         something is lost, or may be: before that nothing is compensated
     """
 
     def __init__(self, axes: int, tank_w: float) -> None:
@@ -36,18 +38,8 @@ class WaveLedger:
         self._totals: dict[int, tuple[Frame, Frame]] = {}  # totals of frames above the cursor, not usable yet
         self._usable: tuple[int, Frame, Frame] | None = None  # newest totals of a frame up to the cursor
         self._lost: Sequence[float] = zero  # sum of the waves lost before frame `settled`, less fillings
-        self._lost_squares: Sequence[float] = zero
-        self._settled_fillings = zero  # squares of `_filled` as of frame `settled`
-
-    @property
-    def lost_squares(self) -> Sequence[float]:
-        """Squares lost before frame `settled`, less its fillings and what may be rounding, shape (axes,) [W]."""
-        return self._lost_squares
-
-    @property
-    def settled_fillings(self) -> Frame:
-        """Squares of the fillings before frame `settled`, shape (axes,) [W]."""
-        return self._settled_fillings
+        self.lost_squares: Sequence[float] = zero
+        self.settled_fillings = zero
 
     @property
     def deficit(self) -> list[float]:
@@ -84,14 +76,14 @@ class WaveLedger:
 
     def _settle(self, number: int, total: Frame, squares: Frame) -> None:
         """Compare the totals of frame `number` with what was played up to it."""
-        played, played_squares, self._settled_fillings = self._history[number % HISTORY]
+        played, played_squares, self.settled_fillings = self._history[number % HISTORY]
         self.settled = number
         self._lost = [a - b for a, b in zip(total, played, strict=True)]
         lost = [a - b for a, b in zip(squares, played_squares, strict=True)]
         self.disturbed = self.disturbed or any(self._lost) or any(lost)
         if self.disturbed:  # what may be rounding is no reserve; on a clean line both ends have added up alike
             lost = [less - RESERVE_FRACTION * sent for less, sent in zip(lost, squares, strict=True)]
-        self._lost_squares = lost
+        self.lost_squares = lost
 
     def add_filling(self, frame: Frame) -> None:
         """Enter a filling, before `add_played`."""
@@ -105,7 +97,7 @@ class WaveLedger:
         """Squares that may still be played beyond the frames themselves, tank included [W]."""
         filled, spent, tank = self._filled.squares[axis], self._compensated.squares[axis], self._tank
         rounding = BOUND_FRACTION * (tank + filled + abs(spent))
-        return self._lost_squares[axis] - spent + tank - (filled - self._settled_fillings[axis]) - rounding
+        return self.lost_squares[axis] - spent + tank - (filled - self.settled_fillings[axis]) - rounding
 
     def limits(self) -> list[float]:
         """Largest filling on each axis [sqrt(W)]."""
@@ -114,4 +106,4 @@ class WaveLedger:
     def reserve(self) -> list[float]:
         """Squares that compensation may spend [W]; the tank is not for that."""
         spent = self._compensated.squares
-        return [max(0.0, min(lost - spent[axis], self.allowance(axis))) for axis, lost in enumerate(self._lost_squares)]
+        return [max(0.0, min(lost - spent[axis], self.allowance(axis))) for axis, lost in enumerate(self.lost_squares)]

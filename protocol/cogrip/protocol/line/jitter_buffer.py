@@ -87,10 +87,7 @@ class FixedJitterBuffer:
             return REPEAT
         if not self._seen:
             self._low = self._high = lead
-        elif lead < self._low:
-            self._low = lead
-        elif lead > self._high:
-            self._high = lead
+        self._low, self._high = min(lead, self._low), max(lead, self._high)
         self._seen += 1
         if self._seen < REALIGN_WINDOW:
             return PLAY
@@ -124,7 +121,7 @@ class AdaptiveJitterBuffer:
 
         self._offset = 0  # o; that of the first frame played is 0
         self._target = 0
-        self._bins: dict[int, float] = {}  # lateness x -> weight of the arrivals
+        self.bins: dict[int, float] = {}  # lateness x -> weight of the arrivals
         self._new = 1.0  # weight of an arrival now
         self._run = 0  # pops in a row at which nothing but late frames came
         self._silent = 0  # pops since something newer came
@@ -138,18 +135,13 @@ class AdaptiveJitterBuffer:
         self._pops = self._depth_sum = self._deepest = 0
         self._shallowest = DEEPEST
 
-    @property
-    def bins(self) -> dict[int, float]:
-        """Weight of the arrivals by lateness."""
-        return self._bins
-
     def begin(self, in_hand: int) -> int:
         """Return how many frames behind the newest one playing begins. in_hand: older frames that are there.
 
         Some of these are played: to leave them out would make them late, and if they are too many they are soon skipped.
         """
         lead = min(in_hand, self._most_at_first)
-        self._bins[-lead] = self._new  # only the newest says something of the path
+        self.bins[-lead] = self._new  # only the newest says something of the path
         self._most_now = self._most_before = self._least_now = self._least_before = -lead
         return lead
 
@@ -157,7 +149,7 @@ class AdaptiveJitterBuffer:
         """Enter a frame that is there for the first time. lead: its number less that of the frame that is due next."""
         x = max(-DEEPEST, min(DEEPEST, -lead)) + self._offset
         new = self._new = self._new * self._growth
-        bins = self._bins
+        bins = self.bins
         bins[x] = bins.get(x, 0.0) + new
         if x > self._most_now:
             self._most_now = x
@@ -165,7 +157,7 @@ class AdaptiveJitterBuffer:
             self._scale()
         if len(bins) > MOST_BINS:  # a sender that has been everywhere: nothing comes from beyond DEEPEST
             near = self._offset - DEEPEST, self._offset + DEEPEST
-            self._bins = {x: weight for x, weight in self._bins.items() if near[0] <= x <= near[1]}
+            self.bins = {x: weight for x, weight in self.bins.items() if near[0] <= x <= near[1]}
 
     def decide(self, lead: int, present: bool, fresh: bool) -> Move:
         """Return the move of this pop. Parameters as in `FixedJitterBuffer.decide`."""
@@ -216,7 +208,7 @@ class AdaptiveJitterBuffer:
             most = max(self._most_now, self._most_before)
             if most < self._target:  # long enough for what J counts to have come again: the path has become shorter
                 self._target = most
-                self._bins = {x: weight for x, weight in self._bins.items() if x <= most} or {most: self._new}
+                self.bins = {x: weight for x, weight in self.bins.items() if x <= most} or {most: self._new}
             if self._target >= self._offset:
                 self._wait = GAP_WAIT
         if self._target >= self._offset:
@@ -243,7 +235,7 @@ class AdaptiveJitterBuffer:
         pending: weight of a frame that is not there yet and may come at the next pop.
         """
         offset, weight = self._offset, self._weight
-        bins = self._bins
+        bins = self.bins
         if pending:
             bins = {**bins, offset + 1: bins.get(offset + 1, 0.0) + pending}
         total = sum(bins.values())
@@ -262,17 +254,17 @@ class AdaptiveJitterBuffer:
 
     def _discount(self, frames: int) -> None:
         """Let what came before a path that is longer by `frames` count so little that this run decides."""
-        late = sum(weight for x, weight in self._bins.items() if x > self._offset)
-        on_time = sum(self._bins.values()) - late
+        late = sum(weight for x, weight in self.bins.items() if x > self._offset)
+        on_time = sum(self.bins.values()) - late
         most = late * self._weight / (frames + 1.0 + HYSTERESIS)
         if on_time > most:
             offset = self._offset
-            self._bins = {x: weight if x > offset else weight * most / on_time for x, weight in self._bins.items()}
+            self.bins = {x: weight if x > offset else weight * most / on_time for x, weight in self.bins.items()}
 
     def _scale(self) -> None:
         """Scale the weights, which are relative, so that a new one is 1, and drop what is forgotten."""
         new = self._new
-        self._bins = {x: weight / new for x, weight in self._bins.items() if weight > _FORGOTTEN * new}
+        self.bins = {x: weight / new for x, weight in self.bins.items() if weight > _FORGOTTEN * new}
         self._new = 1.0
 
 

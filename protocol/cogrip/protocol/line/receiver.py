@@ -24,6 +24,7 @@ FrameMetadata = tuple[float, float, int]  # the sender's ledger up to a frame: m
 class LineReceiver:
     """Plays one direction's frames out. Call `receive` with any number of datagrams, then `pop` once a frame.
 
+    newest    number of the newest frame received; -1 before the first
     metadata  of the frame popped last, where a datagram ended with it
     played    the frame popped last had come in time
     gap       it had not, or the pop repeats: what was popped is a filling
@@ -49,7 +50,7 @@ class LineReceiver:
         self.ledger = WaveLedger(axes, tank_j / self._half_frame_s / axes)
 
         self._cursor: int | None = None  # number of the frame that `pop` plays next
-        self._newest = -1
+        self.newest = -1
         self._waiting: dict[int, Frame] = {}
         self._missing: set[int] = set()  # their time came without them; they may still arrive late
         self._recent = [-1] * 256  # newest frame of recent datagrams: a second one alike is a duplicate
@@ -63,18 +64,12 @@ class LineReceiver:
         self._concealed = self._gap_length = self._longest_gap = 0
         self._played_j = CompensatedSum()
         self.metadata: FrameMetadata | None = None
-        self.gap = False
-        self.played = False
+        self.gap = self.played = False
 
     @property
     def played_j(self) -> float:
         """Energy of all waves played so far [J]."""
         return self._played_j.value
-
-    @property
-    def newest(self) -> int:
-        """Number of the newest frame received; -1 before the first."""
-        return self._newest
 
     @property
     def acknowledged(self) -> int:
@@ -99,9 +94,8 @@ class LineReceiver:
         axes = self._axes
         count, rest = divmod(len(waves), axes)
         newest = first + count - 1
-        if rest or not 0 < count <= MOST_FRAMES or len(total) != axes or len(squares) != axes:
-            return False
-        if not self._is_near(newest):
+        fits = not rest and 0 < count <= MOST_FRAMES and len(total) == len(squares) == axes
+        if not fits or not self._is_near(newest):
             return False
         slot = newest & 255
         if self._recent[slot] == newest:
@@ -109,26 +103,26 @@ class LineReceiver:
             return True
         self._recent[slot] = newest
         cursor = 0 if self._cursor is None else self._cursor
-        if newest > self._newest:
-            self._newest, self._fresh = newest, True
+        if newest > self.newest:
+            self.newest, self._fresh = newest, True
             self._late_wave = waves[-axes:] if newest < cursor else None
         waiting, missing = self._waiting, self._missing
         adapts = self._jitter_buffer.adapts and self._cursor is not None
-        number = first
-        for start in range(0, count * axes, axes):
+        start = -axes
+        for number in range(first, newest + 1):
+            start += axes
             if number >= cursor:
-                if number not in waiting:
-                    waiting[number] = waves[start : start + axes]
-                    self._received += 1
-                    if adapts:
-                        self._jitter_buffer.arrived(number - cursor)
+                if number in waiting:
+                    continue
+                waiting[number] = waves[start : start + axes]
             elif number in missing:
                 missing.discard(number)
                 self._late += 1
-                self._received += 1
-                if adapts:
-                    self._jitter_buffer.arrived(number - cursor)
-            number += 1
+            else:
+                continue
+            self._received += 1
+            if adapts:
+                self._jitter_buffer.arrived(number - cursor)
         if newest >= cursor:
             self._metadata[newest] = metadata
         self.ledger.add_totals(first, self._cursor, total, squares)
@@ -146,13 +140,10 @@ class LineReceiver:
 
     def _begin(self) -> int:
         """Set the cursor by the newest frame; older ones that are not played are late, or lost if they have not come."""
-        cursor = self._newest - self._jitter_buffer.begin(self._newest - min(self._waiting))
+        cursor = self.newest - self._jitter_buffer.begin(self.newest - min(self._waiting))
         self._due_frames = max(0, cursor)
         for number in range(max(0, cursor - HISTORY), cursor):
-            if self._waiting.pop(number, None) is not None:
-                self._late += 1
-            else:
-                self._missing.add(number)
+            self._drop_or_miss(number)
         self._waiting = {number: frame for number, frame in self._waiting.items() if number >= cursor}
         self._metadata = {number: each for number, each in self._metadata.items() if number >= cursor}
         self.ledger.begin(cursor)
@@ -164,18 +155,19 @@ class LineReceiver:
         self.played = False
         number = self._cursor
         if number is None:
-            if self._newest < 0:
+            if self.newest < 0:
                 return self._zero
             number = self._begin()
         else:
             for _ in range(frames - 1):
                 number = self._pass_over(number)
-        move = self._jitter_buffer.decide(self._newest - number, number in self._waiting, self._fresh)
+        move = self._jitter_buffer.decide(self.newest - number, number in self._waiting, self._fresh)
         late, self._late_wave, self._fresh = self._late_wave, None, False
         self.gap = move == REPEAT
         if self.gap:
             self._cursor = number
-            filling = self._fill(late, self._newest < number)
+            filling = self._fill(late, self.newest < number)
+            self.ledger.disturbed = True  # `filling` is owed, and the end has yielded: both are to be mended
             self.ledger.add_compensation(filling, [x * x for x in filling])  # no frame stands for it
             return self._play(filling)
         if move != PLAY:
@@ -185,12 +177,12 @@ class LineReceiver:
             self.played = True
             self._applied += 1
             self._gap_length = 0
+        elif number >= 0:
+            self._miss(number)
+            frame = self._fill(late, self.newest < number)
+            self.ledger.add_filling(frame)
         else:
             frame = self._zero
-            if number >= 0:
-                self._miss(number)
-                frame = self._fill(late, self._newest < number)
-                self.ledger.add_filling(frame)
         self._advance(number, frame)
         played = self._play(frame)
         self.metadata = self._metadata.pop(number, None)
@@ -207,13 +199,17 @@ class LineReceiver:
     def _pass_over(self, number: int) -> int:
         """Play nothing for frame `number`, which is late if it has come; return the next number."""
         if number >= 0:
-            if self._waiting.pop(number, None) is not None:
-                self._late += 1
-            else:
-                self._missing.add(number)
+            self._drop_or_miss(number)
         self._metadata.pop(number, None)
         self._advance(number, self._zero)
         return number + 1
+
+    def _drop_or_miss(self, number: int) -> None:
+        """Count frame `number`, which is not played, as late; as missing if it has not come."""
+        if self._waiting.pop(number, None) is not None:
+            self._late += 1
+        else:
+            self._missing.add(number)
 
     def _advance(self, number: int, frame: Frame) -> None:
         """Move on from frame `number`, for which `frame` is played."""
@@ -262,7 +258,7 @@ class LineReceiver:
     @property
     def _sent(self) -> int:
         """Frames that are known to have been sent and whose time has come."""
-        return min(self._due_frames, self._newest + 1)
+        return min(self._due_frames, self.newest + 1)
 
     @property
     def lost(self) -> int:
@@ -271,10 +267,8 @@ class LineReceiver:
 
     def count(self) -> LinkCount:
         """Return how many frames met which fate."""
-        return LinkCount(
-            sent=self._sent, received=self._received, applied=self._applied, lost=self.lost, late=self._late,
-            duplicate=self._duplicate, pending=max(0, self._newest + 1 - self._due_frames),
-        )  # fmt: skip
+        pending = max(0, self.newest + 1 - self._due_frames)
+        return LinkCount(self._sent, self._received, self._applied, self.lost, self._late, self._duplicate, pending)
 
     @property
     def playout_frames(self) -> int:

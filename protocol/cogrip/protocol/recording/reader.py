@@ -10,12 +10,16 @@ decompress to its checksum is left out; where the lengths themselves are damaged
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from struct import Struct, error
 from typing import IO, NamedTuple
 
 import msgspec
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.records import Metadata
 
 from cogrip.protocol.recording.header import FORMAT, NAME, Header, header_of
 
@@ -78,32 +82,24 @@ class Recording:
 
     def chunks(self) -> Iterator[list[Message]]:
         """Yield intact chunks, oldest first."""
-        self.damage, self.complete = [], False
-        last_ns: int | None = None
+        self.damage, self.complete, known = [], False, 0
+        last_ns: int | None = None  # of the newest intact chunk
         with self.path.open("rb") as file:
             for chunk in self._read(file):
-                if chunk:
-                    self._end_damage(chunk[0].time_ns)
-                    last_ns = chunk[-1].time_ns
+                if chunk:  # all damage found since the last intact one ends here
+                    for number in range(known, len(self.damage)):
+                        self.damage[number] = self.damage[number]._replace(to_ns=chunk[0].time_ns)
+                    known, last_ns = len(self.damage), chunk[-1].time_ns
                     yield chunk
-                elif self.damage and self.damage[-1].from_ns is None:
+                elif len(self.damage) > known:
                     self.damage[-1] = self.damage[-1]._replace(from_ns=last_ns)
 
-    def _end_damage(self, time_ns: int) -> None:
-        """Set the end time of all damage found since the last intact chunk."""
-        for number in range(len(self.damage) - 1, -1, -1):
-            if self.damage[number].to_ns is not None:
-                return
-            self.damage[number] = self.damage[number]._replace(to_ns=time_ns)
-
     def _read(self, file: IO[bytes]) -> Iterator[list[Message]]:
-        """Yield chunks; an empty one stands for the damage that was found last."""
+        """Yield chunks; an empty one stands for the damage that was found last, or is one without messages."""
         size = self.path.stat().st_size
         offset = len(MAGIC)
         while True:
-            file.seek(offset)
-            frame = file.read(_FRAME.size)
-            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, 0)
+            opcode, length = _frame_at(file, offset) or (0, 0)
             end = offset + _FRAME.size + length
             reason, here = "", False
             if opcode == CHUNK and end <= size:
@@ -200,9 +196,7 @@ class Follower:
         with recording.path.open("rb") as file:
             size = recording.path.stat().st_size
             while True:
-                file.seek(self._offset)
-                frame = file.read(_FRAME.size)
-                opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, MOST_BYTES)
+                opcode, length = _frame_at(file, self._offset) or (0, MOST_BYTES)
                 if self._offset + _FRAME.size + length > size or not 0 < opcode < DATA_END:
                     return self.newest
                 if opcode == CHUNK:
@@ -216,47 +210,33 @@ def open_recording(path: Path) -> Recording:
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"{path} is not a recording (no MCAP file); name a run folder or its .mcap file")
-        while True:
+        opcode, content = HEADER, b""
+        while opcode != METADATA:
             frame = file.read(_FRAME.size)
-            if len(frame) < _FRAME.size:
-                raise RecordingError(f"{path} ends before it says what it is; nothing of it can be saved")
-            opcode, length = _FRAME.unpack(frame)
+            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (HEADER, 1)
             if opcode not in (HEADER, METADATA) or length > MOST_BYTES:
                 raise RecordingError(f"{path} is an MCAP file, but no recording of cogrip's")
             content = file.read(length)
             if len(content) < length:
                 raise RecordingError(f"{path} ends before it says what it is; nothing of it can be saved")
-            if opcode == METADATA:
-                break
     try:
-        name, metadata = _metadata(content)
-        written = int(metadata.get("format", "0"))
-        if name == NAME and written > FORMAT:
+        found = Metadata.read(ReadDataStream(BytesIO(content)))
+        written = int(found.metadata.get("format", "0"))
+        if found.name == NAME and written > FORMAT:
             raise RecordingError(
                 f"{path} is a recording of format {written}, newer than {FORMAT}, the newest known here; update cogrip"
             )
-        header = header_of(metadata)
-    except (msgspec.MsgspecError, ValueError, RecursionError, error) as problem:
+        header = header_of(found.metadata)
+    except (msgspec.MsgspecError, McapError, ValueError, RecursionError, error) as problem:
         raise RecordingError(f"{path} is an MCAP file, but its header is not cogrip's: {problem}") from None
     return Recording(path, header)
 
 
-def _metadata(content: bytes) -> tuple[str, dict[str, str]]:
-    position = 0
-
-    def text() -> str:
-        nonlocal position
-        (length,) = _LENGTH.unpack_from(content, position)
-        position += _LENGTH.size + length
-        return content[position - length : position].decode()
-
-    name = text()
-    position += _LENGTH.size
-    pairs = {}
-    while position < len(content):
-        key = text()
-        pairs[key] = text()
-    return name, pairs
+def _frame_at(file: IO[bytes], offset: int) -> tuple[int, int] | None:
+    """Return opcode and length of the record at `offset`, behind whose frame the file then stands; None at the end."""
+    file.seek(offset)
+    frame = file.read(_FRAME.size)
+    return _FRAME.unpack(frame) if len(frame) == _FRAME.size else None
 
 
 def _end_in_statistics(file: IO[bytes], size: int) -> int | None:
@@ -311,8 +291,7 @@ def _agrees(file: IO[bytes], begin: int) -> bool:
 
 def _fits(file: IO[bytes], begin: int) -> bool:
     """Return whether an index (channel u16, u32 bytes of entries) or the data's end has its proper length."""
-    file.seek(begin)
-    opcode, length = _FRAME.unpack(file.read(_FRAME.size))
+    opcode, length = _frame_at(file, begin) or (0, 0)
     if opcode == MESSAGE_INDEX:
         head = file.read(_INDEX.size)
         return len(head) == _INDEX.size and length == _INDEX.size + _INDEX.unpack(head)[1]
@@ -321,9 +300,6 @@ def _fits(file: IO[bytes], begin: int) -> bool:
 
 def is_closed(file: IO[bytes]) -> bool:
     """Return whether the writer closed the file: it ends with a footer and the magic bytes."""
-    footer = _FRAME.size + _FOOTER.size + len(MAGIC)
-    if file.seek(0, 2) < footer:
-        return False
-    file.seek(-footer, 2)
-    tail = file.read()
-    return bool(_FRAME.unpack_from(tail) == (FOOTER, _FOOTER.size)) and tail.endswith(MAGIC)
+    size = file.seek(0, 2)
+    footer = _frame_at(file, max(0, size - _FRAME.size - _FOOTER.size - len(MAGIC)))
+    return footer == (FOOTER, _FOOTER.size) and file.read()[_FOOTER.size :] == MAGIC

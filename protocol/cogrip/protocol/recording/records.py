@@ -14,7 +14,7 @@ Row = tuple[Number, ...]
 class Record(msgspec.Struct, frozen=True, gc=False):
     """Base of all messages. Every key is in every message, so that a plot has no holes.
 
-    A field that is added gets a default, so that older files can be read, and a line in `descriptions`.
+    A field that is added gets a default, so that older files can be read, and a line in `schema.DESCRIPTIONS`.
     """
 
 

@@ -1,7 +1,7 @@
 """JSON schemas of the records, in the plain form that viewers read: no references, no unions, no arrays of arrays.
 
 Foxglove refuses a whole channel for any of these. A field that may be null has the one type of its values and, as in
-OpenAPI 3.0, `nullable`.
+OpenAPI 3.0, `nullable`. The descriptions of fields, of records and accounts, are in docs/recordings.md too.
 """
 
 from typing import Any
@@ -9,17 +9,89 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-from cogrip.protocol.recording.descriptions import described
-
 NOT_SHOWN = ("unfit",)
 """Fields that are in the messages and in no schema: an array of arrays."""
 
 _NAMES = {
-    inspect.IntType: "integer",
-    inspect.FloatType: "number",
-    inspect.StrType: "string",
-    inspect.BoolType: "boolean",
+    inspect.IntType: "integer", inspect.FloatType: "number", inspect.StrType: "string", inspect.BoolType: "boolean",
+}  # fmt: skip
+UNITS = {
+    "mps": "m/s", "npm": "N/m", "nspm": "N s/m", "us": "µs", "ms": "ms", "ns": "ns", "m": "m", "n": "N", "j": "J", "s": "s",
+    "frames": "network frames", "ticks": "device ticks",
+}  # fmt: skip
+"""End of a field's name -> its unit."""
+_OTHER_UNITS = {"wave_up": "sqrt(W)", "wave_down": "sqrt(W)", "ticks": "", "frames": ""}
+
+DESCRIPTIONS = {
+    # tick
+    "tick": "number of the device tick",
+    "late_us": "how late this tick came",
+    "work_us": "computing time of the tick or step before",
+    "position_m": "position of the hand as the device gave it; null: no sample, or a number that is not finite",
+    "velocity_mps": "velocity of the device where it gives one, else estimated from positions",
+    "force_n": "force on the hand; of a seat: force of its spring on the object",
+    "work_j": "work of the hand against the force, so far",
+    "port_j": "energy that went into the wave line, so far",
+    "wave_up": "wave u sent at the last frame border",
+    "wave_down": "wave v held over this frame",
+    "object_m": "position of the object; at a client: as last received",
+    "margin_j": "least energy margin of the line down, so far; null: no waves",
+    "rtt_ms": "round-trip time, smoothed; null: not measured yet",
+    "lost": "network frames from the other end that were lost, so far",
+    "state": "state of the client's safety: live, degraded, fault ...",
+    "skipped": "ticks or steps that the loop skipped, so far",
+    "playout_frames": "frames that the playout holds back now; null: no waves",
+    "given_mps": "velocity that the device gave, where it is not velocity_mps",
+    "reserve_j": "energy reserve of the line down, as of this frame; null: no waves",
+    "device_reserve_j": "energy that the device port may still give",
+    "unfit": "position and velocity of a sample with a number that is not finite, as text",
+    "age_ticks": "age of the sample",
+    "up_ms": "delay of the path up, one way; null: not known",
+    "down_ms": "delay of the path down, one way; null: not known",
+    # step, and its seats
+    "step": "number of the step of the room",
+    "object_mps": "velocity of the object",
+    "seats": "seats of the room, in the order of the settings",
+    "frames": "network frames in this step; more than 1 where the loop missed some",
+    "user": "name of the person whose seat it is",
+    "seated": "whether somebody has the seat",
+    "proxy_m": "position of the person's proxy at the object",
+    "up_margin_j": "least energy margin of the line up, so far",
+    "line_margin_j": "least of the energy in at the client's port less the energy out at the server's, so far",
+    "up_reserve_j": "energy reserve of the line up, as of this frame",
+    "line_reserve_j": "energy in at the client's port less the energy out at the server's, as of this frame",
+    "up_used_j": "energy that came out of the line up, so far",
+    "down_made_j": "energy that went into the line down, so far",
+    # the others
+    "data": "the datagram's bytes",
+    "address": "address of the other end; empty at a client",
+    "kind": "kind of the input: connect, poll, stop, rearm ...",
+    "value": "the input as JSON text",
+    "verb": "call into the core: call, poll, stop, rearm ...",
+    "reason": "why, or the room it is about",
+    "count": "how many steps of a room where nobody sits",
+    "ticks": "ticks of a loop, as JSON text",
+    "room": "name of the room",
+    "session": "number of a new session",
+    "ticket": "hash of a session ticket",
+    "grant": "answer to a request for admission, as JSON text",
+    "text": "the event, in words",
+    "monotonic_ns": "the machine's steady clock",
+    "utc_ns": "UTC, read at the same moment",
+    "messages": "how many messages are missing before this place",
+    "account": "the whole account at the end, as JSON text",
 }
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a field, by the end of its name; empty where it has none."""
+    return _OTHER_UNITS.get(name, UNITS.get(name.rpartition("_")[2], "") if "_" in name else "")
+
+
+def described(name: str) -> str:
+    """Return the line on a field with its unit, such as `age of the sample [device ticks]`; empty for an unknown field."""
+    unit = unit_of(name)
+    return " ".join(filter(None, (DESCRIPTIONS.get(name, ""), f"[{unit}]" if unit else "")))
 
 
 def json_schema(record: type[msgspec.Struct]) -> bytes:

@@ -1,10 +1,16 @@
-"""Sinks: where the messages of a recording go, each a topic's number, a time and JSON text."""
+"""Sinks: where the messages of a recording go, each a topic's number, a time and JSON text; and the recorder of a core.
+
+A recorder stands around a core. Every input is recorded and then handled by the core; replay hands the recorded inputs to a
+new core. A tick or a step is one record of its input and its result, written when the result is known.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeVar
 
 import msgspec
+
+from cogrip.protocol.recording.records import Input, Record
 
 T = TypeVar("T")
 encode = msgspec.json.Encoder().encode
@@ -33,11 +39,37 @@ class Held:
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         self.messages.append((topic, time_ns, payload))
 
-    def pour(self, sink: Sink) -> None:
-        """Move all messages to `sink`, in order."""
-        for topic, time_ns, payload in self.messages:
-            sink.put(topic, time_ns, payload)
-        self.messages.clear()
+
+class CoreRecorder:
+    """The part of a core's recorder that client and server share: messages are held until `record` says where they go.
+
+    keeps   False where nobody keeps the recording, so that nothing need be encoded
+    now_ns  time of the input that is being handled, given to all that comes of it
+    """
+
+    def __init__(self) -> None:
+        self._held = Held()
+        self._sink: Sink = self._held
+        self.keeps = True
+        self.now_ns = 0
+
+    def record(self, sink: Sink) -> None:
+        """Write to `sink` what was held, and all that follows."""
+        self._sink = sink
+        self.keeps = not isinstance(sink, Nowhere)
+        for message in self._held.messages:
+            sink.put(*message)
+        self._held.messages.clear()
+
+    def put(self, topic: int, record: Record) -> None:
+        """Write one record at `now_ns`. topic: its place among the topics of this recording."""
+        if self.keeps:
+            self._sink.put(topic, self.now_ns, encode(record))
+
+    def put_input(self, topic: int, given: msgspec.Struct) -> None:
+        """Write an input of the core: a tagged struct of its `inputs` module, as JSON text."""
+        if self.keeps:
+            self.put(topic, Input(str(given.__struct_config__.tag), encode(given).decode()))
 
 
 class ObservedQueue(deque[T]):

@@ -4,8 +4,11 @@ A day of recording has a million chunks. The records of their indexes are made a
 neither the session nor its end needs more memory as it grows longer.
 """
 
+import tempfile
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
+from io import FileIO
 from pathlib import Path
 from struct import Struct
 
@@ -13,10 +16,9 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, McapRecord, MetadataIndex, Schema, Statistics, SummaryOffset
 
-from cogrip.protocol.recording.spool import Spool
-
 _FOOTER_HEAD = Struct("<BQQQ")  # what the summary's checksum covers of the footer: all before the checksum itself
 _FOOTER_BYTES = 20
+HELD_BYTES = 64 * 1024  # of a spool, in memory
 
 
 def record_bytes(record: McapRecord) -> bytes:
@@ -25,6 +27,78 @@ def record_bytes(record: McapRecord) -> bytes:
     record.write(builder)
     data: bytes = builder.end()
     return data
+
+
+class Spool:
+    """Bytes kept to the end of a recording: the last in memory, the others in a file without a name.
+
+    Short recordings make no file; a killed process leaves none behind.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        """The file lies in `folder` where it can, else where the system keeps such files."""
+        self._folder = folder
+        self._held = bytearray()
+        self._file: FileIO | None = None
+        self._flush_above = HELD_BYTES
+        self.length = 0  # bytes, of all that was appended
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes in memory: at most HELD_BYTES, but for what could not be written to the file."""
+        return len(self._held)
+
+    def append(self, data: bytes) -> None:
+        """Append bytes. Where the file cannot be made or is full, all stay in memory until another try HELD_BYTES later.
+
+        Raises OSError only where half a write cannot be taken back: a broken disk.
+        """
+        self._held += data
+        self.length += len(data)
+        if len(self._held) > self._flush_above:
+            self._flush_above = HELD_BYTES if self._flush() else len(self._held) + HELD_BYTES
+
+    def _flush(self) -> bool:
+        """Move all from memory to the file; return False, with both unchanged, where that fails."""
+        try:
+            if self._file is None:
+                self._file = _file_in(self._folder)
+        except OSError:
+            return False
+        at = self.length - len(self._held)
+        self._file.seek(at)
+        rest = memoryview(bytes(self._held))
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError:  # a full disk takes a part first
+            self._file.truncate(at)
+            return False
+        self._held.clear()
+        return True
+
+    def pieces(self) -> Iterator[bytes]:
+        """Yield all bytes, in pieces of HELD_BYTES at most, at least one piece. Raises OSError."""
+        if self._file is not None:
+            self._file.seek(0)
+            while piece := self._file.read(HELD_BYTES):
+                yield piece
+        yield bytes(self._held[:HELD_BYTES])
+        for begin in range(HELD_BYTES, len(self._held), HELD_BYTES):
+            yield bytes(self._held[begin : begin + HELD_BYTES])
+
+    def close(self) -> None:
+        """Drop everything."""
+        self._held.clear()
+        if self._file is not None:
+            self._file.close()
+
+
+def _file_in(folder: Path | None) -> FileIO:
+    try:
+        return tempfile.TemporaryFile("w+b", buffering=0, dir=folder)
+    except OSError:  # the folder may have been removed: it comes back only when the recording is flushed
+        return tempfile.TemporaryFile("w+b", buffering=0)
 
 
 class Summary:
@@ -37,29 +111,19 @@ class Summary:
         self._chunks = Spool(folder)
         self._metadata = record_bytes(metadata)
         self._statistics = Statistics(
-            attachment_count=0,
-            channel_count=0,
-            channel_message_counts={},
-            chunk_count=0,
-            message_count=0,
-            message_end_time=0,
-            message_start_time=0,
-            metadata_count=1,
-            schema_count=0,
-        )
+            attachment_count=0, channel_count=0, channel_message_counts=Counter(), chunk_count=0, message_count=0,
+            message_end_time=0, message_start_time=0, metadata_count=1, schema_count=0,
+        )  # fmt: skip
 
-    def add_schema(self, schema: Schema) -> bytes:
-        """Add a record and return its bytes."""
-        record = record_bytes(schema)
-        self._schemas += record
-        self._statistics.schema_count += 1
-        return record
-
-    def add_channel(self, channel: Channel) -> bytes:
-        """Add a record and return its bytes."""
-        record = record_bytes(channel)
-        self._channels += record
-        self._statistics.channel_count += 1
+    def add(self, described: Schema | Channel) -> bytes:
+        """Add a schema or a channel and return its record's bytes."""
+        record = record_bytes(described)
+        if isinstance(described, Schema):
+            self._schemas += record
+            self._statistics.schema_count += 1
+        else:
+            self._channels += record
+            self._statistics.channel_count += 1
         return record
 
     def add_chunk(self, index: ChunkIndex, messages: dict[int, int]) -> None:
@@ -71,10 +135,8 @@ class Summary:
         statistics.message_start_time = first_ns
         statistics.message_end_time = max(index.message_end_time, statistics.message_end_time)
         statistics.chunk_count += 1
-        counts = statistics.channel_message_counts
-        for channel, count in messages.items():
-            counts[channel] = counts.get(channel, 0) + count
-            statistics.message_count += count
+        statistics.channel_message_counts.update(messages)
+        statistics.message_count += sum(messages.values())
         self._chunks.append(record_bytes(index))
 
     def pieces(self, start: int) -> Iterator[bytes]:

@@ -63,8 +63,8 @@ class RecordingWriter:
             if name not in schemas:
                 schemas[name] = len(schemas) + 1
                 schema = Schema(schemas[name], text, "jsonschema", name)
-                self._records += self._summary.add_schema(schema)
-            self._records += self._summary.add_channel(Channel(number, topic, "json", {}, schemas[name]))
+                self._records += self._summary.add(schema)
+            self._records += self._summary.add(Channel(number, topic, "json", {}, schemas[name]))
 
     def put(self, topic: int, time_ns: int, payload: bytes) -> None:
         """Add a message of the topic with this number, at `time_ns` of the recording's own clock, and what derives from it."""
@@ -85,9 +85,7 @@ class RecordingWriter:
         if log_time > self._last_ns:
             self._last_ns = log_time
         entries += _ENTRY.pack(log_time, len(records))
-        records += _MESSAGE.pack(
-            Opcode.MESSAGE, _MESSAGE_BYTES + len(payload), channel, 0, log_time, log_time
-        )  # fmt: skip
+        records += _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_BYTES + len(payload), channel, 0, log_time, log_time)
         records += payload
         if len(records) > CHUNK_BYTES:
             self._end_chunk()

@@ -53,7 +53,7 @@ class TokenAuthenticator:
         self._tried = self._stamp
         self._book = file.load()
         self._pending: list[TokenChange] = []  # not in the file yet
-        self._reported_revoked: set[str] = set()
+        self._reported: dict[str, set[str]] = {}  # ids, by what has ended them
         self._trouble = ""
         self._writer = _Writer(file)
 
@@ -74,10 +74,16 @@ class TokenAuthenticator:
     def revoked(self) -> set[str]:
         """Return the ids of tokens revoked since the last call; of all at the first, as restored seats may be of them."""
         self._report_failures()
-        revoked = {token.id for token in self._book.tokens if token.revoked is not None}
-        news = revoked - self._reported_revoked
-        self._reported_revoked = revoked
-        return news
+        return self._news("revoked", {token.id for token in self._book.tokens if token.revoked is not None})
+
+    def expired(self) -> set[str]:
+        """Return the ids of tokens whose time has ended since the last call; of all at the first."""
+        now_s = self._wall_s()
+        return self._news("expired", {token.id for token in self._book.tokens if token.expired(now_s)})
+
+    def _news(self, why: str, ids: set[str]) -> set[str]:
+        before, self._reported[why] = self._reported.get(why, set()), ids
+        return ids - before
 
     def reload(self) -> bool:
         """Read the file again (SIGHUP, `cogrip token revoke`), and report. False where it could not be read."""

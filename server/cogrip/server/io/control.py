@@ -9,7 +9,8 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import msgspec
 
@@ -75,22 +76,22 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 AnyOrder = Kick | Reload | Status | Who
 
 
-class Request(msgspec.Struct, frozen=True):
+@dataclass(slots=True, eq=False)
+class _Caller:
+    """unsent: rest of the answer; None: no answer yet."""
+
+    socket: socket.socket
+    since_ns: int
+    received: bytes = b""
+    asked: bool = False
+    unsent: bytes | None = None
+
+
+class Request(NamedTuple):
     """Order that waits for its answer."""
 
     order: AnyOrder
-    caller: int
-
-
-class _Caller:
-    __slots__ = ("asked", "received", "since_ns", "socket", "unsent")
-
-    def __init__(self, connection: socket.socket, since_ns: int) -> None:
-        self.socket = connection
-        self.since_ns = since_ns
-        self.received = b""
-        self.asked = False
-        self.unsent: bytes | None = None  # rest of the answer; None: no answer yet
+    caller: _Caller
 
 
 class Control:
@@ -99,8 +100,7 @@ class Control:
     def __init__(self, folder: StateFolder) -> None:
         self.dropped: Counter[str] = Counter()
         self._path = _fit_path(folder)
-        self._callers: dict[int, _Caller] = {}
-        self._last = 0
+        self._callers: list[_Caller] = []
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             with suppress(FileNotFoundError):
@@ -118,27 +118,26 @@ class Control:
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         self._accept(now_ns)
         requests = []
-        for number, caller in list(self._callers.items()):
+        for caller in self._callers.copy():
             if now_ns - caller.since_ns > CALLER_LIMIT_NS:
-                self._drop(number, "silent" if not caller.asked else "slow")
+                self._drop(caller, "silent" if not caller.asked else "slow")
             elif caller.unsent is not None:
-                self._send(number)
-            elif not caller.asked and (order := self._receive(number)) is not None:
-                requests.append(Request(order, number))
+                self._send(caller)
+            elif not caller.asked and (order := self._receive(caller)) is not None:
+                requests.append(Request(order, caller))
         return requests
 
     def answer(self, request: Request, text: str, *, ok: bool = True, people: Sequence[RosterEntry] = ()) -> None:
         """Answer an order; a caller that has gone is counted."""
-        caller = self._callers.get(request.caller)
-        if caller is None:
+        if request.caller in self._callers:
+            self._answer(request.caller, Answer(ok, text, tuple(people)))
+        else:
             self.dropped["nobody waits"] += 1
-            return
-        self._answer(request.caller, Answer(ok, text, tuple(people)))
 
     def close(self) -> None:
         """Close the socket and remove its file."""
-        for number in list(self._callers):
-            self._end(number)
+        for caller in self._callers.copy():
+            self._end(caller)
         self._socket.close()
         with suppress(OSError):
             os.unlink(self._path)
@@ -153,65 +152,65 @@ class Control:
                 self.dropped[f"socket: {error.strerror}"] += 1
                 return
             connection.setblocking(False)
-            self._last += 1
-            self._callers[self._last] = _Caller(connection, now_ns)
+            self._callers.append(_Caller(connection, now_ns))
 
-    def _receive(self, number: int) -> AnyOrder | None:
-        caller = self._callers[number]
+    def _receive(self, caller: _Caller) -> AnyOrder | None:
         try:
             piece = caller.socket.recv(MOST_REQUEST_BYTES + 1 - len(caller.received))
         except BlockingIOError:
             return None
         except OSError as error:
-            self._drop(number, f"socket: {error.strerror}")
+            self._drop(caller, f"socket: {error.strerror}")
             return None
         caller.received += piece
         line, end, rest = caller.received.partition(b"\n")
         if len(line) >= MOST_REQUEST_BYTES:
-            self.dropped["too long"] += 1
-            self._answer(number, Answer(False, f"an order may have {MOST_REQUEST_BYTES} bytes"))
+            self._refuse(caller, "too long", f"an order may have {MOST_REQUEST_BYTES} bytes")
             return None
         if not end:
             if not piece:
-                self._drop(number, "cut short")
+                self._drop(caller, "cut short")
             return None
         try:
             if rest:
                 raise msgspec.DecodeError("more than one line")
             order: AnyOrder = msgspec.json.decode(line, type=AnyOrder)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            self.dropped["malformed"] += 1
-            self._answer(number, Answer(False, f"that is no order: {error}"))
+            self._refuse(caller, "malformed", f"that is no order: {error}")
             return None
         caller.asked = True
         return order
 
-    def _answer(self, number: int, answer: Answer) -> None:
+    def _refuse(self, caller: _Caller, reason: str, text: str) -> None:
+        self.dropped[reason] += 1
+        self._answer(caller, Answer(False, text))
+
+    def _answer(self, caller: _Caller, answer: Answer) -> None:
         line = msgspec.json.encode(answer) + b"\n"
         if len(line) > MOST_ANSWER_BYTES:
             line = msgspec.json.encode(Answer(False, f"the answer would have {len(line)} bytes, too many")) + b"\n"
-        self._callers[number].unsent = line
-        self._send(number)
+        caller.unsent = line
+        self._send(caller)
 
-    def _send(self, number: int) -> None:
-        caller = self._callers[number]
+    def _send(self, caller: _Caller) -> None:
         assert caller.unsent is not None
         try:
             caller.unsent = caller.unsent[caller.socket.send(caller.unsent) :]
         except BlockingIOError:
             return
         except OSError:
-            self._drop(number, "nobody waits")
+            self._drop(caller, "nobody waits")
             return
         if not caller.unsent:
-            self._end(number)
+            self._end(caller)
 
-    def _drop(self, number: int, reason: str) -> None:
+    def _drop(self, caller: _Caller, reason: str) -> None:
         self.dropped[reason] += 1
-        self._end(number)
+        self._end(caller)
 
-    def _end(self, number: int) -> None:
-        self._callers.pop(number).socket.close()
+    def _end(self, caller: _Caller) -> None:
+        self._callers.remove(caller)
+        caller.socket.close()
 
 
 def ask(folder: StateFolder, order: AnyOrder, limit_s: float = ASK_LIMIT_S) -> Answer:
@@ -253,14 +252,11 @@ def _connect(connection: socket.socket, path: str, until_s: float) -> None:
     """Connect; wait while the server's queue is full. Raises OSError, TimeoutError among them."""
     connection.settimeout(max(until_s - time.monotonic(), 0.001))
     while True:
-        try:
-            connection.connect(path)
-        except BlockingIOError:  # Linux does not wait for a unix socket's full queue
-            if time.monotonic() >= until_s:
-                raise TimeoutError from None
-            time.sleep(_QUEUE_WAIT_S)
-        else:
-            return
+        with suppress(BlockingIOError):  # Linux does not wait for a unix socket's full queue
+            return connection.connect(path)
+        if time.monotonic() >= until_s:
+            raise TimeoutError
+        time.sleep(_QUEUE_WAIT_S)
 
 
 def _fit_path(folder: StateFolder) -> str:

@@ -18,18 +18,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cogrip.protocol.channel import Address, place_text
-from cogrip.protocol.dtls_records import (
-    HANDSHAKE,
-    RECORD_HEADER_BYTES,
-    ClientRecords,
-)
+from cogrip.protocol.dtls_records import HANDSHAKE, RECORD_HEADER_BYTES, ClientRecords
 from cogrip.protocol.io.certificate import load
 from cogrip.protocol.io.dtls import Association, client_random, cookie_in, is_client_hello, server_context
 from cogrip.protocol.messages import MAX_MESSAGE_BYTES
 from cogrip.protocol.session import nonce_of, refusal
 from cogrip.server.events import ServerEvent
-from cogrip.server.io.dtls_peer import Peer, is_of_handshake, is_of_session
-from cogrip.server.io.free_memory import trim
+from cogrip.server.io.dtls_peer import Peer, is_of_handshake, is_of_session, trim
 from cogrip.server.rate_limit import Buckets, Budget, RateLimiter
 from cogrip.server.unencrypted_channel import looks_like_hello
 

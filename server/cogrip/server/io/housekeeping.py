@@ -77,6 +77,7 @@ class Housekeeping:
                     core.handle(inputs.Restore(decode(data)), time.monotonic_ns())
             except (CheckpointError, StateError, OSError) as error:
                 self._report_trouble(f"{writer.path}: room {room} begins anew: {error}")
+        self._end_revoked()  # before anybody resumes a restored seat
         while core.events:
             self._say(core.events.popleft())
         self._server.chores.append(self.chore)
@@ -87,9 +88,7 @@ class Housekeeping:
         if now_ns < self._poll_ns:
             return
         self._poll_ns = now_ns + POLL_EVERY_NS
-        self._turn = (
-            self._turn + 1
-        ) % TURNS  # each room once in EVERY_NS, never so many at once that a tick has to wait
+        self._turn = (self._turn + 1) % TURNS  # each room once in EVERY_NS: no tick has to wait for many at once
         self._write_checkpoints(self._server.core.rooms[self._turn :: TURNS])
         if self._server.stop.take_reload():
             self._notifier.reloading(now_ns)
@@ -124,14 +123,8 @@ class Housekeeping:
 
     def _snapshot(self) -> Snapshot:
         server = self._server
-        rtt_ns = {
-            (room.name, number): seat.rtt_ns
-            for room in server.core.rooms
-            for number, seat in enumerate(room.seats)
-            if seat.rtt_ns is not None
-        }
         drops = (server.drops(), server.losses(), self.counts())
-        return self._maker.make(server.elapsed_s, *drops, rtt_ns=rtt_ns, datagrams=server.datagrams)
+        return self._maker.make(server.elapsed_s, *drops, datagrams=server.datagrams)
 
     def end(self, *, said_goodbye: bool) -> None:
         """End with the server. said_goodbye: nobody resumes these sessions, so that no checkpoint is left."""
@@ -180,25 +173,28 @@ class Housekeeping:
         return words, good
 
     def _end_revoked(self) -> int:
-        revoked = self._authenticator.revoked() if self._authenticator is not None else set()
-        if not revoked:
+        """End sessions of revoked tokens, and the right to resume those of expired ones. Returns how many were ended."""
+        if self._authenticator is None:
             return 0
-        return self._server.core.handle(inputs.Revoke(tuple(sorted(revoked))), time.monotonic_ns())
+        core, now_ns = self._server.core, time.monotonic_ns()
+        if expired := self._authenticator.expired():
+            core.handle(inputs.Expire(tuple(sorted(expired))), now_ns)
+        revoked = self._authenticator.revoked()
+        return core.handle(inputs.Revoke(tuple(sorted(revoked))), now_ns) if revoked else 0
 
     def _obey(self, request: Request) -> None:
         assert self._control is not None
-        order = request.order
-        if isinstance(order, Kick):
-            text, ok = self._kick(order)
-        elif isinstance(order, Reload):
-            text, ok = self._reload()
-        elif isinstance(order, Who):
-            text, ok, entries = self._who(order)
-            self._control.answer(request, text, ok=ok, people=entries)
-            return
-        else:
-            text, ok = self._status(), True
-        self._control.answer(request, text, ok=ok)
+        entries: list[RosterEntry] = []
+        match request.order:
+            case Kick() as order:
+                text, ok = self._kick(order)
+            case Reload():
+                text, ok = self._reload()
+            case Who() as order:
+                text, ok, entries = self._who(order)
+            case _:
+                text, ok = self._status(), True
+        self._control.answer(request, text, ok=ok, people=entries)
 
     def _kick(self, order: Kick) -> tuple[str, bool]:
         core = self._server.core
@@ -207,13 +203,13 @@ class Housekeeping:
         if not core.handle(inputs.Kick(order.user, order.room, order.reason), time.monotonic_ns()):
             here = ", ".join(who.name for _, who in core.roster())
             return f"nobody here is {order.user!r}; there is: {here or 'nobody'}", False
-        if order.revoke and self._authenticator is not None:
+        if not order.revoke:
+            return f"{order.user} was kicked", True
+        if self._authenticator is not None:
             for token in tokens:
                 self._authenticator.revoke(token)
-        revoked = ""
-        if order.revoke:
-            revoked = f"; revoked: {', '.join(sorted(tokens))}" if tokens else "; there was no token to revoke"
-        return f"{order.user} was kicked{revoked}", True
+        revoked = f"revoked: {', '.join(sorted(tokens))}" if tokens else "there was no token to revoke"
+        return f"{order.user} was kicked; {revoked}", True
 
     def _who(self, order: Who) -> tuple[str, bool, list[RosterEntry]]:
         rooms = [room for room in self._server.core.rooms if order.room in ("", room.name)]

@@ -12,6 +12,7 @@ Table = tuple[tuple[str, str, Callable[[R], Number]], ...]
 Labelled = Iterable[tuple[list[str], R]]
 
 NAN = float("nan")
+DEFECT = "below 0 by more than the tank is a defect"
 
 ROOM_GAUGES: Table[RoomSnapshot] = (
     ("seats", "Seats of the room.", lambda room: len(room.seats)),
@@ -20,17 +21,11 @@ ROOM_GAUGES: Table[RoomSnapshot] = (
     ("diverged", "1 once the object has left the workspace, else 0.", lambda room: float(bool(room.diverged))),
     ("tick_lateness_max_seconds", "The latest tick since the start.", lambda room: room.late.max_s),
     ("tick_work_max_seconds", "The longest tick since the start.", lambda room: room.work.max_s),
-    (
-        "least_up_margin_joules",
-        "Least energy margin of all forward lines since the start: below 0 by more than the tank is a defect.",
-        lambda room: room.least_up_margin_j,
-    ),
-    (
-        "least_line_margin_joules",
-        "Least energy margin of all lines, both ways: below 0 by more than the tank is a defect.",
-        lambda room: room.least_line_margin_j,
-    ),
-)
+    ("least_up_margin_joules", f"Least energy margin of all forward lines since the start: {DEFECT}.",
+     lambda room: room.least_up_margin_j),
+    ("least_line_margin_joules", f"Least energy margin of all lines, both ways: {DEFECT}.",
+     lambda room: room.least_line_margin_j),
+)  # fmt: skip
 ROOM_COUNTERS: Table[RoomSnapshot] = (
     ("ticks_due", "Ticks that were due: run or skipped.", lambda room: room.ticks_due),
     ("ticks_run", "Ticks that were run.", lambda room: room.ticks_run),
@@ -41,26 +36,14 @@ SEAT_GAUGES: Table[SeatSnapshot] = (
     ("seat_taken", "1 where a seat is taken, else 0.", lambda seat: float(seat.seated)),
     ("rtt_seconds", "Round trip, as last seen.", lambda seat: seat.rtt_s),
     ("up_delay_seconds", "One way to the server, as last seen, by the clocks' offset.", lambda seat: seat.up_delay_s),
-    (
-        "down_delay_seconds",
-        "One way to the person, as last seen, by the clocks' offset.",
-        lambda seat: seat.down_delay_s,
-    ),
+    ("down_delay_seconds", "One way to the person, as last seen, by the clocks' offset.", lambda seat: seat.down_delay_s),
     ("clock_offset_seconds", "What the person's clock shows beyond the server's.", lambda seat: seat.clock_offset_s),
     ("rendered_newtons_per_meter", "The stiffness that is integrated for the seat.", lambda seat: seat.rendered_npm),
-    (
-        "up_margin_joules",
-        "Least energy margin of the forward line of this seat session.",
-        lambda seat: seat.up_margin_j,
-    ),
+    ("up_margin_joules", "Least energy margin of the forward line of this seat session.", lambda seat: seat.up_margin_j),
     ("line_margin_joules", "Least energy margin of the line of this seat session.", lambda seat: seat.line_margin_j),
-    (
-        "up_reserve_joules",
-        "Energy reserve of the forward line now: put in less taken out.",
-        lambda seat: seat.up_reserve_j,
-    ),
+    ("up_reserve_joules", "Energy reserve of the forward line now: put in less taken out.", lambda seat: seat.up_reserve_j),
     ("line_reserve_joules", "Energy reserve of the line, both ways, now.", lambda seat: seat.line_reserve_j),
-)
+)  # fmt: skip
 FRAME_COUNTERS: Table[SeatSnapshot] = (
     ("frames_sent", "Frames whose time has come: applied, late or lost.", lambda seat: seat.frames.sent),
     ("frames_received", "Frames received, each once.", lambda seat: seat.frames.received),
@@ -77,20 +60,16 @@ def families(snapshot: Snapshot) -> Iterator[Metric]:
     yield GaugeMetricFamily("cogrip_uptime_seconds", "Since the rooms began.", value=snapshot.uptime_s)
     reasons = [([reason], count) for reason, count in snapshot.dropped.items()]
     yield _counter("dropped", "Datagrams and messages dropped, by reason.", ["reason"], reasons)
-    directions = [
-        ([direction], count)
-        for direction, count in (("in", snapshot.received), ("out", snapshot.sent))
-        if count is not None
-    ]
+    both = {"in": snapshot.received, "out": snapshot.sent}
+    directions = [([direction], count) for direction, count in both.items() if count is not None]
     yield _counter("datagrams", "Datagrams at the socket.", ["direction"], directions)
 
     rooms = [([room.room], room) for room in snapshot.rooms]
     yield from _table(GaugeMetricFamily, ROOM_GAUGES, ["room"], rooms)
     yield from _table(CounterMetricFamily, ROOM_COUNTERS, ["room"], rooms)
     yield _position(snapshot.rooms)
-    yield _times(
-        "tick_lateness_seconds", "How late ticks began, since the start.", snapshot.rooms, lambda room: room.late
-    )
+    late = "How late ticks began, since the start."
+    yield _times("tick_lateness_seconds", late, snapshot.rooms, lambda room: room.late)
     yield _times("tick_work_seconds", "How long ticks took, since the start.", snapshot.rooms, lambda room: room.work)
 
     seats = [([room.room, seat.user], seat) for room in snapshot.rooms for seat in room.seats]

@@ -26,6 +26,7 @@ class MetricsFeed:
     """Feed of the metrics process; see `open_metrics`.
 
     port       where metrics are served
+    answered   whether the process has answered
     not_taken  snapshots that the process could not take
     """
 
@@ -36,7 +37,7 @@ class MetricsFeed:
         self._clock = clock
         self._program = program
         self._rest = memoryview(b"")  # of the snapshot that found room in part
-        self._answered = False
+        self.answered = False
         self._complained = False
         self._process = self._start()
 
@@ -44,7 +45,7 @@ class MetricsFeed:
         """Raises OSError."""
         self._started_ns = self._clock()
         self._rest = memoryview(b"")
-        self._answered = False
+        self.answered = False
         process = subprocess.Popen(
             [*self._program, str(self.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
@@ -61,9 +62,9 @@ class MetricsFeed:
         """Return why the process cannot listen; "" where it listens, or has not answered yet."""
         stream = self._process.stdout
         assert stream is not None
-        if self._answered or not select.select([stream], [], [], limit_s)[0]:
+        if self.answered or not select.select([stream], [], [], limit_s)[0]:
             return ""
-        self._answered = True
+        self.answered = True
         line = stream.readline()  # one write of its: whole, or the end
         try:
             answer = json.loads(line)
@@ -71,11 +72,6 @@ class MetricsFeed:
             return "its process ended before it said where it listens"
         self.port = answer.get("port", self.port)
         return str(answer.get("trouble", ""))
-
-    @property
-    def answered(self) -> bool:
-        """Return whether the process has answered."""
-        return self._answered
 
     def put(self, snapshot: Snapshot) -> None:
         """Hand a snapshot over, whole or not at all. Never waits, never raises.
@@ -86,7 +82,7 @@ class MetricsFeed:
             self.not_taken += 1
             self._revive()
             return
-        if not self._answered:
+        if not self.answered:
             self._read_answer()
         if not self._flush():
             self.not_taken += 1
@@ -103,7 +99,7 @@ class MetricsFeed:
         trouble = self.await_answer(0.0)
         if trouble:
             self._complain(trouble)
-        elif self._answered and self._complained:
+        elif self.answered and self._complained:
             self._complained = False
             self._say(f"/metrics and /healthz are served again, on 127.0.0.1:{self.port}")
 

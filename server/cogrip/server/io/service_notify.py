@@ -27,10 +27,6 @@ class ServiceNotifier:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
-    @property
-    def listened_to(self) -> bool:
-        return self._socket is not None
-
     def _say(self, *lines: str) -> None:
         if self._socket is None:
             return
@@ -41,18 +37,15 @@ class ServiceNotifier:
 
     def ready(self, status: str = "") -> None:
         """Notify that the service listens: after the start, and after every `reloading`."""
-        self._say("READY=1", *_status(status))
-
-    def status(self, text: str) -> None:
-        """Set the line of `systemctl status`."""
-        self._say(*_status(text) or ("STATUS=",))
+        # a line break would begin another assignment
+        self._say("READY=1", *([f"STATUS={' '.join(status.split())}"] if status else []))
 
     def reloading(self, monotonic_ns: int) -> None:
         """Notify that files are read again, since `monotonic_ns` of the steady clock; `ready` ends it."""
         self._say("RELOADING=1", f"MONOTONIC_USEC={monotonic_ns // 1000}")
 
-    def stopping(self, status: str = "") -> None:
-        self._say("STOPPING=1", *_status(status))
+    def stopping(self) -> None:
+        self._say("STOPPING=1")
 
     def watchdog(self) -> None:
         """Notify that the loop runs. Call it from the loop itself."""
@@ -62,10 +55,6 @@ class ServiceNotifier:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-
-
-def _status(text: str) -> tuple[str, ...]:
-    return (f"STATUS={' '.join(text.split())}",) if text else ()  # a line break would begin another assignment
 
 
 def _watchdog_every_ns(environ: Mapping[str, str]) -> int | None:

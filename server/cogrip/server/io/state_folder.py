@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -36,41 +35,18 @@ class NoStateError(StateError):
     """There is no such folder."""
 
 
-@dataclass(frozen=True, slots=True)
 class StateFolder:
-    """Paths of its files. See `make_folder` and `find_folder`."""
+    """Paths of its files. See `make_folder` and `find_folder`.
 
-    path: Path
+    tokens_lock  lock of a change of the tokens
+    lock         lock of the one server that uses this folder
+    """
 
-    @property
-    def key(self) -> Path:
-        return self.path / "server.key"
-
-    @property
-    def certificate(self) -> Path:
-        return self.path / "server.crt"
-
-    @property
-    def tokens(self) -> Path:
-        return self.path / "tokens.json"
-
-    @property
-    def tokens_lock(self) -> Path:
-        """Lock of a change of the tokens."""
-        return self.path / "tokens.lock"
-
-    @property
-    def server(self) -> Path:
-        return self.path / "server.json"
-
-    @property
-    def control(self) -> Path:
-        return self.path / "control"
-
-    @property
-    def lock(self) -> Path:
-        """Lock of the one server that uses this folder."""
-        return self.path / "lock"
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.key, self.certificate, self.server = path / "server.key", path / "server.crt", path / "server.json"
+        self.tokens, self.tokens_lock = path / "tokens.json", path / "tokens.lock"
+        self.control, self.lock = path / "control", path / "lock"
 
     def checkpoint(self, room: str) -> Path:
         return self.path / f"checkpoint-{room}.json"

@@ -74,9 +74,8 @@ class PaperWorld(LaggedWorld):
         stretch = self.hand - self.position
         if self.one_sided:
             stretch = np.maximum(0.0, self.side * stretch[:, 0])[:, None]
-        return float(
-            0.5 * ((self.stiffness * stretch * stretch).sum() + self.mass_kg * dot(self.velocity, self.velocity))
-        )
+        springs = (self.stiffness * stretch * stretch).sum()
+        return float(0.5 * (springs + self.mass_kg * dot(self.velocity, self.velocity)))
 
 
 class CoupledWorld(LaggedWorld):

@@ -64,9 +64,8 @@ class Led(NamedTuple):
         else:  # the same number, without cancellation
             size = 2.0 * gain * self.power / (root - toward) if root else 0.0
         slope = -0.5 * gain * (1.0 + toward / root) / yielding if root else 0.0
-        led = (
-            self.power / size - self.give * size if size else -toward / gain
-        )  # (F - r) / G, in the form that F w is exact in
+        # (F - r) / G, in the form that F w is exact in
+        led = self.power / size - self.give * size if size else -toward / gain
         return sign * size, sign * led, slope
 
 

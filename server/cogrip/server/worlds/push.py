@@ -88,9 +88,8 @@ class PushWorld(HandWorld):
 
     def _free_velocity(self, first: float) -> Array:
         period = self.frame_s
-        velocity = (self.mass_kg / period * self.velocity + self.external_force) / (
-            self.mass_kg / period + self.object_damping
-        )
+        inertia = self.mass_kg / period
+        velocity = (inertia * self.velocity + self.external_force) / (inertia + self.object_damping)
         velocity[0] = first
         return velocity
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cogrip.protocol.accounts import ClientAccount, LinkCount, RoomAccount, SeatAccount, TickCount
-from cogrip.protocol.recording.descriptions import unit_of
 from cogrip.protocol.recording.records import Datagram, Ledger, Record, Row, SeatStep, Step, Tick
+from cogrip.protocol.recording.schema import unit_of
 from cogrip.server.recorder import address_of, start_of
 
 Array = NDArray[Any]
@@ -29,7 +29,7 @@ _UNEVEN = "not all messages have as many axes or seats as the first"
 
 
 class Column(NamedTuple):
-    """type: as Arrow calls it; unit: as `descriptions` has it, "" for none."""
+    """type: as Arrow calls it; unit: as `schema` has it, "" for none."""
 
     name: str
     type: str

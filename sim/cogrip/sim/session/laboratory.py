@@ -29,11 +29,11 @@ from cogrip.protocol.recording.sink import Nowhere, Sink
 from cogrip.protocol.session import make_hello
 from cogrip.protocol.settings import Settings, digest, rates_of
 from cogrip.protocol.version import VERSION
+from cogrip.server.admission import Outside
 from cogrip.server.checkpoint import RoomCheckpoint
 from cogrip.server.inputs import CloseLedger, Restore
 from cogrip.server.recorder import RecordedServer
-from cogrip.sim.session.configured_link import configured_link
-from cogrip.sim.session.link import LinkEmulator
+from cogrip.sim.session.link import LinkEmulator, configured_link
 
 Watch = Callable[["Laboratory"], None]
 Moment = tuple[tuple[int, int], ...]
@@ -132,9 +132,8 @@ class Laboratory:
             self._begin(person)
 
     def _new_server(self) -> RecordedServer:
-        return RecordedServer(
-            [self.settings], VERSION, lambda: next(self._sessions), None, lambda: f"ticket-{next(self._tickets)}"
-        )  # fmt: skip
+        outside = Outside(lambda: next(self._sessions), new_ticket=lambda: f"ticket-{next(self._tickets)}")
+        return RecordedServer([self.settings], VERSION, outside)
 
     def _call(self, person: Person) -> None:
         """Exchange hello and welcome over a perfect link; from then on the configured one holds."""

@@ -1,0 +1,138 @@
+"""Recordings of a client and of a server: one altered message is found and named; what cannot be played is refused in words."""
+
+import json
+
+import msgspec
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cogrip.client.inputs import Leave
+from cogrip.protocol.recording.reader import RecordingError
+from cogrip.protocol.recording.records import Datagram, Input, kind_of
+from cogrip.protocol.recording.sink import encode
+from cogrip.server.inputs import Idle
+
+from tests.client.recorded_person import SCRIPT as CLIENT
+from tests.client.recorded_person import Person
+from tests.recorded_end import RecordedEnd, flipped
+from tests.server.recorded_rooms import SCRIPT as SERVER
+from tests.server.recorded_rooms import Server
+
+either = pytest.mark.parametrize("end", [CLIENT, SERVER], ids=["client", "server"])
+OUTPUTS = ("datagram_out", "event", "account")
+COMPARED = {  # messages whose lack is found at once
+    "client": [*CLIENT.places("tick")[5:], *CLIENT.places(*OUTPUTS)],
+    "server": SERVER.places("step", "answer", *OUTPUTS),
+}
+ORDERED = {*OUTPUTS, "tick", "answer"}  # of two inputs either order is one that may be
+LEAVE = encode(Input("leave", encode(Leave("bored")).decode()))
+IDLE_NOWHERE = encode(Input("idle", encode(Idle("attic", 3)).decode()))
+STRANGE = (
+    b"", b"{}", b"[]", b"null", b'{"kind":"fly","value":"{}"}', LEAVE, IDLE_NOWHERE, b'{"step":1}', b'{"data":"?"}',
+    b'{"ticks":"?"}',
+)  # fmt: skip
+
+
+@either
+@given(st.data(), st.integers(0, 2**20), st.integers(1, 255))
+def test_any_bit_of_a_datagram_that_was_sent_is_found(end: RecordedEnd, data, place: int, bits: int) -> None:
+    at = data.draw(st.sampled_from(end.places("datagram_out")))
+    topic, time_ns, payload = end.noted[at]
+    sent = msgspec.json.decode(payload, type=Datagram)
+    new = encode(msgspec.structs.replace(sent, data=flipped(sent.data, place, bits)))
+    found = end.altered(at, new).difference
+    assert found is not None
+    assert (found.time_ns, found.topic, found.field) == (time_ns, end.topics[topic], "data")
+    assert json.loads(found.recorded) == json.loads(new)["data"]
+    assert json.loads(found.replayed) == json.loads(payload)["data"]
+
+
+@either
+@given(st.data(), st.sampled_from([-1, 1, 1000]))
+def test_the_time_of_any_output_is_compared(end: RecordedEnd, data, later_ns: int) -> None:
+    at = data.draw(st.sampled_from(end.places(*OUTPUTS)))
+    topic, time_ns, payload = end.noted[at]
+    assume(time_ns + later_ns >= 0)
+    found = end.altered(at, payload, time_ns + later_ns).difference
+    assert found is not None
+    assert (found.field, found.recorded, found.replayed) == ("time_ns", str(time_ns + later_ns), str(time_ns))
+    assert found.topic == end.topics[topic]
+
+
+@either
+@pytest.mark.parametrize(("kind", "field"), [("event", "text"), ("account", "account")])
+def test_events_and_accounts_are_compared(end: RecordedEnd, kind: str, field: str) -> None:
+    for at in end.places(kind):
+        topic, time_ns, payload = end.noted[at]
+        before = json.loads(payload)[field]
+        found = end.altered(at, encode({field: before + " "})).difference
+        assert found is not None
+        assert (found.time_ns, found.topic, found.field) == (time_ns, end.topics[topic], field)
+        assert (json.loads(found.recorded), json.loads(found.replayed)) == (before + " ", before)
+
+
+@either
+@given(st.data())
+def test_a_message_that_is_left_out_is_found(end: RecordedEnd, data) -> None:
+    end.misses(data.draw(st.sampled_from(COMPARED[end.role])))
+
+
+@either
+@given(st.data())
+def test_two_messages_that_changed_places_are_found(end: RecordedEnd, data) -> None:
+    at = data.draw(st.integers(0, len(end.noted) - 2))
+    one, other = end.noted[at : at + 2]
+    assume(ORDERED & {kind_of(end.topics[each[0]]) for each in (one, other)})
+    assume(one != other)
+    verdict = end.verdict([*end.noted[:at], other, one, *end.noted[at + 2 :]])
+    assert verdict.difference is not None
+    assert verdict.difference.time_ns >= one[1]
+
+
+def judged_or_refused(end: RecordedEnd, at: int, payload: bytes) -> None:
+    refused, verdict = "", None
+    try:
+        verdict = end.altered(at, payload)
+    except RecordingError as error:
+        refused = str(error)
+    assert f"{end.file} cannot be replayed" in refused if verdict is None else not verdict.exact
+
+
+@either
+@given(st.data(), st.binary(max_size=40) | st.sampled_from(STRANGE))
+def test_any_bytes_give_a_verdict_or_a_refusal_in_words(end: RecordedEnd, data, payload: bytes) -> None:
+    judged_or_refused(end, data.draw(st.integers(0, len(end.noted) - 1)), payload)
+
+
+@either
+@pytest.mark.parametrize("payload", STRANGE)
+def test_what_is_no_message_gives_a_verdict_or_a_refusal_in_words(end: RecordedEnd, payload: bytes) -> None:
+    topics = [topic for topic, *_ in end.noted]
+    for topic in set(topics):
+        judged_or_refused(end, topics.index(topic), payload)
+
+
+@pytest.mark.parametrize("make", [Person, Server])
+@pytest.mark.parametrize(
+    "start",
+    [
+        "", "{", "[]", "{}", '{"hello": 3, "capability": {}}', '{"hello": [], "capability": []}',
+        '{"rooms": 3, "software": ""}', '{"rooms": [{"name": ""}], "software": ""}',
+    ],
+)  # fmt: skip
+def test_a_start_that_is_none_is_refused_in_words(make: type[Person | Server], start: str) -> None:
+    end = make()
+    end.core.start = start
+    with pytest.raises(RecordingError, match=f"{end.file} cannot be replayed"):
+        end.verdict()
+
+
+@pytest.mark.parametrize("make", [Person, Server])
+def test_a_recording_of_an_earlier_version_is_refused_in_words(make: type[Person | Server]) -> None:
+    end = make()
+    if isinstance(end, Person):
+        end.take_seat()
+    end.topics = tuple(topic.replace("/input", "/command") for topic in end.topics)
+    with pytest.raises(RecordingError, match="cannot be replayed: an earlier version of cogrip recorded it"):
+        end.verdict()
