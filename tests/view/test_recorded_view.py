@@ -6,11 +6,13 @@ from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.records import Event
+from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.records import Event, Step
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics, start_text
@@ -111,6 +113,23 @@ def test_the_scene_says_who_holds_what(run: Path) -> None:
         ("joined", "ben joined"),
     ]
     assert json.loads(to_json(scene))["type"] == "scene"
+
+
+def test_hands_are_drawn_from_where_joining_put_them(run: Path, tmp_path: Path) -> None:
+    """The recorded proxy of somebody who joined with the hand at 0.3 m: it began on the object."""
+    shutil.copytree(run, tmp_path / "run")
+
+    def elsewhere(kind: str, message: Message) -> bytes:
+        if kind != "step":
+            return message.payload
+        step = msgspec.json.decode(message.payload, type=Step)
+        x, y, z = step.seats[0].proxy_m
+        anna = msgspec.structs.replace(step.seats[0], proxy_m=((x or 0.0) + 0.3, y, z))
+        return encode(msgspec.structs.replace(step, seats=(anna, step.seats[1])))
+
+    rewrite(tmp_path / "run" / "server.mcap", elsewhere)
+    (before, _), (after, _) = (open_view(folder).scene.people for folder in (run, tmp_path / "run"))
+    assert after.anchor_m == pytest.approx((before.anchor_m[0] - 0.3, *before.anchor_m[1:]))
 
 
 def test_loss_and_delay_are_those_of_the_link(run: Path) -> None:

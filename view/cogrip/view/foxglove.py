@@ -234,7 +234,10 @@ class FoxgloveSession:
 
     def next_s(self, now_s: float) -> float | None:
         """Return when `due` wants to be called next; None: not before a message came."""
-        return self._playback.next_s(now_s) if self._playback else None
+        if self._playback is None:
+            return None
+        next_s = self._playback.next_s(now_s)
+        return now_s if next_s is None and self._playback.status(now_s) != self._told else next_s
 
     def _state(self, now_s: float, sought: bool = False, request: str = "") -> bytes:
         assert self._playback is not None

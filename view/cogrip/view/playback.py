@@ -118,4 +118,5 @@ class Playback:
 
     def next_s(self, now_s: float) -> float | None:
         """Return when `due` wants to be called next; None: not before something is asked for."""
-        return now_s + TURN_S if self.status(now_s) == "playing" or self._shown_s is None else None
+        shown = self._shown_s == self.place_s(now_s)  # also what was played just before it paused or ended
+        return None if shown and self.status(now_s) != "playing" else now_s + TURN_S
