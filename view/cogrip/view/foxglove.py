@@ -81,7 +81,7 @@ def subprotocol(offered: Sequence[str]) -> str | None:
 
 
 class FoxgloveSession:
-    """What one client was offered and takes.
+    """State of one client: the channels it was offered and those it takes.
 
     began_ns  log time of the scene's time 0
     playback  of a recording: the client's own; it is the caller who lets it play at first
