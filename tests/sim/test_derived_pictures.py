@@ -135,3 +135,16 @@ def test_what_cannot_be_drawn_is_not_drawn_and_the_next_step_is() -> None:
     assert len(pictures.of(topic, 3, msgspec.json.encode(Step(2, (0.0,), (0.0,), (seat,))))) == len(DERIVED)
     for start in ("", "{}", '{"rooms": [7]}'):
         assert Pictures(header(settings, start)).of(topic, 0, msgspec.json.encode(unknown)) == []
+
+
+def test_who_joins_with_the_hand_elsewhere_is_drawn_at_the_object() -> None:
+    settings = resolve({"name": "demo"})
+    topic = header(settings).topics.index(step_topic("demo"))
+    pictures = Pictures(header(settings))
+    found = []
+    for number, (object_m, proxy_m) in enumerate([(0.1, 0.4), (0.1, 0.4), (0.1, 0.4), (0.1, 0.4), (0.2, 0.51)]):
+        seat = SeatStep("user1", True, (proxy_m,), (1.0,), None, None, None, None, 0)
+        made = pictures.of(topic, number, msgspec.json.encode(Step(number, (object_m,), (0.0,), (seat,))))
+        found += [json.loads(payload) for place, payload in made if place == topic + 2]
+    places = [[each["translation"]["x"] for each in message["transforms"]] for message in found]
+    assert places == [pytest.approx([0.1, 0.08]), pytest.approx([0.2, 0.19])]  # held 20 mm from the middle

@@ -46,6 +46,16 @@ def test_every_frame_is_given_once_in_order(playback: Playback) -> None:
     assert (playback.status(200.0), times(playback.due(200.0))) == ("playing", [0.0])
 
 
+def test_the_last_frames_are_asked_for_after_the_end_too(playback: Playback) -> None:
+    playback.seek(24.0, 0.0)
+    playback.play(0.0)
+    playback.due(0.9)
+    assert playback.status(1.1) == "ended"
+    assert playback.next_s(1.1) is not None
+    assert times(playback.due(1.1))[-1] == DURATION_S - 1 / RATE_HZ
+    assert playback.next_s(1.2) is None
+
+
 def test_seeking_shows_the_frame_that_was_there_then(playback: Playback) -> None:
     playback.due(0.0)
     playback.seek(12.01, 1.0)
@@ -77,6 +87,16 @@ def test_a_range_is_played_again_and_again(playback: Playback) -> None:
     assert playback.status(99.0) == "playing"
     playback.loop(None, 2.5)
     assert playback.place_s(3.0) == pytest.approx(10.5)
+
+
+def test_chunks_are_asked_for_before_they_are_needed(playback: Playback) -> None:
+    assert playback.wanted(0.0) == (0, 1)
+    playback.seek(24.0, 0.0)
+    assert playback.wanted(0.0) == (2,)
+    playback.loop((5.0, 15.0), 0.0)
+    assert playback.wanted(0.0) == (0, 1)
+    playback.seek(14.0, 0.0)
+    assert playback.wanted(0.0) == (1, 0)
 
 
 @pytest.mark.parametrize("range_s", [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (5.0, 26.0), (float("nan"), 5.0)])

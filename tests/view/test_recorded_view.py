@@ -6,11 +6,13 @@ from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from cogrip.protocol.recording.header import Header, versions_here
-from cogrip.protocol.recording.records import Event
+from cogrip.protocol.recording.reader import Message
+from cogrip.protocol.recording.records import Event, Step
 from cogrip.protocol.recording.sink import encode
 from cogrip.protocol.settings import resolve
 from cogrip.server.recorder import server_topics, start_text
@@ -113,6 +115,23 @@ def test_the_scene_says_who_holds_what(run: Path) -> None:
     assert json.loads(to_json(scene))["type"] == "scene"
 
 
+def test_hands_are_drawn_from_where_joining_put_them(run: Path, tmp_path: Path) -> None:
+    """The recorded proxy of somebody who joined with the hand at 0.3 m: it began on the object."""
+    shutil.copytree(run, tmp_path / "run")
+
+    def elsewhere(kind: str, message: Message) -> bytes:
+        if kind != "step":
+            return message.payload
+        step = msgspec.json.decode(message.payload, type=Step)
+        x, y, z = step.seats[0].proxy_m
+        anna = msgspec.structs.replace(step.seats[0], proxy_m=((x or 0.0) + 0.3, y, z))
+        return encode(msgspec.structs.replace(step, seats=(anna, step.seats[1])))
+
+    rewrite(tmp_path / "run" / "server.mcap", elsewhere)
+    (before, _), (after, _) = (open_view(folder).scene.people for folder in (run, tmp_path / "run"))
+    assert after.anchor_m == pytest.approx((before.anchor_m[0] - 0.3, *before.anchor_m[1:]))
+
+
 def test_loss_and_delay_are_those_of_the_link(run: Path) -> None:
     later = [frame for frame in decoded(run) if frame.time_s > 5.0]
     for seat in range(2):
@@ -197,6 +216,28 @@ def test_what_cannot_be_shown_is_told_in_one_line(run: Path, tmp_path: Path) -> 
     (damaged / "server.mcap").write_bytes(data)
     with pytest.raises(ViewError, match=r"is damaged at byte [0-9]+; `cogrip recover"):
         open_view(damaged)
+
+
+def test_a_damaged_part_is_left_out_and_the_rest_is_shown(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    path = tmp_path / "run" / "server.mcap"
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 20] = bytes(20)  # within a chunk
+    path.write_bytes(data)
+    whole = {frame.number: frame for frame in decoded(run)}
+    frames = decoded(tmp_path / "run")
+    assert 0 < len(whole) - len(frames) < 100
+    for frame in frames:
+        assert frame.position_m == whole[frame.number].position_m
+
+
+def test_a_minute_of_three_leaves_room_for_the_page(run: Path) -> None:
+    """All of it is to be under 5 MB: base64 makes four bytes of three, and the page itself takes 0.75 MB."""
+    view = open_view(run)
+    packed = sum(len(view.chunk(number)) for number in range(view.scene.chunks))
+    a_minute = packed * 60.0 / (view.scene.duration_s or 1.0) * 3 / len(view.scene.people)
+    assert a_minute * 4 / 3 < 4_250_000
 
 
 def test_a_recording_that_is_cut_off_is_shown_as_far_as_it_goes(run: Path, tmp_path: Path) -> None:

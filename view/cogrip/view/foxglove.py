@@ -81,7 +81,7 @@ def subprotocol(offered: Sequence[str]) -> str | None:
 
 
 class FoxgloveSession:
-    """What one client was offered and takes.
+    """State of one client: the channels it was offered and those it takes.
 
     began_ns  log time of the scene's time 0
     playback  of a recording: the client's own; it is the caller who lets it play at first
@@ -234,7 +234,10 @@ class FoxgloveSession:
 
     def next_s(self, now_s: float) -> float | None:
         """Return when `due` wants to be called next; None: not before a message came."""
-        return self._playback.next_s(now_s) if self._playback else None
+        if self._playback is None:
+            return None
+        next_s = self._playback.next_s(now_s)
+        return now_s if next_s is None and self._playback.status(now_s) != self._told else next_s
 
     def _state(self, now_s: float, sought: bool = False, request: str = "") -> bytes:
         assert self._playback is not None

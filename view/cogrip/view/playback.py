@@ -106,10 +106,17 @@ class Playback:
                 return before[-1:]
         return list(self._frames_of(0)[:1])
 
+    def wanted(self, now_s: float) -> tuple[int, ...]:
+        """Return the chunks that are needed now and soon, so that another thread may read them before they are."""
+        now = min(int(self.place_s(now_s) // CHUNK_S), self._chunks - 1)
+        after = int(self.range_s[0] // CHUNK_S) if self.range_s and (now + 1) * CHUNK_S > self.range_s[1] else now + 1
+        return (now, after) if after < self._chunks and after != now else (now,)
+
     def show_again(self) -> None:
         """Give the frame that is shown now once more: somebody began to look."""
         self._shown_s = None
 
     def next_s(self, now_s: float) -> float | None:
         """Return when `due` wants to be called next; None: not before something is asked for."""
-        return now_s + TURN_S if self.status(now_s) == "playing" or self._shown_s is None else None
+        shown = self._shown_s == self.place_s(now_s)  # also what was played just before it paused or ended
+        return None if shown and self.status(now_s) != "playing" else now_s + TURN_S

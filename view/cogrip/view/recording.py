@@ -17,6 +17,7 @@ import msgspec
 from cogrip.devices.web.messages import State, Vector, vector
 from cogrip.protocol.drawing import LEAST_DRAWN_N, anchors_m, object_size_m
 from cogrip.protocol.messages import shown
+from cogrip.protocol.recording.derived import offset_of
 from cogrip.protocol.recording.reader import RecordingError
 from cogrip.protocol.recording.records import Number, Row, SeatStep, Step, Tick
 from cogrip.protocol.settings import Settings
@@ -35,6 +36,7 @@ SILENT_S = 0.5  # a client that has not ticked for so long is silent
 LOSS_S = 1.0  # over which the share of frames lost is taken
 _BEFORE_S = LOSS_S + SILENT_S  # read before a chunk, for what its first frames need
 _EVENTS_AT_MOST = 2000
+_JOINING_S = 1.0  # a person's first step is no farther from the event
 UNKNOWN: Vector = (nan, nan, nan)
 _STATES: dict[str, State] = {"live": "live", "degraded": "degraded", "fault": "fault"}
 _tick = msgspec.json.Decoder(Tick).decode
@@ -112,8 +114,9 @@ class RecordedView:
         missing = [name for name in self._names if name not in self._clients]
         if missing:
             self._notes.append(f"Not recorded here, so their hands are not known: {', '.join(missing)}.")
+        events = tuple(self._events())
         people = [
-            ScenePerson(seat, name, colour(seat), anchor)
+            ScenePerson(seat, name, colour(seat), self._anchor(seat, anchor, events))
             for seat, (name, anchor) in enumerate(zip(self._names, anchors_m(kind, sides), strict=False))
         ]
         duration_s = self._end_s - self._start_s
@@ -122,8 +125,24 @@ class RecordedView:
             room, "recording", axes, settings.rates.network_hz, settings.rates.device_hz,
             SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), settings.object.mass_kg), tuple(people),
             note=shown(" ".join(self._notes)), duration_s=duration_s, chunks=int(duration_s // CHUNK_S) + 1,
-            events=tuple(self._events()),
+            events=events,
         )  # fmt: skip
+
+    def _anchor(self, seat: int, held_m: Vector, events: Sequence[SceneEvent]) -> Vector:
+        """Return where a person's hand and proxy are drawn from: the point held, less what joining put between their frames."""
+        name = self._names[seat]
+        joined_s = next((event.time_s for event in events if event.kind == "joined" and event.who == name), 0.0)
+        begin_s = joined_s + self._start_s
+        if self._server is not None:
+            for _, message in self._server.messages(self._step, begin_s - _JOINING_S, begin_s + _JOINING_S):
+                step = _step(message.payload)
+                if seat < len(step.seats) and step.seats[seat].seated:
+                    x, y, z = (
+                        held - away
+                        for held, away in zip(held_m, _vector(offset_of(step.seats[seat], step)), strict=True)
+                    )
+                    return x, y, z
+        return held_m
 
     def _events(self) -> Iterator[SceneEvent]:
         found: list[SceneEvent] = []

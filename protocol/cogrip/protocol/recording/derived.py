@@ -47,6 +47,7 @@ class RoomPictures:
         self._every = -(-settings.rates.network_hz // MOST_HZ)
         self._steps = self._pictures = 0
         self._seated: tuple[bool, ...] = ()
+        self._offsets: dict[int, Row] = {}
 
     def messages(self, payload: bytes, time_ns: int) -> Iterator[tuple[str, bytes]]:
         """Yield kind and payload of what a step gives; time_ns: its log time."""
@@ -59,7 +60,16 @@ class RoomPictures:
             return
         people = list(zip(range(len(self._anchors)), step.seats, self._anchors, strict=False))
         object_m = _vector(step.object_m)
-        pushes = [(seat, person, _push(seat, person, anchor)) for seat, person, anchor in people if person.seated]
+        for seat, person, _ in people:
+            if person.seated:
+                self._offsets.setdefault(seat, offset_of(person, step))
+            else:
+                self._offsets.pop(seat, None)
+        pushes = [
+            (seat, person, _push(seat, person, anchor, self._offsets[seat]))
+            for seat, person, anchor in people
+            if person.seated
+        ]
         if object_m is None or any(push is None for *_, push in pushes):
             return
         seated = tuple([person.seated for person in step.seats])
@@ -111,11 +121,17 @@ class Pictures:
         return [(places[kind], made) for kind, made in room.messages(payload, log_time_ns)]
 
 
-def _push(seat: int, person: SeatStep, anchor: Vector) -> Push | None:
-    proxy_m, force_n = _vector(person.proxy_m), _vector(person.force_n)
-    if proxy_m is None or force_n is None:
+def offset_of(person: SeatStep, step: Step) -> Row:
+    """Return what lies between a person's own frame and the object's, in the first step with a seat: the proxy begins on the
+    object, wherever the hand is (theory section 3.7)."""
+    return tuple([(proxy or 0.0) - (place or 0.0) for proxy, place in zip(person.proxy_m, step.object_m, strict=False)])
+
+
+def _push(seat: int, person: SeatStep, anchor: Vector, offset: Row) -> Push | None:
+    proxy_m, force_n, away_m = _vector(person.proxy_m), _vector(person.force_n), _vector(offset)
+    if proxy_m is None or force_n is None or away_m is None:
         return None
-    x, y, z = (place + away for place, away in zip(proxy_m, anchor, strict=True))
+    x, y, z = (place + held - away for place, held, away in zip(proxy_m, anchor, away_m, strict=True))
     return Push((x, y, z), force_n, colour(seat))
 
 

@@ -1,4 +1,4 @@
-"""Histograms of lateness and of work per tick, of every loop."""
+"""Times of a run: round trips and lost frames of the link, lateness and work of the loops."""
 
 from collections.abc import Sequence
 
@@ -6,11 +6,52 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cogrip.sim.runs.plots.style import INK, LINES, Array, NotDrawnError, Sheet, Style, colour, label
+from cogrip.sim.runs.plots.curves import PROXY, extent, people_legend, seat_columns, shown
+from cogrip.sim.runs.plots.style import (
+    DASHED,
+    FAINT,
+    INK,
+    LINES,
+    Array,
+    NotDrawnError,
+    Sheet,
+    Style,
+    colour,
+    draw,
+    draw_spread,
+    label,
+    person_style,
+)
 from cogrip.sim.runs.traces import MOST_PEOPLE, Run, Trace
 
 _PER_DECADE = 12
 _FLOOR_US = 0.1  # a tick that is no later than this stands in the first bin
+
+
+def link(run: Run) -> Figure:
+    """Draw the round-trip time [ms], and the frames lost so far, in each direction: late ones are not."""
+    if not shown(run):
+        raise NotDrawnError("nobody is named")
+    sheet = Sheet(2, row_in=1.9)
+    times, lost = sheet.panels[:, 0]
+    for number, name in shown(run):
+        style, trace, up = person_style(number), run.clients.get(name), seat_columns(run, number, "lost")
+        if trace is not None:
+            draw_spread(times, trace.time_s, trace.columns["rtt_ms"], style)
+            draw(lost, trace.time_s, trace.columns["lost"], **style, lw=1.6)
+        if up is not None and run.room is not None:
+            draw(lost, run.room.time_s, up[:, 0], **{**style, **PROXY, "lw": 1.6})
+    times.set_xlim(*extent(run))
+    times.set_ylim(0.0, 1.05 * times.get_ylim()[1])
+    lost.set_ylim(-0.03 * max(1.0, lost.get_ylim()[1]), 1.05 * max(1.0, lost.get_ylim()[1]))
+    lost.yaxis.get_major_locator().set_params(integer=True)
+    legend = people_legend(
+        run,
+        ("down: to the hand", {"color": FAINT}),
+        ("up: to the object", {"color": FAINT, "ls": DASHED}),
+        ("band: from the least to the largest", {"facecolor": FAINT, "alpha": 0.35, "lw": 0}),
+    )
+    return sheet.finish("time [s]", ["round trip [ms]", "lost [frames]"], legend)
 
 
 def loops(run: Run) -> Figure:
