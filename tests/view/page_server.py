@@ -23,7 +23,7 @@ PATIENCE_S = 20.0
 
 @dataclass
 class PageServer:
-    """Serves one scene. `said`: all messages of the page but chunk requests, in order; hellos: the first message of each socket."""
+    """Serves one scene. `said`: what the page says, without chunk requests; hellos: the first message of each socket."""
 
     scene: str
     chunks: Sequence[bytes] = ()

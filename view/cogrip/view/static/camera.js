@@ -10,6 +10,8 @@ export const PRESETS = {
   iso: [-50, 28],
 };
 const FIELD_OF_VIEW_DEG = 35;
+const FILL = 0.94; // of the picture, by the workspace
+const CORNERS = [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => [x, y, z])));
 const ROTATE_RAD_PER_PIXEL = 0.007;
 const ZOOM_PER_WHEEL_PIXEL = 0.0012;
 const STEEPEST_RAD = MathUtils.degToRad(89.9);
@@ -23,6 +25,7 @@ export class OrbitCamera {
     this.moved = moved;
     this.target = new Vector3();
     this.extent_m = 0.2;
+    this.half = new Vector3(0.1, 0.1, 0.1);
     this.pointers = new Map();
     this.distance = 1;
     this.preset("iso");
@@ -44,17 +47,24 @@ export class OrbitCamera {
     this.fit();
   }
 
-  /** Look at a box. @param {Vector3} centre @param {number} extent_m its largest side */
-  lookAt(centre, extent_m) {
-    this.centre = centre;
-    this.target.copy(centre);
-    this.extent_m = extent_m;
-    this.fit();
+  /** Look at a box. @param {import("three").Box3} box */
+  lookAt(box) {
+    this.centre = box.getCenter(new Vector3());
+    this.target.copy(this.centre);
+    this.half = box.getSize(new Vector3()).divideScalar(2);
+    this.extent_m = 2 * Math.max(...this.half.toArray());
   }
 
+  /** Go as near as all corners of the box allow. */
   fit() {
-    const half = Math.tan(MathUtils.degToRad(FIELD_OF_VIEW_DEG / 2)) * Math.min(1, this.camera.aspect);
-    this.distance = (0.62 * this.extent_m) / half;
+    this.update(); // turns the camera
+    const tangent = FILL * Math.tan(MathUtils.degToRad(FIELD_OF_VIEW_DEG / 2));
+    const toCamera = this.camera.quaternion.clone().invert();
+    const distances = CORNERS.map((signs) => {
+      const { x, y, z } = new Vector3(...signs).multiply(this.half).applyQuaternion(toCamera);
+      return z + Math.max(Math.abs(y), Math.abs(x) / this.camera.aspect) / tangent;
+    });
+    this.distance = Math.max(...distances);
     this.update();
   }
 

@@ -11,7 +11,7 @@ const known = (value) => (Number.isFinite(value) ? value : null);
  */
 export const QUANTITIES = [
   {
-    id: "position", title: "Position", unit: "mm", note: "object dashed", along: true,
+    id: "position", title: "Position", unit: "mm", note: "object ╌╌", along: true,
     object: (frame, axis) => 1000 * frame.position_m[axis],
     lines: [["hand", false, (person, axis) => (person.hand_known ? 1000 * person.hand_m[axis] : NaN)]],
   },
@@ -20,12 +20,12 @@ export const QUANTITIES = [
     lines: [["force", false, (person, axis) => person.force_n[axis]]],
   },
   {
-    id: "margin", title: "Energy margins", unit: "mJ", note: "line up; down or port dashed",
+    id: "margin", title: "Energy margin", unit: "mJ", note: "port ╌╌",
     lines: [["line", false, (person) => person.line_margin_mj], ["port", true, (person) => person.port_margin_mj]],
   },
   { id: "rtt", title: "Round trip", unit: "ms", note: "", lines: [["rtt", false, (person) => person.rtt_ms]] },
   {
-    id: "buffer", title: "Jitter-buffer depth", unit: "ms", note: "up; down dashed",
+    id: "buffer", title: "Jitter buffer", unit: "ms", note: "down ╌╌",
     lines: [["up", false, (person) => person.buffer_up_ms], ["down", true, (person) => person.buffer_down_ms]],
   },
   { id: "loss", title: "Frames lost", unit: "%", note: "in the last second", lines: [["loss", false, (person) => 100 * person.loss]] },

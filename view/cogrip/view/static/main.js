@@ -162,6 +162,7 @@ export class App {
       this.picture.draw();
     }
     if (now_ms - this.numbers_ms >= NUMBERS_PERIOD_MS || this.player) this.numbers(now_ms);
+    else this.numbersLater ??= setTimeout(() => this.numbers(performance.now()), NUMBERS_PERIOD_MS);
     if (this.player?.playing) this.request();
   }
 
@@ -188,6 +189,8 @@ export class App {
   /** Write the numbers over the picture and beside it. */
   numbers(now_ms) {
     this.numbers_ms = now_ms;
+    clearTimeout(this.numbersLater);
+    this.numbersLater = null;
     const { force_n, pixels } = this.picture.arrowLegend();
     part("arrow-scale").style.width = `${pixels.toFixed(0)}px`;
     write(part("arrow-force"), `${Number(force_n.toPrecision(2))} N`);

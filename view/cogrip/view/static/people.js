@@ -15,15 +15,20 @@ export function stateLine(name, person) {
   return `${name}: ${person.state}${delay}${passive ? (person.passive ? ", passive" : ", NOT PASSIVE") : ""}`;
 }
 
-/** Rows of numbers: title, value, unit. */
+/** Numbers of a person: name, explanation, value, unit. */
 const NUMBERS = [
-  ["force", (each) => number(length(each.force_n), 2), "N"],
-  ["coupling", (each) => number(each.hand_known ? 1000 * length(each.hand_m.map((hand, axis) => hand - each.proxy_m[axis])) : NaN, 1), "mm"],
-  ["delay up / down", (each) => `${number(each.up_ms, 0)} / ${number(each.down_ms, 0)}`, "ms"],
-  ["buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
-  ["margins", (each) => `${number(each.line_margin_mj, 2)} / ${number(each.port_margin_mj, 2)}`, "mJ"],
-  ["lost", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],
+  ["force", "force on the object", (each) => number(length(each.force_n), 2), "N"],
+  ["delay", "delay up / down, jitter buffer included", (each) => `${number(each.up_ms, 0)} / ${number(each.down_ms, 0)}`, "ms"],
+  ["margin", "energy margin: line up / line down or device port", (each) => `${number(each.line_margin_mj, 2)} / ${number(each.port_margin_mj, 2)}`, "mJ"],
+  ["spring", "length of the coupling from device to proxy", (each) => number(1000 * stretch(each), 1), "mm"],
+  ["buffer", "depth of the jitter buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
+  ["lost", "frames lost in the last second (since the beginning)", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],
 ];
+
+/** @param {import("./frames.js").Person} person @returns {number} length of the coupling [m] */
+function stretch(person) {
+  return person.hand_known ? length(person.hand_m.map((hand, axis) => hand - person.proxy_m[axis])) : NaN;
+}
 
 export class People {
   /** @param {HTMLElement} place @param {(seat: number) => void} ghost called when a person's picture is asked for */
@@ -55,8 +60,9 @@ export class People {
     ghost.addEventListener("click", () => this.ghost(person.seat));
     head.append(swatch, line, ghost);
     const list = document.createElement("dl");
-    const values = NUMBERS.map(([title]) => {
+    const values = NUMBERS.map(([title, explanation]) => {
       const row = document.createElement("div");
+      row.title = explanation;
       const term = document.createElement("dt");
       const value = document.createElement("dd");
       term.textContent = title;
@@ -78,7 +84,7 @@ export class People {
       card.dataset.state = state?.state ?? "free";
       card.classList.toggle("alarm", Boolean(state && !state.passive));
       card.classList.toggle("pushes", Boolean(state?.pushes));
-      NUMBERS.forEach(([, value, unit], index) => {
+      NUMBERS.forEach(([, , value, unit], index) => {
         write(values[index], state && state.state !== "free" ? `${value(state)} ${unit}`.trim() : "–");
       });
     }

@@ -16,13 +16,23 @@ function themeColours() {
   return Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--scene-${name}`).trim()]));
 }
 
+/** @returns {boolean} no graphics card draws here: smooth edges would cost most of the pictures a second */
+function drawsInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const names = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = gl?.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER) ?? "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|basic render/i.test(name);
+}
+
 export class Picture {
   /** @param {HTMLElement} stage @param {HTMLCanvasElement} canvas @param {HTMLElement} labels @param {() => void} changed */
   constructor(stage, canvas, labels, changed) {
     this.stage = stage;
     this.changed = changed;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true });
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, MOST_PIXEL_RATIO));
+    const software = drawsInSoftware();
+    this.renderer = new WebGLRenderer({ canvas, antialias: !software });
+    this.renderer.setPixelRatio(software ? 1 : Math.min(window.devicePixelRatio, MOST_PIXEL_RATIO));
     this.labels = new Labels(labels);
     this.world = new Scene();
     this.orbit = new OrbitCamera(canvas, changed);
@@ -71,7 +81,7 @@ export class Picture {
     }
     this.labels.build(scene);
     if (!keepCamera) {
-      this.orbit.lookAt(box.getCenter(new Vector3()), this.extent_m);
+      this.orbit.lookAt(box);
       this.orbit.preset({ 1: "side", 2: "top" }[scene.axes] ?? "iso");
     }
     this.changed();

@@ -52,7 +52,7 @@ export class Plots {
         width: this.width(), height: HEIGHT, series, legend: { show: false },
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         scales: { x: { time: false, range: () => [this.history.end_s - this.history.window_s, this.history.end_s] }, y: { range: spread } },
-        axes: [{ ...axis, size: 20, gap: 2, space: 60, values: (_, ticks) => ticks.map((each) => `${each} s`) }, { ...axis, size: 44, gap: 3, space: 24 }],
+        axes: [{ ...axis, size: 20, gap: 2, space: 60, values: (_, ticks) => ticks.map((each) => `${each} s`) }, { ...axis, size: 44, gap: 3, space: 18 }],
         hooks: { setCursor: [(self) => this.title(quantity, self)] },
       },
       [[], ...series.slice(1).map(() => [])],
