@@ -19,7 +19,7 @@ UNTIL = """async () => {
     await new Promise((resolve) => setTimeout(resolve, 5));
   }
 }"""
-NOT_OURS = ("GL Driver Message",)
+NOT_OURS = ("GL Driver Message", "WebSocket connection to")  # the second: a server that ended before the page
 
 
 class BrowserPage:

@@ -84,7 +84,13 @@ class PageServer:
 def serving(server: PageServer) -> Iterator[PageServer]:
     """Serve until the block ends."""
     with serve(
-        server.talk, "127.0.0.1", 0, process_request=server.answer, subprotocols=[SUBPROTOCOL], compression=None
+        server.talk,
+        "127.0.0.1",
+        0,
+        process_request=server.answer,
+        subprotocols=[SUBPROTOCOL],
+        compression=None,
+        close_timeout=1,
     ) as listening:
         _serve(server, listening)
         yield server
