@@ -279,7 +279,7 @@ export class App {
 
 const app = new App();
 
-/** State for tests and benchmarks, to be read only. */
+/** State for tests and benchmarks: to be read, but for `seek`. */
 window.cogrip = Object.freeze({
   get scene() {
     return structuredClone(app.scene);
@@ -297,6 +297,8 @@ window.cogrip = Object.freeze({
   get hand() {
     return { own: structuredClone(app.hand.own), target_m: app.hand.target, sent: app.hand.number };
   },
+  /** Show a moment of a recording, exactly: the scrub bar's own value is rounded by the browser. */
+  seek: (time_s) => app.player?.seek(time_s),
   /** Pixel of the page at which a point of the world is drawn. */
   project: (point) => {
     const box = part("canvas").getBoundingClientRect();
