@@ -25,7 +25,9 @@ NOT_OURS = ("GL Driver Message", "WebSocket connection to")  # the second: a ser
 class BrowserPage:
     """`errors`: all that went wrong in the page: exceptions, what it logged as an error, broken policy."""
 
-    def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 720, **context: Any) -> None:
+    def __init__(
+        self, browser: Any, address: str, width: int = 1280, height: int = 720, script: str = "", **context: Any
+    ) -> None:
         self.context = browser.new_context(viewport={"width": width, "height": height}, **context)
         self.context.set_default_timeout(PATIENCE_MS)
         self.tab = self.context.new_page()
@@ -34,7 +36,7 @@ class BrowserPage:
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
         self.tab.on("console", self._heard)
         self.tab.on("request", lambda request: self.requests.append(request.url))
-        self.tab.add_init_script(WATCH_POLICY)
+        self.tab.add_init_script(WATCH_POLICY + "\n" + script)
         self.tab.goto(address)
 
     def _heard(self, message: Any) -> None:

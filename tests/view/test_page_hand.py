@@ -198,6 +198,32 @@ def test_gamepad_pulls_while_its_button_is_pressed_and_rumbles(hand: Held) -> No
     assert along == sorted(along)
 
 
+def test_somebody_joins_and_the_hand_keeps_its_hold(hand: Held) -> None:
+    hand.press()
+    hand.next()
+    hand.server.send(to_json(scene(people=3, hand=True)))
+    hand.page.until("cogrip.scene.people.length === 3")
+    assert hand.page.state("cogrip.hand.target_m") == pytest.approx(AT, abs=1e-12)
+    hand.page.tab.mouse.up()
+    assert all(each.holds for each in hand.until_released()[:-1])
+
+
+def test_new_socket_counts_its_messages_from_one_and_holds_nothing(hand: Held) -> None:
+    hand.press()
+    assert hand.next().number == 1
+    hand.server.sockets[-1].close(1011)
+    hand.server.wait_for_page()
+    hand.page.until("document.getElementById('status').hidden")
+    assert hand.page.state("cogrip.hand.target_m") is None
+    hand.page.tab.mouse.up()
+    while not hand.server.said.empty():
+        hand.server.said.get()
+    hand.own_hand(AT)
+    hand.page.until("cogrip.hand.own !== null")
+    hand.press()
+    assert hand.next().number == 1
+
+
 def test_page_without_a_hand_says_nothing(open_page: Open) -> None:
     with serving(PageServer(to_json(scene()))) as server:
         page = open_page(server.address)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from math import nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -197,6 +198,13 @@ def test_page_says_hello_with_its_token_and_comes_back_after_a_break(open_page: 
         server.send(encode(frame(9)))
         page.until_drawn(9)
         assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
+
+
+def test_browser_without_webgl_is_told_so(chromium: Any) -> None:
+    with serving(PageServer(to_json(scene()))) as server:
+        page = BrowserPage(chromium, server.address, script="HTMLCanvasElement.prototype.getContext = () => null")
+        page.until("document.getElementById('status').textContent.includes('no WebGL 2')")
+        page.close()
 
 
 def test_keyboard_and_buttons(open_page: Open) -> None:

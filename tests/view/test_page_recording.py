@@ -168,6 +168,12 @@ def test_self_contained_page_plays_from_a_disk_without_a_network(open_page: Open
     assert asked == [file.as_uri()]
 
 
+def test_damaged_chunk_is_told(open_page: Open) -> None:
+    with serving(PageServer(to_json(TOLD), [CHUNKS[0][:12] + b"no gzip", *CHUNKS[1:]])) as server:
+        page = open_page(server.address)
+        page.until("document.getElementById('status').textContent.startsWith('A part of the recording cannot be read')")
+
+
 def test_names_of_a_recording_cannot_end_its_script() -> None:
     told = to_json(TOLD).replace("ben joined", "</script><script>alert(1)</script><!--")
     text = self_contained(told, CHUNKS)

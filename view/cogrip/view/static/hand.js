@@ -49,9 +49,17 @@ export class Hand {
   build(scene) {
     this.scene = scene.hand ? scene : null;
     this.anchor = new Vector3(...(scene.people.find((each) => each.seat === scene.own_seat)?.anchor_m ?? [0, 0, 0]));
-    if (!this.scene) this.own = null;
-    this.target = null;
-    this.pointers.clear();
+    if (!this.scene) {
+      this.own = null;
+      this.letGo();
+    }
+  }
+
+  /** Begin anew with another socket. */
+  restart() {
+    this.letGo();
+    this.number = 0;
+    this.own = null;
   }
 
   /** @param {import("./frames.js").OwnHand} own */

@@ -32,7 +32,12 @@ export class App {
     this.measures = new Measures();
     this.history = new History(PLOT_WINDOW_S);
     const changed = () => this.request();
-    this.picture = new Picture(part("stage"), part("canvas"), part("labels"), changed);
+    try {
+      this.picture = new Picture(part("stage"), part("canvas"), part("labels"), changed);
+    } catch (error) {
+      this.status("This browser gives the page no WebGL 2, with which the picture is drawn. Switch on hardware acceleration, or use another browser.");
+      throw error;
+    }
     this.plots = new Plots(part("plots"), this.history);
     this.people = new People(part("people"), (seat) => this.showGhost(seat === this.ghostSeat ? null : seat));
     this.hand = new Hand(part("canvas"), this.picture, (message) => this.socket?.send(message) ?? false, changed);
@@ -52,6 +57,7 @@ export class App {
       return;
     }
     this.socket = new Socket(new URL(location.href), {
+      opened: () => this.hand.restart(),
       scene: (scene) => this.takeScene(scene),
       frame: (frame, arrived_ms) => this.takeFrame(frame, arrived_ms),
       ownHand: (own) => {
@@ -59,7 +65,7 @@ export class App {
         this.request();
       },
       event: (event) => this.takeEvents([event]),
-      chunk: (message) => this.player?.take(message),
+      chunk: (message) => this.takeChunk(message),
       status: (text) => this.status(text),
       malformed: () => (this.measures.malformed += 1),
     });
@@ -71,8 +77,16 @@ export class App {
     if (this.socket) this.socket.askChunk(number);
     else {
       const message = Uint8Array.from(atob(this.embedded[number]), (each) => each.charCodeAt(0));
-      queueMicrotask(() => this.player.take(message)); // as a socket would: the player is made by then
+      queueMicrotask(() => this.takeChunk(message)); // as a socket would: the player is made by then
     }
+  }
+
+  /** @param {Uint8Array} message */
+  takeChunk(message) {
+    this.player?.take(message).catch((error) => {
+      this.measures.malformed += 1;
+      this.status(`A part of the recording cannot be read (${error.message}). Write the page again, or replay the run with cogrip replay.`);
+    });
   }
 
   takeScene(scene) {
@@ -101,6 +115,7 @@ export class App {
     }
     this.player = new Player(scene, (number) => this.askChunk(number), () => this.request());
     this.bar = new PlayerBar(part("player"), this.player);
+    this.status("");
   }
 
   /** Build all that has colours: of a new scene, or after the theme changed. */
@@ -230,7 +245,7 @@ export class App {
   status(text) {
     write(part("status"), text);
     part("status").hidden = text === "";
-    if (text) this.hand.letGo();
+    if (text) this.hand?.letGo();
   }
 
   /** @param {number | null} seat */

@@ -82,7 +82,7 @@ export function roundDown(value) {
   return [5, 2, 1].find((step) => step * power <= value * (1 + 1e-9)) * power;
 }
 
-/** Grid below the workspace and the axes at its origin. @param {number[][]} workspace lowest and highest of each axis [m] */
+/** Grid below the workspace and the axes in its corner. @param {number[][]} workspace lowest and highest of each axis [m] */
 export function gridAndAxes(workspace, step_m, colours) {
   const group = new Group();
   const low = workspace.map(([least]) => Math.floor(least / step_m + 1e-9) * step_m);
@@ -93,8 +93,9 @@ export function gridAndAxes(workspace, step_m, colours) {
   group.add(segments(lines, colours.grid));
   const length = 0.25 * Math.max(...workspace.map(([least, most]) => most - least));
   const names = ["x", "y", "z"];
-  group.axisEnds = names.map((_, axis) => new Vector3().setComponent(axis, length).add(new Vector3(low[0], low[1], low[2])));
-  group.axisEnds.forEach((end, axis) => group.add(segments([...low, ...end.toArray()], colours[names[axis]])));
+  const corner = new Vector3(low[0], low[1], low[2] + 0.01 * length); // above the grid's own lines
+  group.axisEnds = names.map((_, axis) => new Vector3().setComponent(axis, length).add(corner));
+  group.axisEnds.forEach((end, axis) => group.add(segments([...corner.toArray(), ...end.toArray()], colours[names[axis]])));
   return group;
 }
 

@@ -16,6 +16,7 @@ const FINAL = {
 
 /**
  * @typedef {object} Handlers
+ * @property {() => void} opened
  * @property {(scene: object) => void} scene
  * @property {(frame: import("./frames.js").Frame, arrived_ms: number) => void} frame
  * @property {(hand: import("./frames.js").OwnHand) => void} ownHand
@@ -43,7 +44,10 @@ export class Socket {
     this.handlers.status("Connecting ...");
     this.socket = new WebSocket(this.address, SUBPROTOCOL);
     this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => this.socket.send(JSON.stringify(this.hello));
+    this.socket.onopen = () => {
+      this.handlers.opened();
+      this.socket.send(JSON.stringify(this.hello));
+    };
     this.socket.onmessage = (message) => this.take(message.data);
     this.socket.onclose = (ended) => this.ended(ended.code);
   }
@@ -58,6 +62,7 @@ export class Socket {
     }
   }
 
+  /** @param {{type: string}} message */
   takeText(message) {
     if (message.type === "scene") {
       this.wait_ms = FIRST_WAIT_MS;
