@@ -217,7 +217,7 @@ def test_keyboard_and_buttons(open_page: Open) -> None:
             page.tab.keyboard.press(key)
             places.append(page.state("cogrip.project([0.05, 0.02, 0.01])"))
             page.tab.get_by_role("button", name=name, exact=True).click()
-            assert page.state("cogrip.project([0.05, 0.02, 0.01])") == places[-1]
+            assert page.state("cogrip.project([0.05, 0.02, 0.01])") == pytest.approx(places[-1])
         assert len({tuple(each) for each in places}) == 4
         page.tab.keyboard.press("y")
         assert page.text("figure[data-quantity=position] figcaption").startswith("Position y [mm]")

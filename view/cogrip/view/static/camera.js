@@ -10,7 +10,7 @@ export const PRESETS = {
   iso: [-50, 28],
 };
 const FIELD_OF_VIEW_DEG = 35;
-const FILL = 0.94; // of the picture, by the workspace
+const FILL = 0.86; // of the picture, by the workspace
 const CORNERS = [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => [x, y, z])));
 const ROTATE_RAD_PER_PIXEL = 0.007;
 const ZOOM_PER_WHEEL_PIXEL = 0.0012;

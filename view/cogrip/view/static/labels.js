@@ -1,7 +1,5 @@
 /** Names in the picture: text over the canvas, moved with what it names. */
 
-import { Vector3 } from "three";
-
 const OFFSET_PIXELS = [10, -20];
 
 export class Labels {
@@ -42,8 +40,8 @@ export class Labels {
     const { ghost, ghostSeat } = picture;
     const name = picture.people.get(ghostSeat)?.person.name;
     if (name) this.ghost.textContent = `as ${name} is shown it`;
-    const half = picture.scene.object.size_m[2] / 2;
-    this.move(this.ghost, ghost.visible ? ghost.position.clone().add(new Vector3(0, 0, -half)) : null, picture, [-40, 8]);
+    const below = (0.75 * Math.max(...picture.scene.object.size_m)) / picture.orbit.metresPerPixel();
+    this.move(this.ghost, ghost.visible ? ghost.position : null, picture, [-50, below]);
     this.axes.forEach((label, axis) => this.move(label, picture.axisEnds[axis], picture, [3, -8]));
   }
 

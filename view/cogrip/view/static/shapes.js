@@ -10,11 +10,11 @@ const X = new Vector3(1, 0, 0);
 const SPRING_POINTS = 96;
 const SPRING_TURNS = 8;
 
-/** @param {{shape: string, size_m: number[]}} object @returns {BufferGeometry} */
-export function objectGeometry({ shape, size_m }) {
+/** @param {{shape: string, size_m: number[]}} object @param {number} meridians of a sphere @returns {BufferGeometry} */
+function objectGeometry({ shape, size_m }, meridians = 32) {
   const [x, y, z] = size_m.map((side) => Math.max(side, 1e-4));
   if (shape === "sphere") {
-    const geometry = new SphereGeometry(0.5, 32, 20);
+    const geometry = new SphereGeometry(0.5, meridians, meridians / 2);
     geometry.scale(x, y, z);
     return geometry;
   }
@@ -44,9 +44,8 @@ export class Body extends Group {
 export class Ghost extends Group {
   constructor(object) {
     super();
-    const geometry = objectGeometry(object);
-    this.edges = new LineSegments(new EdgesGeometry(geometry, object.shape === "sphere" ? 1 : 30), new LineBasicMaterial());
-    this.surface = new Mesh(geometry, new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false }));
+    this.edges = new LineSegments(new EdgesGeometry(objectGeometry(object, 12), 1), new LineBasicMaterial());
+    this.surface = new Mesh(objectGeometry(object), new MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false }));
     this.add(this.edges, this.surface);
     this.visible = false;
   }

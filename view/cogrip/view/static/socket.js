@@ -30,7 +30,7 @@ export class Socket {
   /** @param {URL} page address of this page; its fragment is TOKEN or TOKEN&hand @param {Handlers} handlers */
   constructor(page, handlers) {
     const [token, ...wishes] = page.hash.replace(/^#/, "").split("&");
-    this.hello = { type: "hello", token: decodeURIComponent(token), hand: wishes.includes("hand") };
+    this.hello = { type: "hello", token, hand: wishes.includes("hand") };
     this.address = new URL("socket", page);
     this.address.hash = "";
     this.address.search = "";
