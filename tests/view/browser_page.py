@@ -71,4 +71,5 @@ class BrowserPage:
         return colour
 
     def close(self) -> None:
+        self.state("new Promise((resolve) => setTimeout(resolve))")  # what is still to be told comes before
         self.context.close()

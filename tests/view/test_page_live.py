@@ -200,6 +200,22 @@ def test_page_says_hello_with_its_token_and_comes_back_after_a_break(open_page: 
         assert not any(TOKEN in each for each in page.requests if not each.startswith(server.address)), "in no request"
 
 
+def test_scene_of_another_version_is_told(open_page: Open) -> None:
+    with serving(PageServer(to_json(scene()).replace('"version":1', '"version":2'))) as server:
+        page = open_page(server.address)
+        page.until("document.getElementById('status').textContent.startsWith('This page reads version 1')")
+
+
+def test_broken_policy_is_noticed(chromium: Any) -> None:
+    """The other tests rely on this: a page that broke its policy would fail them."""
+    with serving(PageServer(to_json(scene()))) as server:
+        page = BrowserPage(chromium, server.address)
+        with page.tab.expect_event("console", lambda message: message.text.startswith("policy style-src")):
+            page.state("document.body.setAttribute('style', 'color: red')")
+        assert len(page.errors) == 2, "the browser's own words and those of the watch"
+        page.close()
+
+
 def test_browser_without_webgl_is_told_so(chromium: Any) -> None:
     with serving(PageServer(to_json(scene()))) as server:
         page = BrowserPage(chromium, server.address, script="HTMLCanvasElement.prototype.getContext = () => null")

@@ -12,6 +12,7 @@ import { clock, PlayerBar } from "./player_bar.js";
 import { Plots } from "./plots.js";
 import { Socket } from "./socket.js";
 
+const VERSION = 1; // of the scene message
 const PLOT_WINDOW_S = 10;
 const NUMBERS_PERIOD_MS = 100; // text that changes faster is not read
 const MOST_EVENTS = 200;
@@ -89,7 +90,12 @@ export class App {
     });
   }
 
+  /** @param {object} scene message */
   takeScene(scene) {
+    if (scene.version !== VERSION) {
+      this.status(`This page reads version ${VERSION} of the scene and got ${scene.version}. Reload the page, so that it is the server's own.`);
+      return;
+    }
     const same = this.scene?.room === scene.room && this.scene.mode === scene.mode;
     if (!same) part("events").replaceChildren();
     this.scene = scene;
