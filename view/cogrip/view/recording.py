@@ -24,6 +24,7 @@ from cogrip.protocol.settings import Settings
 from cogrip.server.recorder import step_topic
 from cogrip.sim.runs.folder import SETTINGS
 from cogrip.sim.runs.records import open_run
+from cogrip.sim.runs.verdict import least_margin
 from cogrip.view import frames
 from cogrip.view.file_index import FileIndex
 from cogrip.view.frames import Frame, PersonFrame
@@ -233,10 +234,10 @@ class RecordedView:
         hz = self.scene.network_hz
         shares = [min(1.0, max(0.0, count / (hz * span_s))) for count, span_s in counts if span_s > 0.0]
         force_n = _vector(step.force_n if step else tick.force_n if tick else ())
-        margins_j = [step.up_margin_j, step.line_margin_j] if step else []
-        margins_j += [tick.margin_j] if tick else []
+        margins_j = [("up_margin_j", step.up_margin_j), ("line_margin_j", step.line_margin_j)] if step else []
+        margins_j += [("down_margin_j", tick.margin_j)] if tick else []
         pushes = sum(each * each for each in force_n) >= LEAST_DRAWN_N**2
-        active = any(margin_j is not None and margin_j < -tank_j - 1e-9 for margin_j in margins_j)
+        active = any(margin_j is not None and margin_j < least_margin(key, tank_j) for key, margin_j in margins_j)
         known = tick is not None and tick.position_m is not None
         return PersonFrame(
             seat, self._state(seat, tick, time_s),

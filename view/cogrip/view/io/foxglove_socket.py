@@ -31,7 +31,7 @@ async def speak(connection: ServerConnection, feed: Feed) -> None:
     feed.tabs[tab] = False
     for message in session.opening(time.monotonic()):
         await connection.send(message)
-    writer = asyncio.create_task(_write(connection, feed, session, tab, woken))
+    writer = asyncio.create_task(_write(connection, feed, session, playback, tab, woken))
     try:
         async for message in connection:
             for answer in session.receive(message, time.monotonic()):
@@ -45,7 +45,12 @@ async def speak(connection: ServerConnection, feed: Feed) -> None:
 
 
 async def _write(
-    connection: ServerConnection, feed: Feed, session: FoxgloveSession, tab: Tab, woken: asyncio.Event
+    connection: ServerConnection,
+    feed: Feed,
+    session: FoxgloveSession,
+    playback: Playback | None,
+    tab: Tab,
+    woken: asyncio.Event,
 ) -> None:
     """Send frames as they come, those of a recording as they are due; a slow client gets the newest."""
     scene = feed.scene
@@ -63,6 +68,9 @@ async def _write(
                 scene = feed.scene
                 for message in session.change(scene):
                     await connection.send(message)
+            if playback is not None and isinstance(feed, RecordedFeed):  # read what will be played before it is due
+                for number in playback.wanted(time.monotonic()):
+                    await asyncio.to_thread(feed.recorded.frames, number)
             due = session.due(time.monotonic())
             if tab.take() and feed.frame is not None:
                 due += session.messages(feed.frame)
