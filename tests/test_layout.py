@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("protocol", "devices", "client", "server", "sim", "cli")
+FOLDERS = ("protocol", "devices", "client", "server", "sim", "view", "cli")
 PACKAGES = [f"cogrip.{folder}" for folder in FOLDERS]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 

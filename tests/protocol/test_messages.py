@@ -55,6 +55,9 @@ LARGEST: dict[str, messages.AnyMessage] = {
         BIG, 2**53, (0.1,) * 6, (255,) * VIEWED_SEATS, (0.1,) * (3 * VIEWED_SEATS), (0.1,) * (3 * VIEWED_SEATS), STAMP
     ),
     "power": messages.Power(BIG, 2**53, ROW, ROW, ROW, ROW, ROW, 0.1, 2**53, STAMP),
+    "person": messages.Person(
+        BIG, 2**53, 255, WORDS, "joining", ROW, ROW, 1e5 + 0.1, 1e5 + 0.1, 1e5 + 0.1, *(2**53,) * 4, *(0.1,) * 4
+    ),
 }
 
 short_texts = st.text(max_size=40)
@@ -66,6 +69,8 @@ counters = st.integers(0, 2**53)
 sessions = st.integers(1, BIG)
 nanoseconds = st.integers(0, BIG)
 totals = st.floats(-1e15, 1e15)
+delays = st.none() | st.floats(-1e6, 1e6)
+counts = st.none() | counters
 stamps = st.builds(messages.Stamp, nanoseconds, nanoseconds, nanoseconds)
 
 
@@ -103,6 +108,11 @@ anything = st.one_of(
         messages.View, sessions, counters, tuples(st.floats(-1e4, 1e4), 2, 6),
         st.lists(st.integers(0, 255), max_size=VIEWED_SEATS).map(tuple), tuples(st.floats(-1e3, 1e3), 0, 3 * VIEWED_SEATS),
         tuples(st.floats(-1e9, 1e9), 0, 3 * VIEWED_SEATS), stamps,
+    ),
+    st.builds(
+        messages.Person, sessions, counters, st.integers(0, 255), short_texts, st.sampled_from(["joining", "live", "silent"]),
+        tuples(st.floats(-1e3, 1e3), 0, 3), tuples(st.floats(-1e3, 1e3), 0, 3), delays, delays, delays, counts, counts,
+        counters, counters, *[st.none() | totals] * 4,
     ),
 )  # fmt: skip
 
@@ -233,7 +243,7 @@ def test_a_sealed_message_of_the_largest_size_fits_a_datagram() -> None:
     largest = {name: len(encode(message)) for name, message in LARGEST.items()}
     assert largest == {
         "hello": 946, "welcome": 982, "refuse": 485, "waves": 1053, "state": 122, "power": 206, "heartbeat": 39, "leave": 1178,
-        "farewell": 685, "view": 1008,
+        "farewell": 685, "view": 1008, "person": 349,
     }  # fmt: skip
     assert max(largest["welcome"], largest["refuse"]) <= HELLO_BYTES, "no answer to anyone is longer than the hello"
     assert len(padded(LARGEST["hello"])) == HELLO_BYTES
@@ -321,7 +331,7 @@ def test_another_magic_is_no_hello() -> None:
 
 def test_messages_of_the_two_ends_are_told_by_their_tag() -> None:
     tags = {name: msgpack.unpackb(encode(message))[0] for name, message in LARGEST.items()}
-    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    assert list(tags.values()) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
     assert messages.encode is encode
 
 

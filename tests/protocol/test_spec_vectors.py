@@ -78,7 +78,7 @@ def said(value: Any) -> Any:
 
 
 def test_every_message_has_a_vector() -> None:
-    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 11))
+    assert sorted({msgpack.unpackb(datagram)[0] for datagram, _ in VECTORS.values()}) == list(range(1, 12))
 
 
 @pytest.mark.parametrize("name", VECTORS)
@@ -165,6 +165,7 @@ ARRAYS: list[tuple[str, str, type[msgspec.Struct], str, list[int]]] = [
     ("3.10 Farewell", "Room's account:", accounts.RoomAccount, "farewell", [4]),
     ("3.11 View", "", messages.View, "view", []),
     ("3.12 Power", "", messages.Power, "power", []),
+    ("3.13 Person", "", messages.Person, "person", []),
 ]
 MAPS: list[tuple[str, type[msgspec.Struct], list[int]]] = [
     ("coupling", Coupling, [6, 6]),
@@ -223,6 +224,8 @@ def cases(kind: str, bound: str, old: Any) -> list[tuple[Any, bool]]:
     if kind == "int, or text":
         range_, _, names = bound.partition(", or ")
         return [*cases("int", range_, old), *cases("text", names, old), (1.0, False), (True, False), (None, False)]
+    if kind.endswith(" or nil"):
+        return [*cases(kind.removesuffix(" or nil"), bound, old), (None, True)]
     if kind in ("int", "real"):
         low, _, high = (f"-{bound[2:]} to {bound[2:]}" if bound.startswith("+-") else bound).partition("to ")
         bottom, top = number(low.strip(" ,>")), number(high)

@@ -1,15 +1,20 @@
-"""An observer without I/O: the session, and the newest view of the object and of the hands that hold it."""
+"""An observer without I/O: the session, the newest view of the object, and the newest message about each person."""
 
 from collections import deque
 
 from cogrip.client.inputs import Connect, Leave, Poll, SessionInput
 from cogrip.protocol.histogram import DurationHistogram
-from cogrip.protocol.messages import View
+from cogrip.protocol.messages import Person, View
 from cogrip.protocol.session import ClientSession
+
+GONE_NS = 1_000_000_000  # without a message about somebody, of whom there are 16 a second at least
 
 
 class ObserverCore:
-    """`view` is the newest one, None before the first; `age_ns` says how old it is."""
+    """`view` is the newest one, None before the first; `age_ns` says how old it is.
+
+    people   seat -> newest message about who has it; those heard last before GONE_NS are left out. An older server sends none
+    """
 
     def __init__(self, session: ClientSession) -> None:
         """session: a new one, or one whose welcome gave an observer's place."""
@@ -17,6 +22,8 @@ class ObserverCore:
         self.rtt = DurationHistogram()
         self.view: View | None = None
         self.views = 0
+        self.people: dict[int, Person] = {}
+        self._heard_ns: dict[int, int] = {}
         self._seen_ns = 0
         self._session_id = 0
 
@@ -39,6 +46,9 @@ class ObserverCore:
 
     def receive(self, datagram: bytes, now_ns: int) -> None:
         message = self.session.receive(datagram, now_ns)
+        if isinstance(message, Person):
+            self._receive_person(message, now_ns)
+            return
         if not isinstance(message, View):  # the session counts a coupling's frames as unexpected
             return
         rtt_ns = self.session.clock.read(message.stamp, now_ns)
@@ -51,6 +61,15 @@ class ObserverCore:
         else:
             self.view, self._session_id, self._seen_ns = message, message.session, now_ns
             self.views += 1
+            for seat in [seat for seat, heard_ns in self._heard_ns.items() if now_ns - heard_ns > GONE_NS]:
+                del self.people[seat], self._heard_ns[seat]
+
+    def _receive_person(self, person: Person, now_ns: int) -> None:
+        before = self.people.get(person.seat)
+        if before is not None and before.session == person.session and person.number <= before.number:
+            self.session.drop("late person")
+        else:
+            self.people[person.seat], self._heard_ns[person.seat] = person, now_ns
 
     def age_ns(self, now_ns: int) -> int | None:
         """Return the time since the newest view came, None before the first."""

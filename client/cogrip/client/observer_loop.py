@@ -1,8 +1,9 @@
-"""The live observer: one thread, some fifty polls a second, no device and no recording."""
+"""The live observer: one thread that waits for datagrams, no device and no recording."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from select import select
 
 from cogrip.client.inputs import Leave, Poll
 from cogrip.client.io.paths import POLL_S, Paths, session_change
@@ -14,7 +15,10 @@ SHOW_S = 0.02
 
 @dataclass(slots=True)
 class LiveObserver:
-    """`run` blocks until the session has ended. show: called every SHOW_S with the core and the time [ns]."""
+    """`run` blocks until the session has ended.
+
+    show: called with core and time [ns], at once when something came, every SHOW_S at least.
+    """
 
     core: ObserverCore
     paths: Paths
@@ -40,7 +44,7 @@ class LiveObserver:
                     self.say(text)
                 state = session.state
             self.show(core, now_ns)
-            time.sleep(SHOW_S)
+            select([path.socket for path in self.paths.paths], (), (), SHOW_S)
         core.handle(Leave(self.stop.reason or "seen enough"), time.monotonic_ns())
         while session.state == "leaving":
             self._exchange(time.monotonic_ns())

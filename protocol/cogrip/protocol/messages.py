@@ -40,6 +40,9 @@ Secret = Annotated[str, msgspec.Meta(max_length=32, pattern=r"^[A-Za-z0-9_-]*\Z"
 Role = Literal["player", "observer"]
 NO_BOUND = 1e6  # a record's bound that is infinite, on the wire
 Bound = Annotated[float, msgspec.Meta(ge=0.0, le=NO_BOUND)]
+Milliseconds = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+Frames = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
+Presence = Literal["joining", "live", "silent"]
 
 
 class MalformedError(ValueError):
@@ -187,8 +190,31 @@ class Power(Message, frozen=True, tag=10):
         return motion and len(self.force_n) == len(self.entered_j) == len(self.taken_j) == axes
 
 
+class Person(Message, frozen=True, tag=11):
+    """One seated person for an observer: place, delays and energy margins as the server knows them; None: not known."""
+
+    session: Session
+    number: Counter  # of the room's step
+    seat: SeatNumber
+    name: ShortText
+    state: Presence  # joining: not on the object yet; silent: nothing came for QUIET_NS
+    hand_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3)]  # after the newest frame, in the hand's own frame
+    offset_m: Annotated[tuple[Metres, ...], msgspec.Meta(max_length=3)]  # of the hand's own frame from the object's
+    rtt_ms: Milliseconds | None
+    up_ms: Milliseconds | None  # one-way delays, without jitter buffers
+    down_ms: Milliseconds | None
+    buffer_frames: Frames | None  # depth of the jitter buffer up
+    behind_frames: Frames | None  # sent down and not yet applied when the newest applied frame was sent up
+    lost: Counter  # frames up, so far
+    sent: Counter
+    up_margin_j: Total | None  # least so far
+    line_margin_j: Total | None
+    up_reserve_j: Total | None  # balance now
+    line_reserve_j: Total | None
+
+
 Frame = Waves | State | Power  # what couplings send, one a frame
-AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power
+AnyMessage = Hello | Welcome | Refuse | Waves | State | Heartbeat | Leave | Farewell | View | Power | Person
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(AnyMessage)
 _raw_decoder = msgspec.msgpack.Decoder(list[msgspec.Raw])

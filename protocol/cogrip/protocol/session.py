@@ -13,7 +13,18 @@ import msgspec
 from cogrip.protocol import messages
 from cogrip.protocol.accounts import ClientAccount
 from cogrip.protocol.clock import Clock
-from cogrip.protocol.messages import PROTOCOL_VERSION, Farewell, Frame, Heartbeat, Hello, Leave, Refuse, View, Welcome
+from cogrip.protocol.messages import (
+    PROTOCOL_VERSION,
+    Farewell,
+    Frame,
+    Heartbeat,
+    Hello,
+    Leave,
+    Person,
+    Refuse,
+    View,
+    Welcome,
+)
 from cogrip.protocol.rates import LEAST_DEVICE_HZ
 
 HELLO_EVERY_NS = 250_000_000
@@ -29,12 +40,8 @@ LEAVE_GIVE_UP_NS = 600_000_000
 SECONDS_OVER = "its --seconds are over"  # of a server with a time limit: no session is cut short
 IN_ORDER = "the server was stopped"  # the farewell of a server that was stopped on purpose begins with this
 
-FOR_CLIENTS = (
-    messages.Waves,
-    messages.State,
-    messages.Power,
-    View,
-)  # a tuple: a union would be made for every datagram
+FOR_OBSERVERS = (View, Person)  # tuples: a union would be made for every datagram
+FOR_CLIENTS = (messages.Waves, messages.State, messages.Power, *FOR_OBSERVERS)
 
 ClientState = Literal["idle", "connecting", "seated", "resuming", "leaving", "closed"]
 ClientEvent = Literal["connect", "welcome", "refuse", "silence", "leave", "farewell", "quiet", "received"]
@@ -141,7 +148,7 @@ class ClientSession:
             return False
         return isinstance(message, Welcome) and message.nonce == self._asked.nonce
 
-    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | None:
+    def receive(self, datagram: bytes, now_ns: int) -> Frame | View | Person | None:
         """Take in a datagram; return a message for the coupling or the observer. What does not fit is dropped and counted."""
         try:
             message = messages.decode(datagram)
@@ -158,7 +165,7 @@ class ClientSession:
         if message.session != welcome.session:
             self.drop("other session")
             return None
-        if isinstance(message, FOR_CLIENTS) and isinstance(message, View) is (welcome.role == "player"):
+        if isinstance(message, FOR_CLIENTS) and isinstance(message, FOR_OBSERVERS) is (welcome.role == "player"):
             self.drop("unexpected")
             return None
         if self._step("received"):

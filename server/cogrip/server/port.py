@@ -21,10 +21,14 @@ class Port(ABC):
     origin, hand   hand before its first frame and after its newest [m]; None before the first
     up_margin_j    least energy margin of the line up so far; None where no ledger of one direction is kept
     up_reserve     energy reserve of the line up
+    behind         frames sent down that the client had not applied when it sent the frame popped last; None before that
+    playout_frames depth of the jitter buffer now; None without one
     loops          delays of the loop over the last second; None where no stiffness adapts to them
     """
 
     up_margin_j: float | None = 0.0
+    behind: int | None = None
+    playout_frames: int | None = None
     loops: LoopMeter | None = None
     _receiver: LineReceiver | StateReceiver[Any]
 

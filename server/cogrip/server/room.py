@@ -202,8 +202,7 @@ class Room:
             message = port.message(seat.session, seat.clock.stamp(now_ns), state, -work[number])
             out.append((seat.address, messages.encode(message)))
         if self.observer_slots.observers:
-            holding = [number for number, seat in enumerate(seats) if seat.on_object]
-            out += self.observer_slots.views(self.steps, world, holding, now_ns)
+            out += self.observer_slots.views(self.steps, world, seats, now_ns)
         return out
 
     def _pop(self, frames: int) -> list[Row]:

@@ -43,7 +43,10 @@ class LatestStatePort(Port, Generic[M]):
         """Return the newest message; `frames` as in `pop`."""
         self._states.step(frames)
         self._fresh = self._receiver.pop()
-        return self._receiver.latest
+        latest = self._receiver.latest
+        if self._fresh and latest is not None and latest.acknowledged:
+            self.behind = max(0, self._number + 1 - latest.acknowledged)
+        return latest
 
     def port_in_j(self) -> float | None:
         """Return the energy that had gone in at the client's port, less what came out, where a new message reports it."""

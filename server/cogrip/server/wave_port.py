@@ -59,8 +59,10 @@ class WavePort(Port):
             self.up_reserve.update(margin)
             if self.up_margin_j is None or margin < self.up_margin_j:
                 self.up_margin_j = margin
-            if acknowledged and self.loops is not None:  # from a returning frame to the step that learns it was felt
-                self.loops.add(self._sender.next_number + frames - acknowledged)
+            if acknowledged:  # from a returning frame to the step that learns it was felt
+                self.behind = self._sender.next_number + frames - acknowledged
+                if self.loops is not None:
+                    self.loops.add(self.behind)
         for _ in range(frames - 1):
             self._sender.push((0.0,) * self._axes)  # the steps that were missed sent nothing
         return self._limiter.limit(wave)
@@ -105,6 +107,10 @@ class WavePort(Port):
         first, waves, total, squares = self._sender.contents()
         acknowledged = self._receiver.acknowledged
         return Waves(session, first, waves, total, squares, self.made_j, port_j, acknowledged, stamp, object_state)
+
+    @property
+    def playout_frames(self) -> int:  # type: ignore[override]
+        return self._receiver.playout_frames
 
     def playout_account(self) -> PlayoutAccount:
         return self._receiver.playout_account()

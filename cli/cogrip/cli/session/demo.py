@@ -3,9 +3,12 @@
 import signal
 import subprocess
 import time
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
+from cyclopts import Parameter
 from rich.console import Console
 from rich.live import Live
 
@@ -16,6 +19,7 @@ from cogrip.cli.session.children import end_all, how_ended, listening_port, star
 from cogrip.cli.session.live_views import LiveTable
 from cogrip.cli.session.settings_file import load, try_hands, with_people
 from cogrip.cli.session.shipped_settings import shipped
+from cogrip.cli.session.view_child import open_view
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Devices, Hands, Overrides, Runs
 from cogrip.cli.terminal.problem import above_zero
@@ -37,6 +41,7 @@ def demo(
     hands: Hands = (),
     device: Devices = (),
     seconds: float | None = None,
+    view: Annotated[bool, Parameter(negative="")] = False,
     allow_unstable: AllowUnstable = False,
     runs: Runs = Path("runs"),
 ) -> int:
@@ -51,6 +56,8 @@ def demo(
         Settings file, or the name of one that comes with cogrip (`cogrip configs`); demo if not given.
     seconds
         How long; as the settings say if not given.
+    view
+        Show it in the browser as well.
     """
     above_zero("--seconds", seconds)
     path = config or shipped("demo")
@@ -65,11 +72,13 @@ def demo(
     folder = new_run_folder(runs, settings.name)
     stop = Stop()
     with on_signals(stop):
-        failed = _watch(settings, folder, stop, console, ["--allow-unstable"] if allow_unstable else [])
+        failed = _watch(settings, folder, stop, console, ["--allow-unstable"] if allow_unstable else [], view=view)
     return _conclude(settings, folder, failed, stop, console)
 
 
-def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str]) -> dict[str, str]:
+def _watch(
+    settings: Settings, folder: Path, stop: Stop, console: Console, flags: list[str], *, view: bool
+) -> dict[str, str]:
     """Start everyone, show them until they end, end the server. Return how those ended that did not end well, by name."""
     write_settings(folder, settings)
     file = folder / SETTINGS
@@ -78,8 +87,10 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
     server = start_child(folder / "server.log", ["serve", str(file), "--port", "0", *seconds, *common])
     clients: dict[str, subprocess.Popen[bytes]] = {}
     failed: dict[str, str] = {}
+    shown = ExitStack()
     try:
         port = listening_port("server", server, folder / "server.log", stop)
+        open_view(shown, f"127.0.0.1:{port}", console.print, settings.name, insecure=False, wanted=view)
         for user in settings.users:
             log = folder / client_log(user.name)
             who = ["--config", str(file), "--name", user.name]
@@ -104,6 +115,7 @@ def _watch(settings: Settings, folder: Path, stop: Stop, console: Console, flags
         if not console.is_terminal:
             console.print()  # a live table ends its last line on terminals alone
     finally:
+        shown.close()
         children = {"server": server, **clients}
         for name in end_all(children, ["server"]):
             failed.setdefault(name, how_ended(children[name], _log(folder, name)))

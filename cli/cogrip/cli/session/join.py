@@ -1,7 +1,7 @@
 """`cogrip join`: one person, one device, one server; or one observer."""
 
 import sys
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from cogrip.cli.session.joined_device import (
 from cogrip.cli.session.live_views import JoinView, drawing
 from cogrip.cli.session.observe import counted, observe_room
 from cogrip.cli.session.settings_file import load
+from cogrip.cli.session.view_child import ViewChild, is_web, open_view
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Quiet, Record, Report, Runs
@@ -35,7 +36,7 @@ from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
-from cogrip.protocol.settings import SeatSettings, digest
+from cogrip.protocol.settings import SeatSettings, Settings, digest
 from cogrip.sim.runs.folder import client_recording, write_account
 from cogrip.sim.runs.summary import of_client
 from cogrip.sim.runs.verdict import succeeded, why_not
@@ -50,6 +51,7 @@ def join(
     *more: Annotated[str, Parameter(show=False)],
     device: str | None = None,
     observe: Annotated[bool, Parameter(negative="")] = False,
+    view: Annotated[bool, Parameter(negative="")] = False,
     insecure: Annotated[bool, Parameter(negative="")] = False,
     name: str = "",
     room: str = "",
@@ -82,9 +84,12 @@ def join(
         The join link that the server printed, in quotes: 'cogrip://...'. Or HOST:PORT, or HOST for the usual port, of a
         server without encryption. - reads it from standard input, where no other user of this machine sees it.
     device
-        Device address (`cogrip devices`), with its keys: sim:phantom?hand=reach&amplitude_m=0.02.
+        Device address (`cogrip devices`), with its keys: sim:phantom?hand=reach&amplitude_m=0.02. web: the pointer of a page
+        that is opened in the browser.
     observe
         Observe: see the object and the hands, hold nothing.
+    view
+        Show the session in the browser as well.
     insecure
         Use a HOST:PORT that is not this machine without encryption: everyone on the path can read it, and move your hand.
     name
@@ -120,61 +125,79 @@ def join(
     if overrides and not config:
         raise BadInput("--set changes the settings of --config; without one they are the server's")
     room = room or (settings.name if settings else "")
-    target = target_of(typed(server, more), room, insecure, name, digest(settings) if settings else "")
+    typed_target = typed(server, more)
+    target = target_of(typed_target, room, insecure, name, digest(settings) if settings else "")
     stop = Stop()
     if observe:
         if device is not None:
             raise BadInput("--observe needs no --device: leave one of them out")
-        with on_signals(stop), closing(target.paths(insecure)) as paths:
+        with on_signals(stop), closing(target.paths(insecure)) as paths, ExitStack() as shown:
+            open_view(shown, typed_target, console.print, room, insecure, wanted=view)
             if name:
                 console.print(NO_NAME)
             return observe_room(ClientSession(target.observer()), paths, stop, seconds, console)
-    named = device is not None
-    device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
-    if allow_unstable:
-        users = [user for user in settings.users if name in ("", user.name)] if settings else []
-        refuse_hardware([device or (users[0].device if users else DEFAULT_DEVICE)])
-    arm, address = make_joined(settings, name, device, axes)
-    check_hand(*make_joined(settings, name, device, axes), name, seconds)
-    rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
-    with on_signals(stop), closing(target.paths(insecure)) as paths, LiveScreen(console.print) as screen:
-        say = screen.say
-        files = _Files(runs, into, record, screen, drawn=not quiet and may_draw(console))
-        client = LiveClient(
-            arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
-            partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable,
-        )  # fmt: skip
-        try:
-            ended = client.run()
-        except OverloadError as error:
-            raise BadInput(refusal(str(error), address)) from None
-        except RefusedError as error:
-            raise BadInput(str(error)) from None
-        except (JoinError, DeviceError) as error:
-            raise Problem(str(error)) from None
-        screen.close()
-        if isinstance(ended, ClientSession):
-            if named:
-                say(f"this link is for observing: {address} is not used")
-            if name:
-                say(NO_NAME)
-            return observe_room(ended, paths, stop, seconds, console)
-        return _finish(ended, files.folder, console, alone=into is None, report=report)
+    with ExitStack() as shown:
+        named = device is not None
+        pointed = is_web(device)
+        page = open_view(shown, typed_target, console.print, room, insecure, wanted=view, hand=pointed)
+        device = page.linked(device) if page else device
+        device = with_playback(device, speed=speed, loop=loop, start_s=start_s, stop_s=stop_s)
+        if allow_unstable:
+            _refuse_hardware(settings, name, device)
+        arm, address = make_joined(settings, name, device, axes)
+        check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
+        rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
+        with (
+            on_signals(stop),
+            closing(target.paths(insecure)) as paths,
+            LiveScreen(console.print) as screen,
+        ):
+            say = screen.say
+            files = _Files(runs, into, record, screen, drawn=not quiet and may_draw(console), page=page)
+            client = LiveClient(
+                arm, target.player(arm.capability, address), paths, stop, say, LinkEmulator, files.record_at, seconds, rearms,
+                partial(judge_seat, address, allow_unstable, say), partial(played_out, arm), allow_unstable,
+            )  # fmt: skip
+            try:
+                ended = client.run()
+            except OverloadError as error:
+                raise BadInput(refusal(str(error), address)) from None
+            except RefusedError as error:
+                raise BadInput(str(error)) from None
+            except (JoinError, DeviceError) as error:
+                raise Problem(str(error)) from None
+            screen.close()
+            if isinstance(ended, ClientSession):
+                if named:
+                    say(f"this link is for observing: {address} is not used")
+                if name:
+                    say(NO_NAME)
+                return observe_room(ended, paths, stop, seconds, console)
+            return _finish(ended, files.folder, console, alone=into is None, report=report)
+
+
+def _refuse_hardware(settings: Settings | None, name: str, device: str | None) -> None:
+    """Raise BadInput where the device that would be held is hardware."""
+    users = [user for user in settings.users if name in ("", user.name)] if settings else []
+    refuse_hardware([device or (users[0].device if users else DEFAULT_DEVICE)])
 
 
 @dataclass(slots=True)
 class _Files:
-    """Recording of a session, and its live table. folder: None until it is known, or if there is none."""
+    """Recording of a session, its live table and its page. folder: None until it is known, or if there is none."""
 
     runs: Path
     folder: Path | None
     record: bool
     screen: LiveScreen
     drawn: bool
+    page: ViewChild | None = None
 
     def record_at(self, seat: SeatSettings) -> Path | None:
         """Return the recording's file, None if there is to be none; start its live table."""
         say = self.screen.say
+        if self.page is not None:
+            self.page.seated(seat.seat)
         self.folder = self.folder or live_run_folder(self.runs, f"{seat.room}-{seat.user}", say)
         recorded = self.folder is not None and self.record
         if self.drawn and recorded:

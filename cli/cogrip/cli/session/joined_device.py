@@ -57,10 +57,14 @@ def _ready(device: Device, address: str) -> Device:
     return device
 
 
-def check_hand(device: Device, address: str, name: str, seconds: float | None) -> None:
-    """Raise BadInput for an implausible or unplayable simulated or recorded hand; warn of an unlikely one."""
+def check_hand(make_again: Callable[[], tuple[Device, str]], address: str, name: str, seconds: float | None) -> None:
+    """Raise BadInput for an implausible or unplayable simulated or recorded hand; warn of an unlikely one.
+
+    make_again: makes the device to be tried, and its address.
+    """
     if not address.startswith(HELD_BY_NOBODY):
         return
+    device, address = make_again()
     try:
         rate_hz = min(device.capability.rate_hz, USUAL_HZ)
         found = hand_findings(name or "this hand", address, device, rate_hz, seconds or LOOKED_AHEAD_S)

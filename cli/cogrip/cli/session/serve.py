@@ -11,7 +11,8 @@ from cogrip.cli.runs.run_folder import leave_files, live_run_folder
 from cogrip.cli.session.live_views import ServeView, drawing
 from cogrip.cli.session.log_lines import LogLines
 from cogrip.cli.session.served_rooms import is_loopback, rooms_of, warn_of
-from cogrip.cli.session.server_state import authenticator_of, channel_of, held_folder, publish
+from cogrip.cli.session.server_state import LOOPBACKS, authenticator_of, channel_of, held_folder, publish
+from cogrip.cli.session.view_child import ViewChild
 from cogrip.cli.terminal.live_screen import LiveScreen, may_draw
 from cogrip.cli.terminal.output import make_console
 from cogrip.cli.terminal.parameters import Overrides, Quiet, Record, Report
@@ -39,6 +40,7 @@ def serve(
     state: Path | None = None,
     fresh: Annotated[bool, Parameter(negative="")] = False,
     public: str | None = None,
+    view: Annotated[bool, Parameter(negative="")] = False,
     links: bool = True,
     log: Literal["text", "json"] = "text",
     metrics: int | None = None,
@@ -74,6 +76,8 @@ def serve(
         Begin with every object at its start and every seat free, not from the checkpoint of a server that was killed.
     public
         HOST or HOST:PORT by which people reach this server, for its links; guessed if not given.
+    view
+        Show the first room in the browser as well.
     links
         Print a join link for each role and room. Whoever reads them may join: leave them out of a journal.
     log
@@ -127,13 +131,15 @@ def serve(
             raise Problem(str(error)) from None
         with on_signals(stop, hangup="reload"):
             warn_of(rooms, bound, encrypted, say)
-            if state_folder is not None:
-                publish(state_folder, public, bound, rooms, encrypted, links, say)
+            link = publish(state_folder, public, bound, rooms, encrypted, links, say) if state_folder else ""
             if feed is not None:
                 say(f"metrics: http://127.0.0.1:{feed.port}/metrics, health: http://127.0.0.1:{feed.port}/healthz")
             housekeeping.begin()
             how = "encrypted" if encrypted else "unencrypted"
             say(f"listening on {place_text(bound)}, {how}; rooms: {', '.join(names)}; Ctrl-C ends")
+            if view:
+                shown = place_text((LOOPBACKS.get(bound[0], bound[0]), bound[1]))
+                stack.enter_context(ViewChild(link or shown, say, names[0], insecure=insecure, waits=False))
             screen = stack.enter_context(LiveScreen(say))
             if not quiet:
                 _draw(screen, lines, rooms, run_folder if record else None, state_folder)

@@ -30,6 +30,7 @@ from cogrip.server.rate_limit import RateLimiter, limits_for
 from cogrip.server.unencrypted_channel import UnencryptedListener
 
 WILDCARDS = ("0.0.0.0", "::", "")
+LOOPBACKS = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # by which a process of this machine reaches a wildcard
 
 
 def held_folder(state: Path | None, port: int, encrypted: bool, say: Say, stack: ExitStack) -> StateFolder | None:
@@ -72,14 +73,17 @@ def channel_of(core: ServerCore, folder: StateFolder | None) -> ServerChannel:
 def publish(
     folder: StateFolder, public: str | None, bound: tuple[str, int], rooms: Sequence[Settings], encrypted: bool,
     links: bool, say: Say,
-) -> None:  # fmt: skip
-    """Write the server's record for `cogrip token` and `cogrip kick`, and print the join links. Raises Problem."""
+) -> str:  # fmt: skip
+    """Write the server's record for `cogrip token` and `cogrip kick`, and print the join links. Raises Problem.
+
+    Returns an observer's link to the first room, "" for an unencrypted server.
+    """
     host, port = _public(public, bound)
     seats = {room.name: [user.name for user in room.users] for room in rooms}
     with Problem.of(StateError):
         if not encrypted:
             write_server(folder, ServerRecord(host, port, "", seats, os.getpid()))
-            return
+            return ""
         from cogrip.protocol.io.certificate import load, secret_of
 
         fingerprint, secret = load(folder.path).fingerprint, secret_of(folder.path)
@@ -90,6 +94,9 @@ def publish(
     for each in made if links else ():
         link = JoinLink(host, port, each.room, fingerprint, each.token)
         say(f"join {each.room} as {each.role}:  cogrip join '{link.text}'")
+    observer = next(each for each in made if each.role == "observer")
+    here = LOOPBACKS.get(bound[0], bound[0])
+    return JoinLink(here, bound[1], observer.room, fingerprint, observer.token).text
 
 
 def _public(public: str | None, bound: tuple[str, int]) -> tuple[str, int]:

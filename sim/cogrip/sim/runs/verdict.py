@@ -64,12 +64,14 @@ def passive_of(rows: list[Row], tank_j: float) -> bool | None:
     """Return `passive` of a summary with these people, by the reported margins; None where an end reported none."""
     held = list(occupied(rows))
     reported = [(key, dig(row, "energy", key)) for row in held for key in _measured(row)]
-    if any(value is not None and not (is_number(value) and value >= _bound(key, tank_j)) for key, value in reported):
+    if any(
+        value is not None and not (is_number(value) and value >= least_margin(key, tank_j)) for key, value in reported
+    ):
         return False
     return None if not held or any(map(_untold, held)) else True
 
 
-def _bound(key: str, tank_j: float) -> float:
+def least_margin(key: str, tank_j: float) -> float:
     """Return the least that a margin may be [J]: less what the tank of each direction may lend, and rounding."""
     return -{"line_margin_j": 2.0, "device_margin_j": 0.0}.get(key, 1.0) * tank_j - ROUNDING_J
 
@@ -116,7 +118,7 @@ def _claimed_margins(users: list[Row], tank_j: float) -> list[str]:
         for row in seat_sessions(users)
         if row.get("claimed")
         for key, words in (("down_margin_j", "its line down"), ("device_margin_j", "its device"))
-        if is_number(value := dig(row, "energy", key)) and value < _bound(key, tank_j)
+        if is_number(value := dig(row, "energy", key)) and value < least_margin(key, tank_j)
     ]
 
 
@@ -136,7 +138,7 @@ def _not_passive(
     """Return the sentence, and the brief one."""
     found, brief = [], []
     if worst and any(
-        is_number(value := dig(row, "energy", key)) and value < _bound(key, tank_j)
+        is_number(value := dig(row, "energy", key)) and value < least_margin(key, tank_j)
         for row in seat_sessions(users)
         for key in ledgers(row)
     ):

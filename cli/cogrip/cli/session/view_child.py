@@ -1,0 +1,125 @@
+"""The view beside another command: a process of its own, which shows that command's session in the browser."""
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from types import TracebackType
+from typing import Self
+
+from cogrip.cli.terminal.problem import BadInput, Problem
+from cogrip.devices.web.device import NAMES
+
+END_LIMIT_S = 3.0
+SCHEME = "web"
+
+
+class ViewChild:
+    """Process of `cogrip view`, ended with the context. hand: give it a link to a `web:` device, whose end is `fd`."""
+
+    def __init__(
+        self,
+        target: str,
+        say: Callable[[str], None],
+        room: str = "",
+        insecure: bool = False,
+        *,
+        hand: bool = False,
+        waits: bool = True,
+    ) -> None:
+        """target: join link or HOST:PORT; it goes through a pipe, where no other user sees it. Raises Problem."""
+        self._ours: socket.socket | None = None
+        theirs: socket.socket | None = None
+        arguments = ["view", "-", *(("--room", room) if room else ()), *(("--insecure",) if insecure else ())]
+        if hand:
+            self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+            arguments += ["--hand", str(theirs.fileno())]
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "cogrip.cli", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, start_new_session=True, text=True, pass_fds=[theirs.fileno()] if theirs else [],
+        )  # fmt: skip
+        if theirs is not None:
+            theirs.close()
+        assert self._child.stdin is not None
+        with suppress(OSError), self._child.stdin as pipe:
+            pipe.write(target + "\n")
+        if waits:
+            self._begin(say)
+        else:
+            threading.Thread(target=self._pass_on, args=[say], daemon=True).start()
+
+    def _begin(self, say: Callable[[str], None]) -> None:
+        """Pass on what it says up to its address. Raises Problem where it ends before that."""
+        assert self._child.stdout is not None
+        said = ""
+        for line in self._child.stdout:
+            said = line.strip().removeprefix("cogrip: ")
+            if said.startswith("view: "):
+                say(said)
+                return
+        self.close()
+        raise Problem(f"the view did not start: {said or 'it gave no reason'}")
+
+    def _pass_on(self, say: Callable[[str], None]) -> None:
+        """Pass on all that it says, in a thread that waits for it."""
+        assert self._child.stdout is not None
+        with suppress(ValueError):  # closed meanwhile
+            for line in self._child.stdout:
+                say(line.strip().removeprefix("cogrip: "))
+
+    def linked(self, device: str | None) -> str | None:
+        """Return the address of a device, with the link in it where it is the pointer. Raises BadInput for an unknown one."""
+        if self._ours is None or device is None:
+            return device
+        name, _, query = device.removeprefix(SCHEME).removeprefix(":").partition("?")
+        if name not in ("", "pointer"):
+            raise BadInput(f"--device {device!r}: no such web device; there is: {', '.join(NAMES)}")
+        return f"{SCHEME}:pointer?{f'{query}&' if query else ''}fd={self._ours.fileno()}"
+
+    def seated(self, seat: int) -> None:
+        """Tell the page which seat its hand has."""
+        if self._ours is not None:
+            with suppress(OSError):
+                self._ours.send(json.dumps({"seat": seat}).encode())
+
+    def close(self) -> None:
+        """End the process."""
+        if self._child.poll() is None:
+            self._child.terminate()
+            try:
+                self._child.wait(END_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+                self._child.wait()
+        if self._child.stdout is not None:
+            self._child.stdout.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def is_web(device: str | None) -> bool:
+    """Return whether a device address asks for the pointer of a page that this command is to serve."""
+    return device is not None and (device == SCHEME or device.startswith(f"{SCHEME}:")) and "idle" not in device
+
+
+def open_view(
+    stack: ExitStack,
+    target: str,
+    say: Callable[[str], None],
+    room: str,
+    insecure: bool,
+    *,
+    wanted: bool,
+    hand: bool = False,
+) -> ViewChild | None:
+    """Open the page of a session where it is wanted, or a hand is its pointer; closed with `stack`. Raises Problem."""
+    return stack.enter_context(ViewChild(target, say, room, insecure, hand=hand)) if wanted or hand else None

@@ -1,0 +1,109 @@
+"""Binary messages of the view's socket (`docs/view.md`): frames and chunks of a recording. Those of a hand are its device's."""
+
+import gzip
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+
+from cogrip.devices.web.messages import STATES, ZERO, FrameError, State, Vector, vector
+
+FRAME, CHUNK = 1, 4
+PUSHES, NOT_PASSIVE, HAND_KNOWN = 1, 2, 4  # flags of a person
+CONTACT = 1  # flag of a frame
+
+_HEAD = struct.Struct("<BBBBI d 3d 3d 4d")
+_PERSON = struct.Struct("<BBBBI 3d 3d 3d 3d 8f")
+_CHUNK = struct.Struct("<B3xII")
+HEAD_BYTES, PERSON_BYTES = _HEAD.size, _PERSON.size
+
+
+@dataclass(frozen=True, slots=True)
+class PersonFrame:
+    """One person at one moment: lengths [m], force on the object [N], delays [ms], energy balances now [mJ]; NaN: not known."""
+
+    seat: int
+    state: State = "free"
+    flags: int = 0
+    lost: int = 0
+    hand_m: Vector = ZERO
+    proxy_m: Vector = ZERO
+    force_n: Vector = ZERO
+    seen_m: Vector = ZERO
+    rtt_ms: float = nan
+    up_ms: float = nan
+    down_ms: float = nan
+    buffer_up_ms: float = nan
+    buffer_down_ms: float = nan
+    up_balance_mj: float = nan
+    line_balance_mj: float = nan
+    loss: float = nan
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The object and the people at one moment; `number` is that of the room's step."""
+
+    axes: int
+    number: int
+    time_s: float
+    position_m: Vector
+    velocity_mps: Vector
+    people: tuple[PersonFrame, ...]
+    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    flags: int = 0
+
+
+def encode(frame: Frame) -> bytes:
+    """Return a frame as bytes."""
+    head = _HEAD.pack(
+        FRAME, frame.axes, len(frame.people), frame.flags, frame.number % 2**32, frame.time_s,
+        *frame.position_m, *frame.velocity_mps, *frame.orientation,
+    )  # fmt: skip
+    return head + b"".join([_encode_person(person) for person in frame.people])
+
+
+def _encode_person(person: PersonFrame) -> bytes:
+    return _PERSON.pack(
+        person.seat, STATES.index(person.state), person.flags, 0, person.lost % 2**32,
+        *person.hand_m, *person.proxy_m, *person.force_n, *person.seen_m,
+        person.rtt_ms, person.up_ms, person.down_ms, person.buffer_up_ms, person.buffer_down_ms,
+        person.up_balance_mj, person.line_balance_mj, person.loss,
+    )  # fmt: skip
+
+
+def decode(data: bytes) -> Frame:
+    """Return the frame in `data`. Raises FrameError."""
+    try:
+        kind, axes, count, flags, number, time_s, *rest = _HEAD.unpack_from(data)
+    except struct.error:
+        raise FrameError(f"{len(data)} bytes, fewer than the {HEAD_BYTES} of a frame") from None
+    if kind != FRAME or len(data) != HEAD_BYTES + count * PERSON_BYTES:
+        raise FrameError(f"kind {kind}, {len(data)} bytes: not a frame of {count} people")
+    people = tuple([_decode_person(data, HEAD_BYTES + each * PERSON_BYTES) for each in range(count)])
+    return Frame(axes, number, time_s, vector(rest[:3]), vector(rest[3:6]), people, tuple(rest[6:10]), flags)
+
+
+def _decode_person(data: bytes, offset: int) -> PersonFrame:
+    seat, state, flags, _, lost, *rest = _PERSON.unpack_from(data, offset)
+    if state >= len(STATES):
+        raise FrameError(f"state {state} is not one of the {len(STATES)} there are")
+    hand_m, proxy_m, force_n, seen_m = [vector(rest[each : each + 3]) for each in (0, 3, 6, 9)]
+    return PersonFrame(seat, STATES[state], flags, lost, hand_m, proxy_m, force_n, seen_m, *rest[12:])
+
+
+def encode_chunk(number: int, frames: Sequence[Frame]) -> bytes:
+    """Return a chunk of a recording: frames of the same people, compressed; the same frames give the same bytes."""
+    packed = gzip.compress(b"".join([encode(frame) for frame in frames]), compresslevel=9, mtime=0)
+    return _CHUNK.pack(CHUNK, number, len(frames)) + packed
+
+
+def decode_chunk(data: bytes, people: int) -> tuple[int, list[Frame]]:
+    """Return number and frames of a chunk. Raises FrameError."""
+    if len(data) < _CHUNK.size or data[0] != CHUNK:
+        raise FrameError(f"{len(data)} bytes that are no chunk")
+    _, number, count = _CHUNK.unpack_from(data)
+    whole, size = gzip.decompress(data[_CHUNK.size :]), HEAD_BYTES + people * PERSON_BYTES
+    if len(whole) != count * size:
+        raise FrameError(f"{len(whole)} bytes, not {count} frames of {people} people")
+    return number, [decode(whole[each * size : (each + 1) * size]) for each in range(count)]

@@ -1,0 +1,36 @@
+"""First message of a client of the view's socket, and the other texts that it may send (`docs/view.md`)."""
+
+from typing import Annotated
+
+import msgspec
+
+MOST_CHUNK = 2**20
+
+
+class PageHello(msgspec.Struct, frozen=True, tag_field="type", tag="hello", forbid_unknown_fields=True):
+    """hand: ask for a device to move, where there is one."""
+
+    token: Annotated[str, msgspec.Meta(max_length=64)]
+    hand: bool = False
+
+
+class ChunkRequest(msgspec.Struct, frozen=True, tag_field="type", tag="chunk", forbid_unknown_fields=True):
+    """Request for a chunk of a recording."""
+
+    number: Annotated[int, msgspec.Meta(ge=0, le=MOST_CHUNK)]
+
+
+class PageError(ValueError):
+    """A text that is none of this page's."""
+
+
+_decoder = msgspec.json.Decoder(PageHello | ChunkRequest)
+
+
+def read_text(text: str | bytes) -> PageHello | ChunkRequest:
+    """Return the message in a text. Raises PageError."""
+    try:
+        message: PageHello | ChunkRequest = _decoder.decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise PageError(str(error)) from None
+    return message

@@ -1,0 +1,1 @@
+"""The socket, the clock and the processes of the view."""

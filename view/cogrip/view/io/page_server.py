@@ -1,0 +1,258 @@
+"""HTTP server and websocket of the view, on one port: page files to browsers, frames to tabs, pointer messages to a hand."""
+
+import asyncio
+import secrets
+import ssl
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from cogrip.devices.web.messages import FrameError, Pointer, decode_pointer
+from cogrip.view import access, frames
+from cogrip.view.access import Access
+from cogrip.view.hello import ChunkRequest, PageError, PageHello, read_text
+from cogrip.view.io.feed import ChunkError, Feed, scene_text
+from cogrip.view.io.hand_link import HandLink
+from cogrip.view.page import ServedFile
+from cogrip.view.tab import Tab
+
+OURS = Subprotocol("cogrip.view.v1")
+FOXGLOVE = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
+FIRST_POINTER = 1
+WRITE_BYTES = 64 * 1024  # waiting for a slow client, beside what the system buffers
+MOST_TABS = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Admitted:
+    """Answer to a token: what its holder is shown, and may move. hand: None for an observer."""
+
+    feed: Feed
+    hand: HandLink | None = None
+
+
+class DeniedError(Exception):
+    """A token is not admitted. The text says why, to whoever holds it."""
+
+
+@dataclass(slots=True)
+class PageServer:
+    """Serves one port until `close`.
+
+    assets   path -> file
+    admit    gives what the holder of a token may see, or raises DeniedError; asked_hand: the tab wants to move a device
+    foxglove handler of a connection that speaks Foxglove's protocol, None where it is not offered
+    """
+
+    access: Access
+    assets: Mapping[str, ServedFile]
+    policy: str
+    admit: Callable[[str, bool], Awaitable[Admitted]]
+    leave: Callable[[Admitted], None] = lambda admitted: None
+    foxglove: Callable[[ServerConnection, Feed], Awaitable[None]] | None = None
+    tabs: int = field(init=False, default=0)
+    counts: Counter[str] = field(init=False, default_factory=Counter)
+    _server: Server = field(init=False)
+    _once: dict[str, str] = field(init=False, default_factory=dict)
+
+    async def listen(self, host: str, port: int, tls: ssl.SSLContext | None = None) -> None:
+        """Begin to serve. Raises OSError where the port cannot be had."""
+        self._server = await serve(
+            self._talk, host, port, ssl=tls,
+            process_request=self._answer, subprotocols=[OURS, *self._offered()],
+            max_size=access.MOST_MESSAGE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
+            open_timeout=access.HELLO_S,
+            server_header=None, ping_interval=20.0, ping_timeout=90.0, close_timeout=1.0,
+        )  # fmt: skip
+
+    @property
+    def port(self) -> int:
+        """Port that is served."""
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def close(self) -> None:
+        """End every connection and the server."""
+        self._server.close(code=1001, reason="the view is closed")
+        await self._server.wait_closed()
+
+    def open_once(self, url: str) -> str:
+        """Return a path that leads to `url` the first time it is asked for: a token in a command line can be read by others."""
+        code = secrets.token_urlsafe(16)
+        self._once[f"/open/{code}"] = url
+        return f"/open/{code}"
+
+    def _offered(self) -> tuple[Subprotocol, ...]:
+        return FOXGLOVE if self.foxglove is not None else ()
+
+    # Requests --------------------------------------------------------------------------------------------------------
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the answer to a request for a file or to one that is refused; None lets a websocket begin."""
+        path = urlsplit(request.path).path
+        upgrade = "websocket" in request.headers.get("Upgrade", "").lower()
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or len(origins) > 1:
+            self.access.refused["malformed request"] += 1
+            return self._response(HTTPStatus.BAD_REQUEST, b"one Host and at most one Origin\n")
+        if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, upgrade=upgrade):
+            return self._response(HTTPStatus.FORBIDDEN, f"{refusal}\n".encode())
+        if upgrade:
+            known = path == access.SOCKET or (path == access.FOXGLOVE and self.foxglove is not None)
+            if known and self.tabs < MOST_TABS:
+                return None
+            self.access.refused["too many tabs" if known else "unknown path"] += 1
+            status = HTTPStatus.SERVICE_UNAVAILABLE if known else HTTPStatus.NOT_FOUND
+            return self._response(status, f"{status.phrase}\n".encode())
+        if url := self._once.pop(path, ""):
+            return self._response(HTTPStatus.SEE_OTHER, b"", location=url)
+        asset = self.assets.get(path)
+        if asset is None:
+            self.access.refused["unknown path"] += 1
+            return self._response(HTTPStatus.NOT_FOUND, b"there is no such page\n")
+        return self._response(HTTPStatus.OK, asset.content, asset.content_type)
+
+    def _response(
+        self, status: HTTPStatus, body: bytes, content_type: str = "text/plain; charset=utf-8", location: str = ""
+    ) -> Response:
+        headers = Headers(access.HEADERS)
+        headers["Content-Security-Policy"] = self.policy
+        headers["Content-Type"] = content_type
+        headers["Content-Length"] = str(len(body))
+        headers["Connection"] = "close"
+        if location:
+            headers["Location"] = location
+        return Response(status.value, status.phrase, headers, body)
+
+    # Sockets ---------------------------------------------------------------------------------------------------------
+
+    async def _talk(self, connection: ServerConnection) -> None:
+        self.tabs += 1
+        try:
+            await self._converse(connection)
+        except ConnectionClosed as closed:
+            if closed.sent is not None and closed.sent.code == 1009:
+                self._count("message too large")
+        finally:
+            self.tabs -= 1
+
+    async def _converse(self, connection: ServerConnection) -> None:
+        request = connection.request
+        assert request is not None
+        if urlsplit(request.path).path == access.FOXGLOVE:
+            await self._foxglove(connection, request)
+            return
+        try:
+            async with asyncio.timeout(access.HELLO_S):
+                first = await connection.recv()
+            hello = read_text(first) if isinstance(first, str) else None
+            if not isinstance(hello, PageHello):
+                raise PageError("the first message is not a hello")
+        except TimeoutError:
+            await self._refuse(connection, access.NO_HELLO, "no hello in time")
+            return
+        except PageError as error:
+            await self._refuse(connection, access.MALFORMED, "malformed message", str(error))
+            return
+        admitted = await self._admitted(connection, hello.token, hello.hand)
+        if admitted is None:
+            return
+        try:
+            await self._show(connection, admitted)
+        finally:
+            self.leave(admitted)
+
+    async def _admitted(self, connection: ServerConnection, token: str, hand: bool) -> Admitted | None:
+        try:
+            return await self.admit(token, hand)
+        except DeniedError as denied:
+            await self._refuse(connection, access.TOKEN, "token", str(denied))
+            return None
+
+    async def _show(self, connection: ServerConnection, admitted: Admitted) -> None:
+        """Send what a tab is to see, and heed what it sends, until either end closes."""
+        feed, hand = admitted.feed, admitted.hand
+        waiting = asyncio.Event()
+        tab = Tab(waiting.set)
+        moves = hand is not None and hand.take(tab)
+        tab.say(scene_text(feed, hand=moves, own_seat=feed.own_seat))
+        feed.tabs[tab] = moves
+        if feed.frame is not None:
+            tab.show(frames.encode(feed.frame))
+        writer = asyncio.create_task(_write(connection, tab, waiting))
+        try:
+            async for message in connection:
+                if isinstance(message, bytes):
+                    refusal = self._move(message, hand if moves else None)
+                else:
+                    refusal = await self._request(message, feed, tab)
+                if refusal:
+                    await self._refuse(connection, *refusal)
+                    return
+        finally:
+            writer.cancel()
+            del feed.tabs[tab]
+            if hand is not None and moves:
+                hand.leave(tab)
+            self.counts["frame replaced by a newer one"] += tab.replaced
+
+    def _move(self, message: bytes, hand: HandLink | None) -> tuple[int, str] | None:
+        if hand is None:
+            return access.NO_RIGHT, "no hand to move"
+        try:
+            pointer: Pointer = decode_pointer(message)
+        except FrameError as error:
+            self._count("pointer message refused")
+            return access.MALFORMED, str(error)
+        hand.send(pointer)
+        return None
+
+    async def _request(self, text: str, feed: Feed, tab: Tab) -> tuple[int, str] | None:
+        try:
+            request = read_text(text)
+            if not isinstance(request, ChunkRequest):
+                return access.MALFORMED, "a second hello"
+            tab.say(await asyncio.to_thread(feed.chunk, request.number))
+        except PageError as error:
+            return access.MALFORMED, str(error)
+        except ChunkError:
+            return access.MALFORMED, "there is no such chunk"
+        return None
+
+    async def _foxglove(self, connection: ServerConnection, request: Request) -> None:
+        token = parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+        if connection.subprotocol not in FOXGLOVE or self.foxglove is None:
+            await self._refuse(connection, 1002, "subprotocol", "ask for foxglove.sdk.v1 or foxglove.websocket.v1")
+            return
+        admitted = await self._admitted(connection, token, hand=False)
+        if admitted is not None:
+            try:
+                await self.foxglove(connection, admitted.feed)
+            finally:
+                self.leave(admitted)
+
+    async def _refuse(self, connection: ServerConnection, code: int, reason: str, words: str = "") -> None:
+        self._count(reason)
+        await connection.close(code, (words or reason).encode()[:120].decode(errors="ignore"))
+
+    def _count(self, reason: str) -> None:
+        self.access.refused[reason] += 1
+
+
+async def _write(connection: ServerConnection, tab: Tab, waiting: asyncio.Event) -> None:
+    """Send what a tab has waiting, as fast as its client takes it."""
+    try:
+        while True:
+            await waiting.wait()
+            waiting.clear()
+            for message in tab.take():
+                await connection.send(message)
+    except ConnectionClosed:
+        pass

@@ -1,0 +1,130 @@
+"""The view's process: one feed, one port, until it is stopped."""
+
+import asyncio
+import os
+import secrets
+import sys
+import webbrowser
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from ipaddress import ip_address
+
+from cogrip.protocol.io.stop import Stop
+from cogrip.view import page
+from cogrip.view.access import Access, same
+from cogrip.view.io.feed import Feed, LiveFeed
+from cogrip.view.io.foxglove_socket import speak
+from cogrip.view.io.hand_link import HandLink
+from cogrip.view.io.page_server import Admitted, DeniedError, PageServer
+
+LOOKED_AGAIN_S = 0.1  # for the stop flag
+LOOPBACK = "127.0.0.1"
+
+
+class PortError(Exception):
+    """The port cannot be had. The text says why and what to do."""
+
+
+@dataclass(slots=True)
+class ViewProcess:
+    """Page of one feed on loopback. `run` blocks until `stop`, the session's end, or `seconds`.
+
+    opens      open the browser
+    allowed    further origins whose front ends may connect
+    hand       link to the client whose device the page moves, None without one
+    """
+
+    feed: Feed
+    stop: Stop
+    say: Callable[[str], None]
+    port: int = 0
+    opens: bool = True
+    foxglove: bool = False
+    allowed: tuple[str, ...] = ()
+    hand: HandLink | None = None
+    seconds: float | None = None
+    counts: Counter[str] = field(init=False, default_factory=Counter)
+    token: str = field(init=False, default_factory=lambda: secrets.token_urlsafe(16), repr=False)
+
+    def run(self) -> str:
+        """Return why the session ended before its time, "" where it was stopped. Raises PortError."""
+        return asyncio.run(self._run())
+
+    async def _run(self) -> str:
+        hosts: list[str] = []
+        server = PageServer(
+            Access(hosts),
+            page.served_files(),
+            page.content_security_policy(),
+            self._admit,
+            foxglove=speak if self.foxglove else None,
+        )
+        try:
+            await server.listen(LOOPBACK, self.port)
+        except OSError as error:
+            raise PortError(port_taken(self.port, error)) from None
+        here = f"{LOOPBACK}:{server.port}"
+        server.access = Access([here, f"localhost:{server.port}"], allowed=self.allowed)
+        if isinstance(self.feed, LiveFeed):
+            self.feed.start()
+        if self.hand is not None:
+            self.hand.start()
+        self._announce(server, here)
+        try:
+            return await self._wait()
+        finally:
+            if self.hand is not None:
+                self.counts.update(self.hand.counts)
+                self.hand.close()
+            await server.close()
+            if isinstance(self.feed, LiveFeed):
+                self.feed.close()
+            self.counts.update(server.access.refused + server.counts)
+
+    def _announce(self, server: PageServer, here: str) -> None:
+        fragment = f"/#{self.token}{'&hand' if self.hand else ''}"
+        url = f"http://{here}{fragment}"
+        self.say(f"view: {url}")
+        if self.foxglove:
+            self.say(f"Foxglove, Lichtblick: ws://{here}/foxglove?token={self.token}")
+        if self.opens and not open_browser(f"http://{here}{server.open_once(fragment)}"):
+            self.say("no browser could be opened here: open this address in one yourself")
+
+    async def _wait(self) -> str:
+        loop = asyncio.get_running_loop()
+        end_s = None if self.seconds is None else loop.time() + self.seconds
+        while not self.stop.reason and (end_s is None or loop.time() < end_s):
+            if self.feed.ended:
+                return self.feed.ended
+            await asyncio.sleep(LOOKED_AGAIN_S)
+        return ""
+
+    async def _admit(self, token: str, hand: bool) -> Admitted:
+        if not same(token, self.token):
+            raise DeniedError("this address is of another view: open the one that was printed last")
+        return Admitted(self.feed, self.hand if hand else None)
+
+
+def port_taken(port: int, error: OSError) -> str:
+    """Return why a port cannot be had, and what to do."""
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    return f"port {port}: {reason}; give another one with --port, or leave it out for a free one"
+
+
+def open_browser(url: str) -> bool:
+    """Open a page in the user's graphical browser; False where there is none."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return False  # a browser in this terminal would draw over what is printed here
+    try:
+        return webbrowser.open(url)
+    except webbrowser.Error:
+        return False
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether an address stays on this machine."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,151 @@
+"""Live session as scenes and frames, made of what an observer receives."""
+
+from collections import deque
+from math import nan
+
+from cogrip.client.observer import ObserverCore
+from cogrip.devices.web.messages import ZERO, State, Vector, vector
+from cogrip.protocol.drawing import LEAST_DRAWN_N, anchors_m, object_size_m
+from cogrip.protocol.messages import Person, View
+from cogrip.protocol.settings import SeatSettings
+from cogrip.sim.runs.verdict import least_margin
+from cogrip.view import frames
+from cogrip.view.frames import Frame, PersonFrame
+from cogrip.view.scene import Geometry, Scene, SceneEvent, SceneObject, ScenePerson, colour
+
+KEPT_STEPS = 512  # of the object's path, for what a person far away is still shown
+LOSS_S = 1.0
+OLD_SERVER = "this server is an older one: it tells observers neither names nor delays; update it to see them"
+OLD_AFTER = 64  # views with hands, and without a message about anybody
+
+
+def scene_object(kind: str, mass_kg: float) -> SceneObject:
+    """Return the object of a kind as it is drawn."""
+    return SceneObject(kind, "wall" if kind == "wall" else "box", object_size_m(kind), mass_kg)
+
+
+class LiveScene:
+    """Scene, frames and events of one room; `update` after every view."""
+
+    def __init__(self, welcome: SeatSettings) -> None:
+        """welcome: settings of an observer's welcome."""
+        self._settings = welcome
+        self._frame_s = welcome.rates.frame_s
+        self._tank_j = welcome.playout.tank_mj * 1e-3
+        self._first: int | None = None
+        self._path: deque[tuple[int, Vector]] = deque(maxlen=KEPT_STEPS)
+        self._counts: dict[int, deque[tuple[float, int, int]]] = {}
+        self._states: dict[int, State] = {}
+        self._unnamed = 0  # views with hands, and no message about whose they are
+        self.people: dict[int, Person] = {}
+        self.events: deque[SceneEvent] = deque(maxlen=256)
+        self.scene = self._scene()
+
+    def update(self, core: ObserverCore) -> Frame | None:
+        """Return the frame of the newest view, None without one. `scene` and `events` follow who is there."""
+        view = core.view
+        if view is None:
+            return None
+        if self._first is None or view.number < self._first or (self._path and view.number < self._path[-1][0]):
+            self._first = view.number  # also after the server began anew
+            self._path.clear()
+        self._unnamed = 0 if core.people or not view.seats else self._unnamed + 1
+        axes = len(view.object) // 2
+        time_s = (view.number - self._first) * self._frame_s
+        position = vector(view.object[:axes])
+        self._path.append((view.number, position))
+        self._follow(core.people, time_s)
+        people = tuple([self._person(each, view, axes, time_s) for each in self._seated(view)])
+        contact = frames.CONTACT if any(person.flags & frames.PUSHES for person in people) else 0
+        return Frame(axes, view.number, time_s, position, vector(view.object[axes:]), people, flags=contact)
+
+    def _seated(self, view: View) -> list[int]:
+        return sorted({*view.seats, *self.people})
+
+    def _follow(self, people: dict[int, Person], time_s: float) -> None:
+        """Take note of who came, who left, and whose state changed."""
+        for seat in self.people.keys() - people.keys():
+            self._say(time_s, "left", self.people[seat].name, "left")
+            self._counts.pop(seat, None)
+            self._states.pop(seat, None)
+        for seat, person in people.items():
+            before = self._states.get(seat)
+            if before is None:
+                self._say(time_s, "joined", person.name, "joined")
+            elif before == "live" and person.state == "silent":
+                self._say(time_s, "lost", person.name, "is silent: its force is let go")
+            self._states[seat] = person.state
+        changed = self._drawn(people) != self._drawn(self.people)
+        self.people = dict(people)
+        if changed or self._unnamed == OLD_AFTER:
+            self.scene = self._scene()
+
+    @staticmethod
+    def _drawn(people: dict[int, Person]) -> dict[int, tuple[str, tuple[float, ...]]]:
+        return {seat: (person.name, person.offset_m) for seat, person in people.items()}
+
+    def _say(self, time_s: float, kind: str, who: str, text: str) -> None:
+        self.events.append(SceneEvent(time_s, kind, who, f"{who} {text}"))  # type: ignore[arg-type]
+
+    def _person(self, seat: int, view: View, axes: int, time_s: float) -> PersonFrame:
+        proxy = force = ZERO
+        flags = 0
+        if seat in view.seats:
+            at = view.seats.index(seat)
+            proxy, force = (vector(row[axes * at : axes * (at + 1)]) for row in (view.proxies_m, view.forces_n))
+            flags = frames.PUSHES if sum(each * each for each in force) >= LEAST_DRAWN_N**2 else 0
+        person = self.people.get(seat)
+        if person is None:  # an older server, or the message is on its way
+            return PersonFrame(seat, "live", flags, 0, proxy, proxy, force, self._path[-1][1])
+        margins = {"up_margin_j": person.up_margin_j, "line_margin_j": person.line_margin_j}
+        if any(margin is not None and margin < least_margin(key, self._tank_j) for key, margin in margins.items()):
+            flags |= frames.NOT_PASSIVE
+        if person.hand_m:
+            flags |= frames.HAND_KNOWN
+        buffer_ms = nan if person.buffer_frames is None else 1e3 * self._frame_s * person.buffer_frames
+        up_ms = _known(person.up_ms) + (0.0 if person.buffer_frames is None else buffer_ms)
+        loop_ms = nan if person.behind_frames is None else 1e3 * self._frame_s * person.behind_frames
+        down_ms = max(0.0, loop_ms - up_ms)
+        return PersonFrame(
+            seat, person.state, flags, person.lost, vector(person.hand_m), proxy, force, self._seen(down_ms),
+            _known(person.rtt_ms), up_ms, down_ms, buffer_ms, down_ms - _known(person.down_ms),
+            1e3 * _known(person.up_reserve_j), 1e3 * _known(person.line_reserve_j), self._loss(person, time_s),
+        )  # fmt: skip
+
+    def _seen(self, down_ms: float) -> Vector:
+        """Return where the object was `down_ms` ago: the newest that this person can be shown."""
+        if down_ms != down_ms:
+            return self._path[-1][1]
+        step = self._path[-1][0] - round(1e-3 * down_ms / self._frame_s)
+        return next((place for number, place in reversed(self._path) if number <= step), self._path[0][1])
+
+    def _loss(self, person: Person, time_s: float) -> float:
+        """Return the share of this person's frames that were lost in the last second."""
+        counts = self._counts.setdefault(person.seat, deque())
+        if counts and person.sent < counts[-1][2]:  # the line began anew
+            counts.clear()
+        counts.append((time_s, person.lost, person.sent))
+        while counts[0][0] < time_s - LOSS_S:
+            counts.popleft()
+        sent = person.sent - counts[0][2]
+        return (person.lost - counts[0][1]) / sent if sent > 0 else 0.0
+
+    def _scene(self) -> Scene:
+        given = self._settings
+        axes, wall = given.object.axes, given.object.kind == "wall"
+        geometry = (Geometry("plane", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.2, 0.2)),) if wall else ()
+        people = []
+        held_at = anchors_m(given.object.kind, ["left"] * (1 + max(self.people, default=0)))
+        for seat, person in sorted(self.people.items()):
+            held, offset = held_at[seat], vector(person.offset_m)
+            anchor = (held[0] - offset[0], held[1] - offset[1], held[2] - offset[2])
+            people.append(ScenePerson(seat, person.name, colour(seat), anchor))
+        return Scene(
+            given.room, "live", axes, given.rates.network_hz, given.rates.device_hz,
+            scene_object(given.object.kind, given.object.mass_kg), tuple(people), geometry,
+            note=OLD_SERVER if self._unnamed >= OLD_AFTER else "",
+        )  # fmt: skip
+
+
+def _known(value: float | None) -> float:
+    return nan if value is None else value
