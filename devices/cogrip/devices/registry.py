@@ -18,7 +18,7 @@ FAMILIES: dict[str, str] = {
     "replay": "cogrip.devices.replayed.family:family",
     "serial": "cogrip.devices.serial.family:family",
     "sim": "cogrip.devices.simulated.catalogue:family",
-    "web": "cogrip.devices.web.device:family",
+    "web": "cogrip.devices.web.family:family",
 }
 """scheme -> "module:function"; the function takes nothing and gives a `Family`."""
 
