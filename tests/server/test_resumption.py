@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cogrip.protocol import messages
-from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Refuse, Stamp, View, Welcome
+from cogrip.protocol.messages import Farewell, Heartbeat, Hello, Leave, Person, Refuse, Stamp, View, Welcome
 from cogrip.protocol.session import LOST_NS, QUIET_NS
 from cogrip.protocol.settings import Settings
 from cogrip.server.admission import Denied, Grant, Outside
@@ -211,8 +211,11 @@ def test_an_observer_sees_the_object_and_who_holds_it(desk: Guarded) -> None:
         views += desk.say(messages.encode(Heartbeat(seen.session, Stamp(desk.now_ns))), "o")
         desk.tick()
     views += desk.heard("o")
-    assert all(isinstance(each, View) for each in views)
-    assert len(views) == 2  # every fourth step at 128 Hz
+    people = [each for each in views if isinstance(each, Person)]
+    views = [each for each in views if isinstance(each, View)]
+    assert len(views) == 4  # every second step at 128 Hz
+    assert [(each.seat, each.name, each.state) for each in people] == [(0, "anna", "live")] * 4
+    assert people[-1].lost == 0
     assert views[-1].seats == (0,)
     assert views[-1].object[0] == desk.core.rooms[0].world.position[0]
     assert views[-1].proxies_m == tuple(desk.core.rooms[0].world.proxy(0).tolist())

@@ -197,7 +197,9 @@ def test_how_far_a_hand_may_have_gone_in_silence_is_the_same_at_every_rate(netwo
         assert believes(bound, state(10 * network_hz, metres, 0.0)) is fits
 
 
-@pytest.mark.parametrize(("network_hz", "views"), [(32, 32), (48, 24), (64, 32), (128, 32), (1000, 31), (1024, 32)])
+@pytest.mark.parametrize(
+    ("network_hz", "views"), [(32, 32), (48, 48), (64, 64), (100, 50), (128, 64), (1000, 62), (1024, 64)]
+)
 def test_views_are_no_more_than_a_picture_needs_at_any_rate(network_hz: int, views: int) -> None:
     room = Room(resolve({"rates": {"device_hz": 8 * network_hz, "network_hz": network_hz}}))
     room.observer_slots.enter(1, 1, 0)

@@ -64,8 +64,8 @@ def person(seat: int, number: int, object_m: Vector) -> PersonFrame:
         down_ms=22.0 + seat,
         buffer_up_ms=8.0 + wave,
         buffer_down_ms=7.5 - wave,
-        line_margin_mj=1.5 + 0.2 * wave,
-        port_margin_mj=0.4 + 0.1 * wave,
+        up_balance_mj=1.5 + 0.2 * wave,
+        line_balance_mj=0.4 + 0.1 * wave,
         loss=0.01 * seat,
     )
 

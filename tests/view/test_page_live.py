@@ -95,8 +95,8 @@ def test_page_reads_what_was_written(open_page: Open) -> None:
             "down_ms",
             "buffer_up_ms",
             "buffer_down_ms",
-            "line_margin_mj",
-            "port_margin_mj",
+            "up_balance_mj",
+            "line_balance_mj",
             "loss",
         ):
             assert got[name] == float(np.float32(getattr(person, name)))
@@ -119,7 +119,7 @@ def test_state_line_says_state_delay_and_passivity(open_page: Open) -> None:
     sent = frame(1)
     anna, ben = sent.people
     unknown = replace(
-        ben, state="degraded", rtt_ms=nan, line_margin_mj=nan, port_margin_mj=nan, force_n=(nan, 0.0, 0.0)
+        ben, state="degraded", rtt_ms=nan, up_balance_mj=nan, line_balance_mj=nan, force_n=(nan, 0.0, 0.0)
     )
     with serving(PageServer(to_json(scene()))) as server:
         page = shown(open_page, server)

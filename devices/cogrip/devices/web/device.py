@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from typing import Protocol
 
@@ -43,7 +42,6 @@ class WebDevice(SimulatedDevice):
         self.pointer = PointerHand(pointer, plant)
         record = replace(capability(machine, axes), family="web", model="idle" if link is None else "pointer")
         super().__init__(record, plant, self.pointer)
-        self.counts: Counter[str] = Counter()
         self._link = link
         self._taken = 0
         self._every = 1
@@ -60,7 +58,7 @@ class WebDevice(SimulatedDevice):
                 try:
                     pointed = decode_pointer(message)
                 except FrameError:
-                    self.counts["malformed pointer message"] += 1
+                    self._counts["malformed pointer message"] += 1
                     continue
                 self._taken = pointed.number
                 self.pointer.point(tick, pointed.target_m, holds=pointed.holds)

@@ -37,8 +37,8 @@ const CHUNK_HEAD_BYTES = 12;
  * @property {number} down_ms
  * @property {number} buffer_up_ms
  * @property {number} buffer_down_ms
- * @property {number} line_margin_mj
- * @property {number} port_margin_mj
+ * @property {number} up_balance_mj
+ * @property {number} line_balance_mj
  * @property {number} loss share of the last second, 0 to 1
  */
 /**
@@ -109,8 +109,8 @@ function decodePerson(view, at) {
     down_ms: view.getFloat32(at + 112, true),
     buffer_up_ms: view.getFloat32(at + 116, true),
     buffer_down_ms: view.getFloat32(at + 120, true),
-    line_margin_mj: view.getFloat32(at + 124, true),
-    port_margin_mj: view.getFloat32(at + 128, true),
+    up_balance_mj: view.getFloat32(at + 124, true),
+    line_balance_mj: view.getFloat32(at + 128, true),
     loss: view.getFloat32(at + 132, true),
   };
 }

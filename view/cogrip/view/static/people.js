@@ -11,7 +11,7 @@ const length = (values) => Math.hypot(...values);
 export function stateLine(name, person) {
   if (person.state === "free") return `${name}: not here`;
   const delay = Number.isFinite(person.rtt_ms) ? `, ${person.rtt_ms.toFixed(0)} ms` : "";
-  const passive = Number.isFinite(person.line_margin_mj) || Number.isFinite(person.port_margin_mj) || !person.passive;
+  const passive = Number.isFinite(person.up_balance_mj) || Number.isFinite(person.line_balance_mj) || !person.passive;
   return `${name}: ${person.state}${delay}${passive ? (person.passive ? ", passive" : ", NOT PASSIVE") : ""}`;
 }
 
@@ -19,7 +19,7 @@ export function stateLine(name, person) {
 const NUMBERS = [
   ["force", "force on the object", (each) => number(length(each.force_n), 2), "N"],
   ["delay", "delay up / down, jitter buffer included", (each) => `${number(each.up_ms, 0)} / ${number(each.down_ms, 0)}`, "ms"],
-  ["margin", "energy margin: line up / line down or device port", (each) => `${number(each.line_margin_mj, 2)} / ${number(each.port_margin_mj, 2)}`, "mJ"],
+  ["energy", "energy balance now: line up / whole line", (each) => `${number(each.up_balance_mj, 2)} / ${number(each.line_balance_mj, 2)}`, "mJ"],
   ["spring", "length of the coupling from device to proxy", (each) => number(1000 * stretch(each), 1), "mm"],
   ["buffer", "depth of the jitter buffer up / down", (each) => `${number(each.buffer_up_ms, 0)} / ${number(each.buffer_down_ms, 0)}`, "ms"],
   ["lost", "frames lost in the last second (since the beginning)", (each) => `${number(100 * each.loss, 1)} % (${each.lost})`, ""],
