@@ -11,12 +11,13 @@ OBJECT_COLOUR = "#8A8F98"
 _CUBE_M: Vector = (0.04, 0.04, 0.04)
 _WALL_M: Vector = (0.004, 0.12, 0.12)
 _APART_M = 0.02  # between people on one side, as long as they fit on it
-# Okabe and Ito's palette, as in the reports; darker from the seventh person on, paler from the thirteenth.
+# Okabe and Ito's palette, told apart with any colour vision; yellow is too pale for a line on white.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+COLOURS = 3 * len(_PALETTE)  # that `colour` tells apart
 
 
 def colour(seat: int) -> str:
-    """Return a person's colour as #rrggbb: the one that the plots of a report have."""
+    """Return a person's colour as #rrggbb, in plots and in the browser: from the seventh on darker, from the thirteenth paler."""
     base = _PALETTE[seat % len(_PALETTE)]
     parts = [int(base[each : each + 2], 16) / 255 for each in (1, 3, 5)]
     round_ = seat // len(_PALETTE) % 3

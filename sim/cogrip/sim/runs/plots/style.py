@@ -13,15 +13,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from cogrip.protocol.drawing import COLOURS as COLOURS
+from cogrip.protocol.drawing import colour as colour
+
 Array = NDArray[np.float64]
 Style = dict[str, Any]
 Legend = Sequence[tuple[str, Style]]
 
-# Okabe and Ito's palette, told apart with any colour vision; yellow is too pale for a line on white.
-_PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = "osD^vPX"  # one more than the palette has: no two people share colour and marker
 _MARKED = 10  # markers on a line
-COLOURS = 3 * len(_PALETTE)  # that `colour` has
 INK = "#1f2328"  # the object, the server, text
 FAINT = "#8b949e"
 ALARM = "#b3261e"
@@ -36,16 +36,6 @@ _STRETCHES = 150
 
 class NotDrawnError(Exception):
     """Raised where there is nothing to draw; the text says why."""
-
-
-def colour(person: int) -> str | tuple[float, float, float]:
-    """Return person n's colour in every plot; from the seventh on a darker round, from the thirteenth a paler one."""
-    base = _PALETTE[person % len(_PALETTE)]
-    if person < len(_PALETTE):
-        return base
-    lift = 0.0 if person < 2 * len(_PALETTE) else 0.45
-    red, green, blue = (lift + 0.55 * part for part in to_rgb(base))
-    return red, green, blue
 
 
 def person_style(person: int) -> Style:
