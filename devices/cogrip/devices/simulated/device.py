@@ -100,7 +100,7 @@ class SimulatedDevice:
             self._tick = tick
         return self.plant.sense()
 
-    def write(self, force_n: Sequence[float]) -> None:
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         """See `Device.write`."""
         if not self._open:
             raise self._closed("write")
@@ -112,6 +112,7 @@ class SimulatedDevice:
                     f"{self._name}: write of {tuple(force_n)} N: not finite; the held force stays {self.force_n}"
                 )
         self._force = tuple(force_n)
+        return None
 
     def close(self) -> None:
         """See `Device.close`. Position and velocity stay readable for whoever inspects the plant."""

@@ -2,8 +2,9 @@
 
 The set-point is modulated (Lee and Huang 2010; theory section 7.5): a step from p to p+ puts K_h (|p+ - x|^2 - |p - x|^2) / 2
 into the spring, which a tank has to pay. The tank is filled with the power of a hand and holds BURST_S of it: a pointer that
-jumps puts in no more than a hand could. The set-point's acceleration is a hand's as well: a pointer that shakes faster than a
-hand would else be taken for a force that oscillates, and be let go.
+jumps puts in no more than a hand could. Speed and acceleration are bounded as well, or a pointer that shakes, or beats on a
+wall, would be taken for a force that oscillates, which is a fault: in free space an acceleration a of the device brings a
+force that reverses with each frame, b a / (2 network_hz), 0.25 N at 3.2 m/s^2 with the usual b.
 
 A hand that has let go is no load: its spring is slack, and its damper moves with the device.
 """
@@ -21,17 +22,17 @@ from cogrip.protocol.settings import HUMAN_POWER_W
 BURST_S = 0.05  # of the power that the tank holds at most
 SILENCE_S = 0.1  # without a pointer message, of which one comes every 50 ms while it holds: the hand lets go
 RELEASE_S = 0.05  # in which it lets go, and in which its damper takes hold again
-SPEED_MPS = 1.0  # of the set-point: a brisk reach
-ACCELERATION_MPS2 = 10.0  # of the set-point: a reach of 0.1 m in 0.2 s, and 0.6 mm to either side at 20 Hz
+SPEED_MPS = 0.5  # of the set-point: an unhurried reach
+ACCELERATION_MPS2 = 2.5  # of the set-point: a reach of 0.1 m in 0.4 s (see above)
 SETTLE_S = 0.005  # time constant of its last bit of the way
-STRETCH_N = 5.0  # most force of the spring; where the device is pulled farther the set-point is dragged along
+STRETCH_N = 3.0  # most force of the spring, with the damper 0.18 m/s; pulled farther it drags the set-point along
 
 
 class PointerSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Query keys of the hand. power_w: largest mean power of the pointer."""
 
     hand_stiffness_npm: Positive = 400.0
-    hand_damping_nspm: Positive = 8.0
+    hand_damping_nspm: Positive = 16.0
     power_w: Positive = HUMAN_POWER_W
 
 
@@ -108,6 +109,12 @@ class PointerHand:
         place, speed = self.intended(tick)
         K, B = self.stiffness_npm, self.damping_nspm
         return [K * p + B * v for p, v in zip(place, speed, strict=True)]
+
+    def force_n(self) -> list[float]:
+        """Return the force of the hand on the device."""
+        at, speed = self._plant.position_m, self._plant.velocity_mps
+        g, h = self._tension * self.stiffness_npm, self._grip * self.damping_nspm
+        return [g * (p - x) - h * v for p, x, v in zip(self.set_point_m, at, speed, strict=True)]
 
     def _step(self, tick: int) -> None:
         """Let go after a silence; fill the tank; move grip and set-point by one tick."""
