@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from cogrip.devices import DeviceError, make
 from cogrip.devices.io.pointer_socket import PointerSocket
-from cogrip.devices.web.device import WebDevice, WebSettings, public
+from cogrip.devices.web.device import WebDevice, WebSettings
+from cogrip.devices.web.family import public
 from cogrip.devices.web.hand import BURST_S, RELEASE_S, SILENCE_S, SPEED_MPS, STRETCH_N, PointerSettings
 from cogrip.devices.web.messages import (
     FrameError,

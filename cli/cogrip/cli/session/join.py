@@ -34,7 +34,7 @@ from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
-from cogrip.devices.web.device import public
+from cogrip.devices.web.family import public
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.protocol.settings import SeatSettings, Settings, digest

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from cogrip.cli.terminal.problem import BadInput, Problem
-from cogrip.devices.web.device import NAMES
+from cogrip.devices.web.family import NAMES
 
 END_LIMIT_S = 3.0
 GONE = "the page's process has ended; the session goes on without it"

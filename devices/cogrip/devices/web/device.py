@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import hypot
 from typing import Protocol
 
 import msgspec
 
-from cogrip.devices.device import IDEAL_SPEED_MPS, Device, DeviceError, Sample
-from cogrip.devices.registry import MOST_AXES, Family
-from cogrip.devices.settings import Address, Setting, keys_of, read_settings, unknown
+from cogrip.devices.device import IDEAL_SPEED_MPS, Sample
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capability
 from cogrip.devices.web.hand import PointerHand, PointerSettings
@@ -22,7 +19,6 @@ PEAK_N = (
     20.0  # five times what the hand pulls with: no motors get warm, and a force that sits at its limit would be a fault
 )
 TOLD_HZ = 64  # at which the page is told of its device
-NAMES = ("idle", "pointer")
 
 
 class WebSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,7 +53,6 @@ class WebDevice(SimulatedDevice):
         self.pointer = PointerHand(pointer, plant)
         record = replace(capability(machine, axes), family="web", model="pointer", continuous_force_n=PEAK_N)
         super().__init__(record, plant, self.pointer)
-        self.counts: Counter[str] = Counter()
         self._link = link
         self._taken = 0
         self._every = 1
@@ -76,7 +71,7 @@ class WebDevice(SimulatedDevice):
             self._take(tick, message)
         if link.closed and self.pointer.holds:
             self.pointer.let_go()
-            self.counts["page gone: let go"] += 1
+            self._counts["page gone: let go"] += 1
         sample = super().read(tick)
         if tick % self._every == 0:
             state: State = "live" if self.pointer.holds else "free"
@@ -96,45 +91,10 @@ class WebDevice(SimulatedDevice):
         try:
             pointed = decode_pointer(message)
         except FrameError:
-            self.counts["malformed pointer message"] += 1
+            self._counts["malformed pointer message"] += 1
             return
         if self.pointer.holds and pointed.number <= self._taken:  # another tab counts from 1, once this one has let go
-            self.counts["late pointer message"] += 1
+            self._counts["late pointer message"] += 1
             return
         self._taken = pointed.number
         self.pointer.point(tick, pointed.target_m, holds=pointed.holds)
-
-
-def family() -> Family:
-    """Return the family `web:`, for the registry."""
-    what = "a pointer in a browser: `cogrip join LINK --device web`"
-    return Family(what, make, ("web:pointer",), stand_ins=("web:idle",), real=True)
-
-
-def public(address: str) -> str:
-    """Return a device address without the link of this process, which is nobody else's business."""
-    name, mark, query = address.partition("?")
-    keys = [key for key in query.split("&") if not key.startswith("fd=")] if name.startswith("web:") else [query]
-    return name + mark + "&".join(keys) if any(keys) else name
-
-
-def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
-    """Return a device. Raises DeviceError for an unknown name or key, or a value out of bounds."""
-    where = repr(public(address.text))
-    if address.name not in NAMES:
-        raise unknown("web device", address.name, NAMES, where)
-    if not 1 <= axes <= MOST_AXES:
-        raise DeviceError(f"{where}: axes={axes} is out of 1 to {MOST_AXES}")
-    query: dict[str, Setting] = {**defaults, **address.query}
-    ours, hands = keys_of(WebSettings), keys_of(PointerSettings)
-    for key in query:
-        if key not in ours and key not in hands:
-            raise unknown("key", key, (*ours, *hands), where)
-    settings = read_settings(WebSettings, {key: query[key] for key in query if key in ours}, where)
-    pointer = read_settings(PointerSettings, {key: query[key] for key in query if key in hands}, where)
-    link: PointerLink | None = None
-    if address.name == "pointer" and settings.fd >= 0:
-        from cogrip.devices.io.pointer_socket import PointerSocket  # a socket, only where there is one
-
-        link = PointerSocket(settings.fd, where)
-    return WebDevice(settings, pointer, axes, link)

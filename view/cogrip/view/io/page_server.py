@@ -57,7 +57,7 @@ class PageServer:
     policy: str
     admit: Callable[[str, bool], Awaitable[Admitted]]
     leave: Callable[[Admitted], None] = lambda admitted: None
-    foxglove: Callable[[ServerConnection, Admitted], Awaitable[None]] | None = None
+    foxglove: Callable[[ServerConnection, Feed], Awaitable[None]] | None = None
     tabs: int = field(init=False, default=0)
     counts: Counter[str] = field(init=False, default_factory=Counter)
     _server: Server = field(init=False)
@@ -192,7 +192,7 @@ class PageServer:
                 if isinstance(message, bytes):
                     refusal = self._move(message, hand if moves else None)
                 else:
-                    refusal = self._request(message, feed, tab)
+                    refusal = await self._request(message, feed, tab)
                 if refusal:
                     await self._refuse(connection, *refusal)
                     return
@@ -214,12 +214,12 @@ class PageServer:
         hand.send(pointer)
         return None
 
-    def _request(self, text: str, feed: Feed, tab: Tab) -> tuple[int, str] | None:
+    async def _request(self, text: str, feed: Feed, tab: Tab) -> tuple[int, str] | None:
         try:
             request = read_text(text)
             if not isinstance(request, ChunkRequest):
                 return access.MALFORMED, "a second hello"
-            tab.say(feed.chunk(request.number))
+            tab.say(await asyncio.to_thread(feed.chunk, request.number))
         except PageError as error:
             return access.MALFORMED, str(error)
         except ChunkError:
@@ -234,7 +234,7 @@ class PageServer:
         admitted = await self._admitted(connection, token, hand=False)
         if admitted is not None:
             try:
-                await self.foxglove(connection, admitted)
+                await self.foxglove(connection, admitted.feed)
             finally:
                 self.leave(admitted)
 
