@@ -79,12 +79,13 @@ class WebDevice(SimulatedDevice):
             link.send(encode_own_hand(OwnHand(state, self._taken, vector(self.position_m), force, limit_n)))
         return sample
 
-    def write(self, force_n: Sequence[float]) -> Sequence[float]:
-        """See `Device.write`. Returns what the machine gives: at most its peak."""
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
+        """See `Device.write`: the machine gives at most its peak."""
         super().write(force_n)
-        size = hypot(*self._force)
-        if size > PEAK_N:
-            self._force = tuple([force * PEAK_N / size for force in self._force])
+        size = hypot(*force_n)
+        if size <= PEAK_N:
+            return None
+        self._force = tuple([force * PEAK_N / size for force in force_n])
         return self._force
 
     def _take(self, tick: int, message: bytes) -> None:
