@@ -136,7 +136,7 @@ def test_what_is_asked_twice_in_a_tick_moves_nothing() -> None:
     device = opened()
     device.pointer.point(0, (0.1,), holds=True)
     run(device, 0, 20)
-    assert device.hand_force_n == device.hand_force_n
+    assert device.pointer.drive(20) == device.pointer.drive(20)
 
 
 # The link ------------------------------------------------------------------------------------------------------------
