@@ -27,6 +27,7 @@ from cogrip.devices.registry import (
 from cogrip.devices.settings import MOST_AXES, parse_address
 
 NOT_RUN = "not yet run on hardware"
+_NO_HARDWARE = ("web",)  # families in real time without a machine
 _LAST = ("emulated", "replay")  # in a list, behind real devices; sim: stands first
 _HEADINGS = (("address", "axes", "peak", "stiffness", "damping", "rate"), ("", "", "N", "N/m", "N s/m", "Hz"))
 
@@ -109,7 +110,7 @@ def _rank(scheme: str) -> tuple[int, str]:
 
 def _untried(scheme: str) -> bool:
     """Return whether the family is our driver of hardware; of other packages' drivers nothing is known."""
-    return scheme in FAMILIES and is_real(f"{scheme}:")
+    return scheme in FAMILIES and scheme not in _NO_HARDWARE and is_real(f"{scheme}:")
 
 
 def _widths(listings: Sequence[Listing], width: int) -> list[int]:

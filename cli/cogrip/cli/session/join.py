@@ -34,6 +34,7 @@ from cogrip.client.io.paths import JoinError, RefusedError
 from cogrip.client.loop import Ended, LiveClient
 from cogrip.client.rendered_damper import OverloadError
 from cogrip.devices.device import DeviceError
+from cogrip.devices.web.family import public
 from cogrip.protocol.io.stop import Stop, on_signals
 from cogrip.protocol.session import IN_ORDER, SECONDS_OVER, ClientSession
 from cogrip.protocol.settings import SeatSettings, Settings, digest
@@ -145,6 +146,7 @@ def join(
         if allow_unstable:
             _refuse_hardware(settings, name, device)
         arm, address = make_joined(settings, name, device, axes)
+        address = public(address)
         check_hand(lambda: make_joined(settings, name, device, axes), address, name, seconds)
         rearms = (bool(sys.stdin) and sys.stdin.isatty()) if rearm is None else rearm
         with (

@@ -14,7 +14,11 @@ from cogrip.cli.terminal.problem import BadInput, Problem
 from cogrip.devices.web.family import NAMES
 
 END_LIMIT_S = 3.0
+GONE = "the page's process has ended; the session goes on without it"
+GONE_HAND = "the page's process has ended, and the hand has let go: leave with Ctrl-C, and join again for a new page"
 SCHEME = "web"
+# whole messages, and each end learns at once that the other is gone; macOS has none: there only a message that fails tells it
+HAND_LINK = socket.SOCK_DGRAM if sys.platform == "darwin" else socket.SOCK_SEQPACKET
 
 
 class ViewChild:
@@ -31,11 +35,12 @@ class ViewChild:
         waits: bool = True,
     ) -> None:
         """target: join link or HOST:PORT; it goes through a pipe, where no other user sees it. Raises Problem."""
+        self._closing = False
         self._ours: socket.socket | None = None
         theirs: socket.socket | None = None
         arguments = ["view", "-", *(("--room", room) if room else ()), *(("--insecure",) if insecure else ())]
         if hand:
-            self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._ours, theirs = socket.socketpair(socket.AF_UNIX, HAND_LINK)
             arguments += ["--hand", str(theirs.fileno())]
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", "cogrip.cli", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -59,9 +64,16 @@ class ViewChild:
             said = line.strip().removeprefix("cogrip: ")
             if said.startswith("view: "):
                 say(said)
+                threading.Thread(target=self._watch, args=[say], daemon=True).start()
                 return
         self.close()
         raise Problem(f"the view did not start: {said or 'it gave no reason'}")
+
+    def _watch(self, say: Callable[[str], None]) -> None:
+        """Pass on what it says further, and that it has ended, in a thread that waits for it."""
+        self._pass_on(say)
+        if not self._closing:
+            say(GONE_HAND if self._ours is not None else GONE)
 
     def _pass_on(self, say: Callable[[str], None]) -> None:
         """Pass on all that it says, in a thread that waits for it."""
@@ -87,6 +99,7 @@ class ViewChild:
 
     def close(self) -> None:
         """End the process."""
+        self._closing = True
         if self._child.poll() is None:
             self._child.terminate()
             try:

@@ -83,7 +83,7 @@ class SimulatedDevice(Driver):
             self._tick = tick
         return self.plant.sense()
 
-    def write(self, force_n: Sequence[float]) -> None:
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
         if not self._open:
             self._need_open("write")
         if len(force_n) != self._axes:
@@ -92,6 +92,7 @@ class SimulatedDevice(Driver):
             if not isfinite(f):
                 raise self._wrong_force(force_n, f"; the held force stays {self.force_n}")
         self._force = tuple(force_n)
+        return None
 
     def close(self) -> None:
         """Position and velocity stay readable for whoever inspects the plant."""

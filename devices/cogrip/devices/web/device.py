@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from math import hypot
 from typing import Protocol
 
 import msgspec
 
-from cogrip.devices.device import Sample
+from cogrip.devices.device import IDEAL_SPEED_MPS, Sample
 from cogrip.devices.simulated.device import SimulatedDevice
 from cogrip.devices.simulated.phantom import PhantomPlant, PhantomSettings, capability
 from cogrip.devices.web.hand import PointerHand, PointerSettings
-from cogrip.devices.web.messages import FrameError, OwnHand, decode_pointer, encode_own_hand, vector
+from cogrip.devices.web.messages import FrameError, OwnHand, State, decode_pointer, encode_own_hand, vector
 
+PEAK_N = (
+    20.0  # five times what the hand pulls with: no motors get warm, and a force that sits at its limit would be a fault
+)
 TOLD_HZ = 64  # at which the page is told of its device
 
 
@@ -27,6 +32,11 @@ class WebSettings(msgspec.Struct, frozen=True, kw_only=True):
 class PointerLink(Protocol):
     """Datagrams to and from a page."""
 
+    @property
+    def closed(self) -> bool:
+        """True once the page's process is gone."""
+        ...
+
     def receive(self) -> list[bytes]: ...
     def send(self, message: bytes) -> None: ...
 
@@ -36,11 +46,12 @@ class WebDevice(SimulatedDevice):
 
     def __init__(self, settings: WebSettings, pointer: PointerSettings, axes: int, link: PointerLink | None) -> None:
         machine = PhantomSettings(
-            mass_kg=settings.mass_kg, damping_nspm=settings.damping_nspm, friction_n=0.0, resolution_m=0.0
-        )
+            mass_kg=settings.mass_kg, damping_nspm=settings.damping_nspm, friction_n=0.0, resolution_m=0.0,
+            peak_force_n=PEAK_N, speed_mps=IDEAL_SPEED_MPS,
+        )  # fmt: skip
         plant = PhantomPlant(machine, axes)
         self.pointer = PointerHand(pointer, plant)
-        record = replace(capability(machine, axes), family="web", model="idle" if link is None else "pointer")
+        record = replace(capability(machine, axes), family="web", model="pointer", continuous_force_n=PEAK_N)
         super().__init__(record, plant, self.pointer)
         self._link = link
         self._taken = 0
@@ -53,19 +64,38 @@ class WebDevice(SimulatedDevice):
 
     def read(self, tick: int) -> Sample:
         """See `Device.read`. Takes the pointer's messages first."""
-        if self._link is not None:
-            for message in self._link.receive():
-                try:
-                    pointed = decode_pointer(message)
-                except FrameError:
-                    self._counts["malformed pointer message"] += 1
-                    continue
-                self._taken = pointed.number
-                self.pointer.point(tick, pointed.target_m, holds=pointed.holds)
+        link = self._link
+        if link is None:
+            return super().read(tick)
+        for message in link.receive():
+            self._take(tick, message)
+        if link.closed and self.pointer.holds:
+            self.pointer.let_go()
+            self._counts["page gone: let go"] += 1
         sample = super().read(tick)
-        if self._link is not None and tick % self._every == 0:
-            state = "live" if self.pointer.holds else "free"
-            force = vector([-force for force in self.force_n])
-            at, limit = vector(self.position_m), self.capability.peak_force_n
-            self._link.send(encode_own_hand(OwnHand(state, self._taken, at, force, limit)))  # type: ignore[arg-type]
+        if tick % self._every == 0:
+            state: State = "live" if self.pointer.holds else "free"
+            force, limit_n = vector([-force for force in self.pointer.force_n()]), self.capability.peak_force_n
+            link.send(encode_own_hand(OwnHand(state, self._taken, vector(self.position_m), force, limit_n)))
         return sample
+
+    def write(self, force_n: Sequence[float]) -> Sequence[float] | None:
+        """See `Device.write`: the machine gives at most its peak."""
+        super().write(force_n)
+        size = hypot(*force_n)
+        if size <= PEAK_N:
+            return None
+        self._force = tuple([force * PEAK_N / size for force in force_n])
+        return self._force
+
+    def _take(self, tick: int, message: bytes) -> None:
+        try:
+            pointed = decode_pointer(message)
+        except FrameError:
+            self._counts["malformed pointer message"] += 1
+            return
+        if self.pointer.holds and pointed.number <= self._taken:  # another tab counts from 1, once this one has let go
+            self._counts["late pointer message"] += 1
+            return
+        self._taken = pointed.number
+        self.pointer.point(tick, pointed.target_m, holds=pointed.holds)

@@ -1,4 +1,4 @@
-"""The family `web:`: `web:pointer`, which a page moves, and `web:idle`, which nobody moves."""
+"""The family `web:`: names, keys, and the link to a page."""
 
 from collections.abc import Mapping
 
@@ -17,15 +17,21 @@ def family() -> Family:
     return Family(what, make, ("web:pointer",), stand_ins=("web:idle",), real=True)
 
 
+def public(address: str) -> str:
+    """Return a device address without the link of this process, which is nobody else's business."""
+    name, mark, query = address.partition("?")
+    keys = [key for key in query.split("&") if not key.startswith("fd=")] if name.startswith("web:") else [query]
+    return name + mark + "&".join(keys) if any(keys) else name
+
+
 def make(address: Address, axes: int, defaults: Mapping[str, Setting]) -> Device:
     """Return a device. Raises DeviceError for an unknown name or key, or a value out of bounds."""
-    where = repr(address.text)
+    where = repr(public(address.text))
     if address.name not in NAMES:
         raise unknown("web device", address.name, NAMES, where)
     if not 1 <= axes <= MOST_AXES:
         raise DeviceError(f"{where}: axes={axes} is out of 1 to {MOST_AXES}")
     query: dict[str, Setting] = {**defaults, **address.query}
-    query.pop("hand", None)  # a simulated hand of the settings: here it is the pointer's
     ours, hands = keys_of(WebSettings), keys_of(PointerSettings)
     for key in query:
         if key not in ours and key not in hands:

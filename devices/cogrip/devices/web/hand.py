@@ -1,8 +1,12 @@
-"""The hand of a pointer: a spring whose set-point follows the pointer within bounds of energy, speed and stretch.
+"""The hand of a pointer: a spring whose set-point follows the pointer as a hand could.
 
 The set-point is modulated (Lee and Huang 2010; theory section 7.5): a step from p to p+ puts K_h (|p+ - x|^2 - |p - x|^2) / 2
 into the spring, which a tank has to pay. The tank is filled with the power of a hand and holds BURST_S of it: a pointer that
-jumps puts in no more than a hand could.
+jumps puts in no more than a hand could. Speed and acceleration are bounded as well, or a pointer that shakes, or beats on a
+wall, would be taken for a force that oscillates, which is a fault: in free space an acceleration a of the device brings a
+force that reverses with each frame, b a / (2 network_hz), 0.25 N at 3.2 m/s^2 with the usual b.
+
+A hand that has let go is no load: its spring is slack, and its damper moves with the device.
 """
 
 from collections.abc import Sequence
@@ -16,25 +20,27 @@ from cogrip.devices.simulated.phantom import PhantomPlant
 from cogrip.protocol.settings import HUMAN_POWER_W
 
 BURST_S = 0.05  # of the power that the tank holds at most
-SILENCE_S = 0.1  # without a pointer message: the hand lets go
-RELEASE_S = 0.05  # in which the spring goes slack
-SPEED_MPS = 1.0  # of the set-point
-STRETCH_N = 5.0  # most force of the spring
-FOLLOWS = 0.9  # share of the damper that a hand that has let go no longer makes felt
+SILENCE_S = 0.1  # without a pointer message, of which one comes every 50 ms while it holds: the hand lets go
+RELEASE_S = 0.05  # in which it lets go, and in which its damper takes hold again
+SPEED_MPS = 0.5  # of the set-point: an unhurried reach
+ACCELERATION_MPS2 = 2.5  # of the set-point: a reach of 0.1 m in 0.4 s (see above)
+SETTLE_S = 0.005  # time constant of its last bit of the way
+STRETCH_N = 3.0  # most force of the spring, with the damper 0.18 m/s; pulled farther it drags the set-point along
 
 
 class PointerSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Query keys of the hand. power_w: largest mean power of the pointer."""
 
     hand_stiffness_npm: Positive = 400.0
-    hand_damping_nspm: Positive = 8.0
+    hand_damping_nspm: Positive = 16.0
     power_w: Positive = HUMAN_POWER_W
 
 
 class PointerHand:
     """A `Hand` that `point` moves.
 
-    entered_j  energy that steps of the set-point have put into the spring so far
+    entered_j    energy that steps of the set-point have put into the spring so far
+    set_point_m  where the spring's other end is
     """
 
     def __init__(self, settings: PointerSettings, plant: PhantomPlant) -> None:
@@ -42,14 +48,17 @@ class PointerHand:
         self.stiffness_npm = settings.hand_stiffness_npm
         self.damping_nspm = settings.hand_damping_nspm
         self.entered_j = 0.0
+        self.set_point_m: list[float] = []
         self._power_w = settings.power_w
         self._plant = plant
         self._rate_hz = 1
         self._target: Sequence[float] = ()
-        self._set_point: list[float] = []
+        self._speed_mps: list[float] = []  # of the set-point
         self._held = False
-        self._tension = 0.0  # 1 holding, 0 slack
+        self._tension = 0.0  # of the spring: 1 holding, 0 slack
+        self._grip = 0.0  # of the damper: 1 holding, 0 moving with the device
         self._heard = 0  # tick of the newest pointer message
+        self._moved = -1  # tick whose step the set-point has made
         self._tank_j = 0.0
 
     @property
@@ -61,8 +70,8 @@ class PointerHand:
         """See `Hand.open`."""
         self._rate_hz = rate_hz
         home = home_m or (0.0,) * len(self._plant.position_m)
-        self._set_point, self._target = list(home), home
-        self._held, self._tension, self._heard = False, 0.0, 0
+        self.set_point_m, self._target, self._speed_mps = list(home), home, [0.0] * len(home)
+        self._held, self._tension, self._grip, self._heard, self._moved = False, 0.0, 0.0, 0, -1
         self._tank_j, self.entered_j = self._power_w * BURST_S, 0.0
         return home
 
@@ -71,52 +80,95 @@ class PointerHand:
         if holds:
             if not self._held:
                 self._take_hold()
-            self._target = target_m[: len(self._set_point)]
+            self._target = target_m[: len(self.set_point_m)]
         self._held, self._heard = holds, tick
 
+    def let_go(self) -> None:
+        """Let go at once: there is nobody at the pointer any more."""
+        self._held = False
+
     def _take_hold(self) -> None:
-        """Begin where the device is: what is left of the last grip's stretch stays."""
+        """Begin with the force that there is: what is left of the last grip's stretch."""
         at = self._plant.position_m
-        self._set_point = [x + self._tension * (p - x) for x, p in zip(at, self._set_point, strict=True)]
+        self.set_point_m = [x + self._tension * (p - x) for x, p in zip(at, self.set_point_m, strict=True)]
+        self._speed_mps = [0.0] * len(at)
         self._tension = 1.0
 
     def intended(self, tick: int) -> tuple[Vector, Vector]:
         """See `Hand.intended`."""
         at, speed = self._plant.position_m, self._plant.velocity_mps
-        g, follows = self._tension, FOLLOWS * (1.0 - self._tension)
-        place = tuple([x + g * (p - x) for x, p in zip(at, self._set_point, strict=True)])
+        g, follows = self._tension, 1.0 - self._grip
+        place = tuple([x + g * (p - x) for x, p in zip(at, self.set_point_m, strict=True)])
         return place, tuple([follows * v for v in speed])
 
     def drive(self, tick: int) -> Sequence[float]:
-        """See `Hand.drive`. Moves the set-point by one tick."""
-        if self._held and tick - self._heard > SILENCE_S * self._rate_hz:
-            self._held = False
-        self._tank_j = min(self._tank_j + self._power_w / self._rate_hz, self._power_w * BURST_S)
-        if self._held:
-            self._move()
-        elif self._tension > 0.0:
-            self._tension = max(0.0, self._tension - 1.0 / (RELEASE_S * self._rate_hz))
+        """See `Hand.drive`. The first call of a tick moves the set-point."""
+        if tick > self._moved:
+            self._moved = tick
+            self._step(tick)
         place, speed = self.intended(tick)
         K, B = self.stiffness_npm, self.damping_nspm
         return [K * p + B * v for p, v in zip(place, speed, strict=True)]
 
+    def force_n(self) -> list[float]:
+        """Return the force of the hand on the device."""
+        at, speed = self._plant.position_m, self._plant.velocity_mps
+        g, h = self._tension * self.stiffness_npm, self._grip * self.damping_nspm
+        return [g * (p - x) - h * v for p, x, v in zip(self.set_point_m, at, speed, strict=True)]
+
+    def _step(self, tick: int) -> None:
+        """Let go after a silence; fill the tank; move grip and set-point by one tick."""
+        if self._held and tick - self._heard > SILENCE_S * self._rate_hz:
+            self._held = False
+        self._tank_j = min(self._tank_j + self._power_w / self._rate_hz, self._power_w * BURST_S)
+        change = 1.0 / (RELEASE_S * self._rate_hz)
+        if self._held:
+            self._grip = min(1.0, self._grip + change)
+            self._yield()
+            self._move()
+        else:
+            self._grip = max(0.0, self._grip - change)
+            self._tension = max(0.0, self._tension - change)
+
+    def _yield(self) -> None:
+        """Bring the set-point along where the device is pulled away from it."""
+        at, most_m = self._plant.position_m, STRETCH_N / self.stiffness_npm
+        pulled = [p - x for p, x in zip(self.set_point_m, at, strict=True)]
+        stretch_m = sqrt(sum([d * d for d in pulled]))
+        if stretch_m > most_m:
+            share = most_m / stretch_m
+            self.set_point_m = [x + share * d for x, d in zip(at, pulled, strict=True)]
+
     def _move(self) -> None:
-        """Move the set-point towards the target as far as speed, stretch and tank allow."""
-        at, K = self._plant.position_m, self.stiffness_npm
-        pulled = [p - x for p, x in zip(self._set_point, at, strict=True)]
-        step = [t - p for t, p in zip(self._target, self._set_point, strict=True)]
-        length = sqrt(sum([d * d for d in step]))
-        if length == 0.0:
+        """Move the set-point towards the target as far as acceleration, speed, stretch and tank allow."""
+        at, rate, K = self._plant.position_m, self._rate_hz, self.stiffness_npm
+        speed = self._accelerated()
+        step = [v / rate for v in speed]
+        square = sum([d * d for d in step])
+        if square == 0.0:
             return
-        share = min(1.0, SPEED_MPS / self._rate_hz / length)
         # K/2 (2 s (pulled . step) + s^2 |step|^2) is what a share s of the step puts in: at most the tank, and at most the
         # spring's own largest energy less what it has.
+        pulled = [p - x for p, x in zip(self.set_point_m, at, strict=True)]
         along = sum([p * d for p, d in zip(pulled, step, strict=True)])
         stored_j = 0.5 * K * sum([p * p for p in pulled])
         room_j = min(self._tank_j, max(0.0, 0.5 * STRETCH_N * STRETCH_N / K - stored_j))
-        share = min(share, (sqrt(along * along + 2.0 * room_j / K * length * length) - along) / (length * length))
-        put_in_j = 0.5 * K * (2.0 * share * along + share * share * length * length)
+        share = min(1.0, (sqrt(along * along + 2.0 * room_j / K * square) - along) / square)
+        put_in_j = 0.5 * K * (2.0 * share * along + share * share * square)
         if put_in_j > 0.0:
             self._tank_j -= put_in_j
             self.entered_j += put_in_j
-        self._set_point = [p + share * d for p, d in zip(self._set_point, step, strict=True)]
+        self.set_point_m = [p + share * d for p, d in zip(self.set_point_m, step, strict=True)]
+        self._speed_mps = [share * v for v in speed]
+
+    def _accelerated(self) -> list[float]:
+        """Return the set-point's next velocity: towards the target, so that it can stop there."""
+        A, tau = ACCELERATION_MPS2, SETTLE_S
+        away = [t - p for t, p in zip(self._target, self.set_point_m, strict=True)]
+        length = sqrt(sum([d * d for d in away]))
+        near = A * tau * tau  # within which it is approached with the time constant, without more than A
+        wanted = min(SPEED_MPS, length / tau if length < near else sqrt(2.0 * A * (length - 0.5 * near)))
+        change = [wanted / length * d - v if length else -v for d, v in zip(away, self._speed_mps, strict=True)]
+        size, most = sqrt(sum([d * d for d in change])), A / self._rate_hz
+        share = min(1.0, most / size) if size else 0.0
+        return [v + share * d for v, d in zip(self._speed_mps, change, strict=True)]

@@ -27,6 +27,7 @@ class HandLink:
         self._seated = seated
         self._tab: Tab | None = None
         self._number = 0
+        self.ended = ""  # why there is no hand any more
 
     def start(self) -> None:
         """Begin to listen; called in the event loop's thread."""
@@ -77,7 +78,8 @@ class HandLink:
                 return
             except OSError:
                 message = b""
-            if not message:  # the client has ended
+            if not message:
+                self.ended = "the client that holds the hand has ended"
                 asyncio.get_running_loop().remove_reader(self._end)
                 return
             if message.startswith(b"{"):

@@ -97,6 +97,8 @@ class ViewProcess:
         while not self.stop.reason and (end_s is None or loop.time() < end_s):
             if self.feed.ended:
                 return self.feed.ended
+            if self.hand is not None and self.hand.ended:
+                return self.hand.ended
             await asyncio.sleep(LOOKED_AGAIN_S)
         return ""
 

@@ -1,0 +1,99 @@
+"""A hand by pointer as its users have it: `join --device web`, and a program that moves it. Real processes, loopback."""
+
+import json
+import os
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from cogrip.devices.web.messages import OWN_HAND, OwnHand, Pointer, decode_own_hand, encode_pointer
+
+from tests.live.conftest import Process
+from tests.live.held_arms import DEMO, LIMIT_S
+
+HERE_M = (0.03, 0.0, 0.0)
+NEAR_M = 1e-3
+pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="no local sockets of whole messages")
+
+
+class Page:
+    """What a page does, without the picture."""
+
+    def __init__(self, address: str, token: str) -> None:
+        self.socket: ClientConnection = connect(
+            f"ws://{address}/socket", subprotocols=[Subprotocol("cogrip.view.v1")], legacy=True
+        )
+        self.socket.send(json.dumps({"type": "hello", "token": token, "hand": True}))
+        self.scene = json.loads(self.socket.recv(timeout=LIMIT_S))
+        self._number = 0
+
+    def until(self, wanted: Callable[[OwnHand], bool], holds: bool) -> OwnHand:
+        """Answer each message about the hand with where it is to go, if it holds; return the first that is wanted."""
+        while True:
+            message = self.socket.recv(timeout=LIMIT_S)
+            if not isinstance(message, bytes) or message[0] != OWN_HAND:
+                continue
+            hand = decode_own_hand(message)
+            if wanted(hand):
+                return hand
+            if holds:
+                self._number += 1
+                self.socket.send(encode_pointer(Pointer(self._number, True, HERE_M)))
+
+
+def joined(run: Callable[..., Process], serve: Callable[..., tuple[Process, int]], runs: Path) -> tuple[Process, Page]:
+    _, port = serve(DEMO)
+    person = run("join", f"127.0.0.1:{port}", "--device", "web", "--runs", runs, "--no-report")
+    found = person.hear(r"view: http://(\S+)/#([^\s&]+)")
+    person.hear(r"holds cube in room demo with web:pointer\n")  # and not the link to its page
+    return person, Page(found[1], found[2])
+
+
+def test_a_pointer_moves_the_object_and_lets_it_go(run, serve, tmp_path) -> None:
+    person, page = joined(run, serve, tmp_path)
+    assert page.scene["hand"]
+    hand = page.until(lambda hand: abs(hand.position_m[0] - HERE_M[0]) < NEAR_M, holds=True)
+    assert hand.state == "live"
+    assert hand.taken > 0
+    free = page.until(lambda hand: hand.state == "free", holds=False)  # the messages have stopped
+    assert abs(free.position_m[0] - HERE_M[0]) < 0.01
+    assert page.until(lambda hand: not any(hand.force_n), holds=False).state == "free"
+    page.socket.close()
+    person.signal(signal.SIGINT)
+    assert person.end() == 0, person.said
+    assert "malformed" not in person.said
+
+
+def test_a_client_that_is_killed_ends_its_page(run, serve, tmp_path) -> None:
+    person, page = joined(run, serve, tmp_path)
+    person.signal(signal.SIGKILL)
+    with pytest.raises(ConnectionClosed):
+        page.until(lambda hand: False, holds=False)
+
+
+def test_a_page_that_is_killed_lets_go_and_is_told_once(run, serve, tmp_path) -> None:
+    person, page = joined(run, serve, tmp_path)
+    page.until(lambda hand: hand.taken > 0, holds=True)
+    os.kill(page_of(person.popen.pid), signal.SIGKILL)
+    person.hear("the page's process has ended, and the hand has let go")
+    person.signal(signal.SIGINT)
+    assert person.end() == 0, person.said
+    assert person.said.count("the page's process has ended") == 1
+    assert "page gone: let go 1" in person.said
+
+
+def page_of(pid: int) -> int:
+    """Return the process of a client's page."""
+    tasks = Path(f"/proc/{pid}/task")
+    if not tasks.exists():
+        pytest.skip("no /proc on this system")
+    for child in " ".join(each.read_text() for each in tasks.glob("*/children")).split():
+        if b"view" in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0"):
+            return int(child)
+    raise AssertionError("no page")
