@@ -61,7 +61,7 @@ def view(
     with on_signals(stop), closing(joined.paths(insecure)) as paths, Problem.of(JoinError), Problem.of(PortError):
         feed = LiveFeed(ClientSession(joined.observer()), paths, console.print)
         feed.connect()
-        link = None if hand is None else HandLink(socket.socket(fileno=hand), lambda seat: seated(feed, seat))
+        link = None if hand is None else HandLink(socket.socket(fileno=hand))
         process = ViewProcess(feed, stop, console.print, port, browser, foxglove, hand=link, seconds=seconds)
         ended = process.run()
     if counts := {name: count for name, count in sorted(process.counts.items()) if count}:
@@ -69,8 +69,3 @@ def view(
     if ended:
         console.print(f"view: the session is over: {ended}")
     return 0
-
-
-def seated(feed: LiveFeed, seat: int) -> None:
-    """Note which seat the page's hand has."""
-    feed.own_seat = seat

@@ -31,15 +31,14 @@ class Feed(Protocol):
     tabs: dict[Tab, bool]  # True: it moves the hand
     frame: Frame | None
     ended: str
-    own_seat: int | None  # of the hand
 
     def chunk(self, number: int) -> bytes:
         """Return a chunk of a recording. Raises ChunkError."""
 
 
-def scene_text(feed: Feed, *, hand: bool, own_seat: int | None) -> str:
+def scene_text(feed: Feed, tab: Tab, *, hand: bool) -> str:
     """Return the scene as a tab is told it."""
-    return to_json(replace(feed.scene, hand=hand, own_seat=own_seat if hand else None))
+    return to_json(replace(feed.scene, hand=hand, own_seat=tab.own_seat if hand else None))
 
 
 @dataclass(slots=True, eq=False)
@@ -53,7 +52,6 @@ class LiveFeed:
     tabs: dict[Tab, bool] = field(init=False, default_factory=dict)
     frame: Frame | None = field(init=False, default=None)
     ended: str = field(init=False, default="")
-    own_seat: int | None = field(init=False, default=None)
     core: ObserverCore = field(init=False)
     _stop: Stop = field(init=False, default_factory=Stop)
     _live: LiveScene = field(init=False)
@@ -116,7 +114,7 @@ class LiveFeed:
         self.scene, self.frame = scene, frame
         for tab, hand in self.tabs.items():
             if changed:
-                tab.say(scene_text(self, hand=hand, own_seat=self.own_seat))
+                tab.say(scene_text(self, tab, hand=hand))
             for event in events:
                 tab.say(to_json(event))
             tab.show(message)
