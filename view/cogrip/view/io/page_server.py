@@ -1,6 +1,7 @@
 """HTTP server and websocket of the view, on one port: page files to browsers, frames to tabs, pointer messages to a hand."""
 
 import asyncio
+import logging
 import secrets
 import ssl
 from collections import Counter
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from http import HTTPStatus
 from typing import Any, cast
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -86,7 +87,8 @@ class PageServer:
         """Begin to serve. Raises OSError where the port cannot be had."""
         connection = cast("type[ServerConnection]", partial(_Connection, self))
         self._server = await serve(
-            self._talk, host, port, ssl=tls, ssl_handshake_timeout=None if tls is None else TLS_S, create_connection=connection,
+            self._talk, host, port, ssl=tls, ssl_handshake_timeout=None if tls is None else TLS_S,
+            create_connection=connection, logger=LOG,
             process_request=self._answer, subprotocols=[OURS, *self._offered()],
             max_size=access.MOST_MESSAGE_BYTES + RESERVE_BYTES, compression=None, write_limit=WRITE_BYTES, max_queue=64,
             open_timeout=access.HELLO_S,
@@ -116,12 +118,15 @@ class PageServer:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the answer to a request for a file or to one that is refused; None lets a websocket begin."""
-        path = urlsplit(request.path).path
-        upgrade = "websocket" in request.headers.get("Upgrade", "").lower()
+        path = _path(request)
+        upgrade = "websocket" in ",".join(request.headers.get_all("Upgrade")).lower()
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or len(origins) > 1:
             self.access.refused["malformed request"] += 1
             return self._response(HTTPStatus.BAD_REQUEST, b"one Host and at most one Origin\n")
+        if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse it themselves
+            self.access.refused["malformed request"] += 1
+            return self._response(HTTPStatus.METHOD_NOT_ALLOWED, b"GET alone\n")
         if refusal := self.access.refusal(hosts[0], origins[0] if origins else None, upgrade=upgrade):
             return self._response(HTTPStatus.FORBIDDEN, f"{refusal}\n".encode())
         if upgrade:
@@ -168,7 +173,7 @@ class PageServer:
     async def _converse(self, connection: ServerConnection) -> None:
         request = connection.request
         assert request is not None
-        if urlsplit(request.path).path == access.FOXGLOVE:
+        if _path(request) == access.FOXGLOVE:
             await self._foxglove(connection, request)
             return
         try:
@@ -195,7 +200,7 @@ class PageServer:
             self.leave(admitted)
 
     async def _admitted(self, connection: ServerConnection, token: str, hand: bool) -> Admitted | None:
-        """Return what the holder of a token may see; None where it was refused, or the tab was closed meanwhile."""
+        """Return what the holder of a token may see, None where it was refused. Raises ConnectionClosed."""
         asked = asyncio.ensure_future(self.admit(token, hand, connection.remote_address))
         closed = asyncio.create_task(connection.wait_closed())
         try:
@@ -205,6 +210,7 @@ class PageServer:
             asked.cancel()
             with suppress(asyncio.CancelledError, DeniedError):
                 self.leave(await asked)  # it came through at the last moment
+            raise connection.protocol.close_exc
         except DeniedError as denied:
             await self._refuse(connection, denied.code, denied.reason, str(denied))
         finally:
@@ -270,7 +276,7 @@ class PageServer:
         return None
 
     async def _foxglove(self, connection: ServerConnection, request: Request) -> None:
-        token = parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+        token = parse_qs(request.path.partition("?")[2]).get("token", [""])[0]
         if connection.subprotocol not in FOXGLOVE or self.foxglove is None:
             await self._refuse(connection, 1002, "subprotocol", "ask for foxglove.sdk.v1 or foxglove.websocket.v1")
             return
@@ -287,6 +293,16 @@ class PageServer:
 
     def _count(self, reason: str) -> None:
         self.access.refused[reason] += 1
+
+
+def _is_defect(record: logging.LogRecord) -> bool:
+    """Leave out what a peer's bytes bring about, or anybody could fill the log: bytes behind a request that is refused."""
+    kind = record.exc_info[0] if record.exc_info else None
+    return not (kind is AssertionError and record.getMessage() == "unexpected internal error")
+
+
+LOG = logging.getLogger("cogrip.view")
+LOG.addFilter(_is_defect)
 
 
 class _Connection(ServerConnection):
@@ -309,6 +325,10 @@ class _Connection(ServerConnection):
             self._page.access.refused["malformed request"] += 1
         self._page.visitors.disconnect(self._address)
         super().connection_lost(exc)
+
+
+def _path(request: Request) -> str:
+    return request.path.partition("?")[0]
 
 
 def _too_large(message: str | bytes) -> bool:
