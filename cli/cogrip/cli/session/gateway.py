@@ -44,6 +44,7 @@ def gateway(
     hands: int = 16,
     foxglove: Annotated[bool, Parameter(negative="")] = False,
     qr: bool = True,
+    hand: Annotated[bool, Parameter(negative="")] = False,
     links: bool = True,
     seconds: float | None = None,
 ) -> int:
@@ -78,7 +79,9 @@ def gateway(
     foxglove
         Offer the session to Foxglove and Lichtblick, too.
     qr
-        Print a QR code of the page's address.
+        Print a QR code of the page's address, at a terminal with room for it.
+    hand
+        Let the QR code ask for a hand; LINK has to be a player's.
     links
         Print the addresses with the token. Leave them out of a journal.
     seconds
@@ -116,7 +119,7 @@ def gateway(
             if foxglove:
                 console.print(f"Foxglove: {scheme.replace('http', 'ws')}://{place}/foxglove?token={target.token}")
             if qr:
-                print_qr_code(f"{page}#{target.token}", console)
+                print_qr_code(f"{page}#{target.token}{'&hand' if hand else ''}", console)
 
     with (
         on_signals(stop),
